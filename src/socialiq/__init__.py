@@ -1,0 +1,1 @@
+"""Driving policies of a declared social angle, learned from mixed demonstrations."""

@@ -1,0 +1,159 @@
+"""Files that are whole or absent: atomic writes, and arrays with a checked header.
+
+One container serves every array file of the project: safetensors, whose string metadata carries
+one JSON header with the kind of content, the schema version and a SHA-256 over header and arrays.
+Nothing here can execute what it reads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from socialiq.errors import UserError
+
+_HEADER = "socialiq"
+
+
+def write_atomically(path: Path, content: bytes | str) -> None:
+    """Write a file so that a reader finds the old content or the new, never a part.
+
+    Raises:
+        UserError: If the folder is missing or can't be written.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write one JSON document, indented, keys in the order given, ended by a newline."""
+    write_atomically(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """Read one JSON document.
+
+    Raises:
+        UserError: If the file is missing or is not JSON.
+    """
+    try:
+        return json.loads(path.read_bytes())
+    except FileNotFoundError as error:
+        raise UserError(f"no such file: {path}") from error
+    except (OSError, ValueError) as error:
+        raise UserError(f"cannot read {path} as JSON: {error}") from error
+
+
+def new_folder(path: Path) -> Path:
+    """Make an output folder that was not there, or is empty.
+
+    Raises:
+        UserError: If it exists with something in it, or can't be made.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise UserError(f"{path} exists already: name a new folder, or remove it first")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot make {path}: {error.strerror}; choose another place") from error
+    return path
+
+
+def content_hash(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> str:
+    """SHA-256 over a header and named arrays: names, types, shapes and bytes."""
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name}:{array.dtype.str}:{array.shape}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def save_arrays(
+    path: Path,
+    kind: str,
+    version: int,
+    arrays: Mapping[str, np.ndarray],
+    header: Mapping[str, Any],
+) -> str:
+    """Write named arrays and a JSON-able header to one checked file.
+
+    Args:
+        path: The file; its folder must exist.
+        kind: What the file holds, for instance "demonstrations".
+        version: Schema version of that kind.
+        arrays: Named arrays, any shapes.
+        header: Whatever else a reader needs.
+
+    Returns:
+        The content's SHA-256.
+
+    Raises:
+        UserError: If the file can't be written.
+    """
+    full = {"kind": kind, "version": version, **header}
+    contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    sha256 = content_hash(contiguous, full)
+    metadata = {_HEADER: json.dumps({"header": full, "sha256": sha256})}
+    write_atomically(path, safetensors.numpy.save(contiguous, metadata=metadata))
+    return sha256
+
+
+def load_arrays(
+    path: Path, kind: str, version: int
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read a file of `save_arrays` and check every byte of it.
+
+    Returns:
+        The named arrays, and the header with `kind`, `version` and `sha256` in it.
+
+    Raises:
+        UserError: If the file is missing, damaged, of another kind or of another version.
+    """
+    if not path.is_file():
+        raise UserError(f"no such file: {path}")
+    try:
+        with safetensors.safe_open(path, framework="numpy") as file:
+            wrapper = json.loads((file.metadata() or {}).get(_HEADER, "null"))
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (safetensors.SafetensorError, OSError, ValueError) as error:
+        raise UserError(
+            f"{path} is damaged or not a {kind} file: restore it or make it again"
+        ) from error
+    if not isinstance(wrapper, dict) or not isinstance(wrapper.get("header"), dict):
+        raise UserError(f"{path} is not a socialiq file: expected a {kind} file")
+    header = wrapper["header"]
+    if header.get("kind") != kind:
+        raise UserError(f"{path} holds {header.get('kind')}, not {kind}: name a {kind} file")
+    if header.get("version") != version:
+        raise UserError(
+            f"{path} has {kind} schema version {header.get('version')}, this program reads "
+            f"version {version}: make the file again with this version"
+        )
+    sha256 = content_hash(arrays, header)
+    if sha256 != wrapper.get("sha256"):
+        raise UserError(f"{path} is damaged (its SHA-256 differs): restore it or make it again")
+    return arrays, {**header, "sha256": sha256}
