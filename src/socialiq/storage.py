@@ -63,7 +63,7 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_bytes())
     except FileNotFoundError as error:
         raise UserError(f"no such file: {path}") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UserError(f"cannot read {path} as JSON: {error}") from error
 
 
@@ -86,7 +86,7 @@ def content_hash(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) ->
     """SHA-256 over a header and named arrays: names, types, shapes and bytes."""
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
+        array = np.asarray(arrays[name], order="C")
         digest.update(f"{name}:{array.dtype.str}:{array.shape}".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()
@@ -114,8 +114,12 @@ def save_arrays(
     Raises:
         UserError: If the file can't be written.
     """
-    full = {"kind": kind, "version": version, **header}
-    contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    # Hashed as a reader will see them: keys as JSON's strings, numbers in this machine's order.
+    full = json.loads(json.dumps({"kind": kind, "version": version, **header}))
+    contiguous = {
+        name: np.asarray(array, array.dtype.newbyteorder("="), order="C")
+        for name, array in arrays.items()
+    }
     sha256 = content_hash(contiguous, full)
     metadata = {_HEADER: json.dumps({"header": full, "sha256": sha256})}
     write_atomically(path, safetensors.numpy.save(contiguous, metadata=metadata))
@@ -137,9 +141,10 @@ def load_arrays(
         raise UserError(f"no such file: {path}")
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
-            wrapper = json.loads((file.metadata() or {}).get(_HEADER, "null"))
+            text = (file.metadata() or {}).get(_HEADER, "null")
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (safetensors.SafetensorError, OSError, ValueError) as error:
+        wrapper = json.loads(text)
+    except (safetensors.SafetensorError, OSError, ValueError, RecursionError) as error:
         raise UserError(
             f"{path} is damaged or not a {kind} file: restore it or make it again"
         ) from error
@@ -154,6 +159,15 @@ def load_arrays(
             f"version {version}: make the file again with this version"
         )
     sha256 = content_hash(arrays, header)
-    if sha256 != wrapper.get("sha256"):
+    # The hash is of values; another spelling of the same ones is damage too.
+    respelled = json.dumps(wrapper) != text or not _padded_with_spaces(path)
+    if sha256 != wrapper.get("sha256") or respelled:
         raise UserError(f"{path} is damaged (its SHA-256 differs): restore it or make it again")
     return arrays, {**header, "sha256": sha256}
+
+
+def _padded_with_spaces(path: Path) -> bool:
+    """Whether nothing but spaces follows the JSON object of a safetensors header."""
+    with path.open("rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        return file.read(length).rstrip(b" ").endswith(b"}")

@@ -49,3 +49,85 @@ class Policy(Protocol):
     ) -> tuple[np.ndarray, Any]:
         """Choose actions for one observation, shape (features,), or a batch (batch, features)."""
         ...
+
+
+class Step(NamedTuple):
+    """What one step of a simulator returns, before any reset.
+
+    Attributes:
+        observation: Of the state reached, shape (features,), float32.
+        rewards: The reward pair of the transition.
+        ending: Value of `Ending`; 0 while the episode goes on.
+    """
+
+    observation: Any
+    rewards: RewardPair
+    ending: Any
+
+
+class Simulator(Protocol):
+    """A world that learners can step inside a compiled program: pure functions of JAX arrays."""
+
+    @property
+    def n_actions(self) -> int:
+        """Number of discrete actions."""
+        ...
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        ...
+
+    def reset(self, key: Any) -> tuple[Any, Any]:
+        """Start an episode: (episode state, observation)."""
+        ...
+
+    def advance(self, key: Any, episode: Any, action: Any) -> tuple[Any, Step]:
+        """Take one step: (next episode state, what was seen)."""
+        ...
+
+
+class Transitions(Protocol):
+    """The columns of a demonstrations table, as learners read them.
+
+    Rows of an episode are adjacent and in order.
+    """
+
+    @property
+    def observation(self) -> np.ndarray:
+        """(transitions, features), float32."""
+        ...
+
+    @property
+    def action(self) -> np.ndarray:
+        """(transitions,), integers."""
+        ...
+
+    @property
+    def next_observation(self) -> np.ndarray:
+        """(transitions, features), float32."""
+        ...
+
+    @property
+    def ending(self) -> np.ndarray:
+        """(transitions,), values of `Ending`."""
+        ...
+
+    @property
+    def rewards(self) -> RewardPair:
+        """The reward pair, each (transitions,)."""
+        ...
+
+    @property
+    def episode_starts(self) -> np.ndarray:
+        """Row of the first transition of each episode."""
+        ...
+
+    @property
+    def n_actions(self) -> int:
+        """Number of discrete actions."""
+        ...
+
+    def returns(self, kind: str, discount: float) -> RewardPair:
+        """The pair of cumulative returns under one reading of "cumulative"."""
+        ...

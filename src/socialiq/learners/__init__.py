@@ -1,1 +1,1 @@
-
+"""Algorithms that turn demonstrations into policies."""

@@ -1,0 +1,262 @@
+"""Demonstrations as columns: the extended tuples of thesis 5.2, one row per transition.
+
+The two rewards stay apart, as the thesis wants it, so that one recording serves every social
+angle. The cumulative returns G_env and G_social of its tuple are not stored but derived
+(`Demonstrations.returns`), because the thesis leaves open what "cumulative" means (5.3.1).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int, Int8, Int32, Shaped
+
+from socialiq.demonstrations import columns
+from socialiq.errors import UserError
+from socialiq.social.returns import cumulative
+from socialiq.types import RewardPair
+
+
+# Compared by identity: the generated comparison of arrays would raise. Two tables hold the same
+# content if `files.save` returns the same hash for both.
+@dataclass(frozen=True, eq=False)
+class Demonstrations:
+    """A checked table of transitions, the rows of each episode adjacent and in order.
+
+    An episode need not be whole: after `subsample` its rows skip steps, so a row's
+    `next_observation` need not be the next row's `observation`, and the last row need not end
+    the episode. Nothing follows an end inside an episode.
+
+    Attributes:
+        observation: s.
+        action: a, in [0, n_actions).
+        next_observation: s'.
+        terminated: Whether s' is a terminal state.
+        truncated: Whether the world's clock cut the episode at s'.
+        ending: Value of `types.Ending`: 3 TIMEOUT where only truncated, 0 NONE where neither.
+        rewards: (r_env, r_social), each (transition,), float64.
+        mode: Index into `mode_names` of the demonstrator; one per episode.
+        episode: Number of the episode, from 0 without gaps.
+        mode_names: Names of the demonstrators' modes; some may be without episodes.
+        n_actions: Number of discrete actions of the world.
+        source: What made the data (world, options, seeds), kept as JSON would give it back.
+
+    Raises:
+        UserError: If a column breaks any of this; the line names it and its first bad row.
+    """
+
+    observation: Float32[np.ndarray, "transition feature"]
+    action: Int32[np.ndarray, " transition"]
+    next_observation: Float32[np.ndarray, "transition feature"]
+    terminated: Bool[np.ndarray, " transition"]
+    truncated: Bool[np.ndarray, " transition"]
+    ending: Int8[np.ndarray, " transition"]
+    rewards: RewardPair
+    mode: Int8[np.ndarray, " transition"]
+    episode: Int32[np.ndarray, " transition"]
+    mode_names: tuple[str, ...]
+    n_actions: int
+    source: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        """Check every column, and detach `source` from the caller's dict."""
+        if not isinstance(self.rewards, RewardPair):
+            raise UserError("rewards must be a RewardPair of two columns (r_env, r_social)")
+        columns.check(self.arrays(), self.n_actions, self.mode_names)
+        object.__setattr__(self, "source", columns.json_able(self.source))
+
+    @staticmethod
+    def of_arrays(
+        arrays: dict[str, np.ndarray],
+        mode_names: tuple[str, ...],
+        n_actions: int,
+        source: dict[str, Any],
+    ) -> Demonstrations:
+        """Build a table from named arrays, the inverse of `arrays()`.
+
+        Raises:
+            UserError: If a column is missing, unknown or wrong.
+        """
+        missing = [name for name in columns.LAYOUT if name not in arrays]
+        unknown = [name for name in arrays if name not in columns.LAYOUT]
+        if missing or unknown:
+            raise UserError(
+                f"columns missing: {', '.join(missing) or 'none'}; unknown: "
+                f"{', '.join(unknown) or 'none'}: pass exactly {', '.join(columns.LAYOUT)}"
+            )
+        plain = {name: array for name, array in arrays.items() if not name.startswith("r_")}
+        rewards = RewardPair(arrays["r_env"], arrays["r_social"])
+        return Demonstrations(
+            **plain, rewards=rewards, mode_names=mode_names, n_actions=n_actions, source=source
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All columns by name, in a file's order; the rewards as `r_env` and `r_social`."""
+        rewards = {"r_env": self.rewards.env, "r_social": self.rewards.social}
+        return {
+            name: rewards[name] if name in rewards else getattr(self, name)
+            for name in columns.LAYOUT
+        }
+
+    @property
+    def n_transitions(self) -> int:
+        """Number of rows."""
+        return len(self.action)
+
+    @property
+    def n_episodes(self) -> int:
+        """Number of episodes."""
+        return int(self.episode[-1]) + 1
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.observation.shape[1]
+
+    @property
+    def episode_starts(self) -> Int[np.ndarray, " episode"]:
+        """Row of the first transition of each episode."""
+        return np.flatnonzero(np.diff(self.episode, prepend=-1))
+
+    @property
+    def episode_lengths(self) -> Int[np.ndarray, " episode"]:
+        """Number of rows of each episode."""
+        return np.bincount(self.episode)
+
+    @property
+    def episode_modes(self) -> Int8[np.ndarray, " episode"]:
+        """Mode of each episode, an index into `mode_names`."""
+        return self.mode[self.episode_starts]
+
+    def returns(self, kind: str, discount: float) -> RewardPair:
+        """(G_env, G_social) of every transition, each (transition,), float64 (thesis 5.3.1).
+
+        They accumulate over the rows that are here: take them before `subsample`, whose missing
+        rows neither count nor discount.
+
+        Args:
+            kind: Reading of "cumulative", one of `social.returns.TARGET_KINDS`.
+            discount: γ_svo of Table C.1.
+
+        Raises:
+            UserError: If the kind is unknown.
+        """
+        env, social = (cumulative(kind, r, self.episode, discount) for r in self.rewards)
+        return RewardPair(env, social)
+
+    def totals(self) -> RewardPair:
+        """Undiscounted sums of r_env and r_social over each episode, each (episode,)."""
+        starts = self.episode_starts
+        return RewardPair(*(np.add.reduceat(r, starts) for r in self.rewards))
+
+    def select(self, episodes: Shaped[np.ndarray, " chosen"]) -> Demonstrations:
+        """Keep the given episodes, renumbered, in the order given; repeats are allowed.
+
+        `source` stays as it is: it tells where the episodes came from.
+
+        Raises:
+            UserError: If there are none, or one isn't an episode of this table.
+        """
+        if not np.issubdtype(episodes.dtype, np.integer) or len(episodes) == 0:
+            raise UserError("select needs the numbers of at least one episode, as integers")
+        unknown = (episodes < 0) | (episodes >= self.n_episodes)
+        if unknown.any():
+            raise UserError(
+                f"no episode {episodes[unknown][0]}: select from 0 to {self.n_episodes - 1}"
+            )
+        lengths = self.episode_lengths[episodes]
+        episode = np.repeat(np.arange(len(episodes), dtype=np.int32), lengths)
+        within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+        return self._take(self.episode_starts[episodes][episode] + within, episode, self.source)
+
+    def subsample(self, every: int, offset: int = 0) -> Demonstrations:
+        """Keep rows offset, offset + every, ... of each episode, as imitation benchmarks do.
+
+        Raises:
+            UserError: If `every` < 1, `offset` < 0, or an episode would lose all its rows.
+        """
+        if every < 1 or offset < 0:
+            raise UserError(f"cannot keep every {every} from {offset}: use every >= 1, offset >= 0")
+        shortest = int(self.episode_lengths.min())
+        if offset >= shortest:
+            raise UserError(
+                f"offset {offset} would empty episode {int(self.episode_lengths.argmin())} of "
+                f"{shortest} transitions: use an offset below {shortest}"
+            )
+        within = np.arange(self.n_transitions) - self.episode_starts[self.episode] - offset
+        rows = np.flatnonzero((within >= 0) & (within % every == 0))
+        source = {"made_by": "subsample", "every": every, "offset": offset, "of": self.source}
+        return self._take(rows, self.episode[rows], source)
+
+    def with_mode_names(self, mode_names: tuple[str, ...]) -> Demonstrations:
+        """The same rows under another list of mode names, matched by name.
+
+        Raises:
+            UserError: If a mode that has episodes isn't in the list.
+        """
+        lost = [n for n, size in self.counts().items() if size != (0, 0) and n not in mode_names]
+        if lost:
+            raise UserError(f"mode '{lost[0]}' has episodes: keep it among the mode names")
+        place = {name: index for index, name in enumerate(mode_names)}
+        index = np.array([place.get(name, -1) for name in self.mode_names], np.int8)
+        return dataclasses.replace(self, mode=index[self.mode], mode_names=mode_names)
+
+    def counts(self) -> dict[str, tuple[int, int]]:
+        """Numbers of (episodes, transitions) of each mode, by name."""
+        n_modes = len(self.mode_names)
+        episodes = np.bincount(self.episode_modes, minlength=n_modes)
+        transitions = np.bincount(self.mode, minlength=n_modes)
+        return {
+            name: (int(episodes[i]), int(transitions[i])) for i, name in enumerate(self.mode_names)
+        }
+
+    def summary(self) -> str:
+        """One line: how many episodes and transitions, in all and of each mode."""
+        modes = ", ".join(f"{name} {e}/{t}" for name, (e, t) in self.counts().items())
+        return f"{self.n_episodes} episodes, {self.n_transitions} transitions ({modes})"
+
+    def _take(
+        self,
+        rows: Int[np.ndarray, " kept"],
+        episode: Int32[np.ndarray, " kept"],
+        source: dict[str, Any],
+    ) -> Demonstrations:
+        arrays = {name: column[rows] for name, column in self.arrays().items()}
+        arrays["episode"] = episode
+        return Demonstrations.of_arrays(arrays, self.mode_names, self.n_actions, source)
+
+
+def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:
+    """Put tables end to end, their episodes renumbered in order.
+
+    Mode names are matched by name and stand in the order of their first appearance. Where all
+    sources are one, it is kept; otherwise the distinct ones are listed.
+
+    Raises:
+        UserError: If there is none, or they differ in features or in n_actions.
+    """
+    if not tables:
+        raise UserError("no demonstrations to concatenate: pass at least one table")
+    for what in ("n_features", "n_actions"):
+        values = {getattr(table, what) for table in tables}
+        if len(values) > 1:
+            raise UserError(
+                f"demonstrations differ in {what} ({', '.join(map(str, sorted(values)))}): "
+                "record them in one world with one encoding"
+            )
+    mode_names = tuple(dict.fromkeys(name for table in tables for name in table.mode_names))
+    parts = [table.with_mode_names(mode_names).arrays() for table in tables]
+    arrays = {name: np.concatenate([part[name] for part in parts]) for name in columns.LAYOUT}
+    sizes = np.array([table.n_episodes for table in tables])
+    first = np.repeat(np.cumsum(sizes) - sizes, [table.n_transitions for table in tables])
+    arrays["episode"] = (arrays["episode"] + first).astype(np.int32)
+    sources: list[dict[str, Any]] = []
+    for table in tables:
+        if table.source not in sources:
+            sources.append(table.source)
+    source = sources[0] if len(sources) == 1 else {"made_by": "concatenate", "of": sources}
+    return Demonstrations.of_arrays(arrays, mode_names, tables[0].n_actions, source)

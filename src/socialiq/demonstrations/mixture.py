@@ -1,0 +1,210 @@
+"""How demonstrators are mixed into one set: whole episodes, drawn without replacement.
+
+The thesis mixes "equal proportions of ... demonstrations" in 5.2 and equal parts of
+"transitions" in 6.3. These are different data sets wherever modes differ in how long they take.
+A learner samples transitions, so under equal trajectories the slow mode weighs most: in the 7x7
+world, whose altruistic expert waits, 77 % of the transitions are then altruistic, and the
+unregularised policy turns altruistic; under equal transitions it doesn't
+(docs/reproduction/grid.md). Each reading is a function here and none is the default.
+
+Pools map a mode's name to demonstrations of that mode alone. The episodes of a pool are drawn as
+a beginning of one seeded order, so a larger draw contains a smaller one of the same seed. The
+result holds the pools one after another, in the mapping's order, under all their mode names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from socialiq.demonstrations.dataset import Demonstrations, concatenate
+from socialiq.errors import UserError, one_of
+
+Pools = Mapping[str, Demonstrations]
+
+
+def equal_trajectories(pools: Pools, episodes_each: int, seed: int) -> Demonstrations:
+    """Mix the same number of episodes of every mode (thesis 5.2).
+
+    Args:
+        pools: Mode name -> that mode's demonstrations.
+        episodes_each: Number of episodes of each mode.
+        seed: Of the draw.
+
+    Raises:
+        UserError: If a pool has too few episodes; the line names both numbers.
+    """
+    recipe = {"made_by": "equal_trajectories", "episodes_each": episodes_each, "seed": seed}
+    return _draw(pools, dict.fromkeys(pools, episodes_each), seed, recipe)
+
+
+def equal_transitions(pools: Pools, transitions_each: int, seed: int) -> Demonstrations:
+    """Mix the same number of transitions of every mode, as nearly as whole episodes can (6.3).
+
+    A mode's episodes are taken until its number of transitions is as close as it gets, so it is
+    off by at most half of the episode at the boundary, and by less than one episode's length.
+
+    Args:
+        pools: Mode name -> that mode's demonstrations.
+        transitions_each: Number of transitions of each mode.
+        seed: Of the draw.
+
+    Raises:
+        UserError: If a pool has too few transitions; the line names both numbers.
+    """
+    _at_least_one("transitions_each", transitions_each)
+    counts = {}
+    for mode, order in _orders(pools, seed).items():
+        if pools[mode].n_transitions < transitions_each:
+            raise UserError(
+                f"mode '{mode}' needs {transitions_each} transitions and its pool has "
+                f"{pools[mode].n_transitions}: record more or ask for fewer"
+            )
+        reached = np.cumsum(pools[mode].episode_lengths[order])
+        counts[mode] = int(np.abs(reached - transitions_each).argmin()) + 1
+    recipe = {"made_by": "equal_transitions", "transitions_each": transitions_each, "seed": seed}
+    return _draw(pools, counts, seed, recipe)
+
+
+def weighted(
+    pools: Pools, weights: Mapping[str, float], episodes: int, seed: int
+) -> Demonstrations:
+    """Mix a number of episodes in which each mode has its share of episodes.
+
+    Args:
+        pools: Mode name -> that mode's demonstrations.
+        weights: Mode name -> weight; only their proportions matter. See `apportion`.
+        episodes: Number of episodes in all.
+        seed: Of the draw.
+
+    Raises:
+        UserError: If weights and pools name different modes, the weights are no proportions, or
+            a pool has too few episodes.
+    """
+    if set(weights) != set(pools):
+        raise UserError(
+            f"weights name {', '.join(weights)} where the pools are {', '.join(pools)}: "
+            "give each pool one weight"
+        )
+    counts = apportion(weights, episodes)
+    recipe = {
+        "made_by": "weighted",
+        "weights": dict(weights),
+        "episodes": episodes,
+        "seed": seed,
+    }
+    return _draw(pools, {mode: counts[mode] for mode in pools}, seed, recipe)
+
+
+def contaminated(
+    pools: Pools, base: str, contaminant: str, share: float, episodes: int, seed: int
+) -> Demonstrations:
+    """Mix one mode with a share of another, the malicious case of thesis 1 and 8.3.
+
+    Args:
+        pools: Mode name -> that mode's demonstrations; pools of other modes stay unused.
+        base: The mode that is contaminated.
+        contaminant: The mode that contaminates it.
+        share: Share of the contaminant's episodes, in [0, 1]. See `apportion`.
+        episodes: Number of episodes in all.
+        seed: Of the draw.
+
+    Raises:
+        UserError: If a mode has no pool or both are one, the share lies outside, or a pool has
+            too few episodes.
+    """
+    one_of("mode", base, list(pools))
+    one_of("mode", contaminant, list(pools))
+    if base == contaminant:
+        raise UserError(f"mode '{base}' cannot contaminate itself: name another mode")
+    if not 0.0 <= share <= 1.0:
+        raise UserError(f"share {share:g} is outside [0, 1]: give the contaminant's share")
+    counts = apportion({base: 1.0 - share, contaminant: share}, episodes)
+    recipe = {
+        "made_by": "contaminated",
+        "base": base,
+        "contaminant": contaminant,
+        "share": share,
+        "episodes": episodes,
+        "seed": seed,
+    }
+    return _draw({mode: pools[mode] for mode in (base, contaminant)}, counts, seed, recipe)
+
+
+MIXTURES: dict[str, Callable[..., Demonstrations]] = {
+    "equal_trajectories": equal_trajectories,
+    "equal_transitions": equal_transitions,
+    "weighted": weighted,
+    "contaminated": contaminated,
+}
+
+
+def apportion(weights: Mapping[str, float], total: int) -> dict[str, int]:
+    """Divide a whole number by weights, by the method of largest remainders.
+
+    Each count is its exact share rounded down or up, and the counts sum to `total`. Of equal
+    remainders the earlier name is rounded up.
+
+    Raises:
+        UserError: If `total` < 1, or the weights are negative, not finite or all 0.
+    """
+    _at_least_one("episodes", total)
+    values = np.array(list(weights.values()), np.float64)
+    if not np.isfinite(values.sum()) or (values < 0).any() or values.sum() <= 0:
+        raise UserError("weights must be finite, not negative and not all 0")
+    # Rounded, so that a tie or a whole share is one in spite of the last bits (0.1 * 30).
+    exact = np.round(values / values.sum() * total, 9)
+    counts = np.floor(exact).astype(int)
+    by_remainder = np.argsort(-np.round(exact - counts, 9), kind="stable")
+    counts[by_remainder[: total - counts.sum()]] += 1
+    return {name: int(count) for name, count in zip(weights, counts, strict=True)}
+
+
+def _at_least_one(what: str, number: int) -> None:
+    if number < 1:
+        raise UserError(f"{what} is {number}: ask for at least 1")
+
+
+def _orders(pools: Pools, seed: int) -> dict[str, Int[np.ndarray, " episode"]]:
+    """Check the pools, and give each a seeded order of its episodes.
+
+    Each pool has its own stream, so the draw from one doesn't depend on the sizes of the others.
+    """
+    if seed < 0:
+        raise UserError(f"seed {seed} is negative: use 0 or more")
+    if not pools:
+        raise UserError("no pools to mix: pass at least one mode's demonstrations")
+    for mode, pool in pools.items():
+        other = [name for name, (size, _) in pool.counts().items() if size and name != mode]
+        if other:
+            raise UserError(
+                f"the pool of mode '{mode}' has episodes of '{other[0]}': pass one mode per pool"
+            )
+    return {
+        mode: np.random.default_rng([seed, index]).permutation(pool.n_episodes)
+        for index, (mode, pool) in enumerate(pools.items())
+    }
+
+
+def _draw(
+    pools: Pools, counts: Mapping[str, int], seed: int, recipe: dict[str, Any]
+) -> Demonstrations:
+    """Take that many episodes of each pool; the recipe and the pools' sources tell how."""
+    parts = []
+    for mode, order in _orders(pools, seed).items():
+        if len(order) < counts[mode]:
+            raise UserError(
+                f"mode '{mode}' needs {counts[mode]} episodes and its pool has {len(order)}: "
+                "record more or ask for fewer"
+            )
+        # A mode whose share is 0 has no rows, but its name stays.
+        if counts[mode] > 0:
+            parts.append(pools[mode].select(order[: counts[mode]]).with_mode_names(tuple(pools)))
+    if not parts:
+        raise UserError("the mixture would have no episodes: ask for at least 1")
+    mixed = concatenate(parts)
+    source = {**recipe, "of": {mode: pool.source for mode, pool in pools.items()}}
+    return Demonstrations.of_arrays(mixed.arrays(), mixed.mode_names, mixed.n_actions, source)

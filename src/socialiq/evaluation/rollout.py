@@ -1,0 +1,185 @@
+"""Rollouts as tables of transitions: in an enumerated gridworld, or in any Gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.evaluation.metrics import Metrics
+from socialiq.social.estimate import AngleEstimate, estimate_angle
+from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds.enumerate import Table
+from socialiq.worlds.tabular_policy import draw_actions
+
+
+class Rollout(NamedTuple):
+    """Episodes of one policy.
+
+    Attributes:
+        transitions: Every transition, in the form of a demonstrations table.
+        speed: The ego's speed at each transition; NaN where the environment tells none.
+    """
+
+    transitions: Demonstrations
+    speed: Float[np.ndarray, " transition"]
+
+    def metrics(self) -> Metrics:
+        """Means over the episodes (thesis 5.4)."""
+        table = self.transitions
+        totals = table.totals()
+        counts = np.bincount(table.ending, minlength=len(Ending))
+        return Metrics.of(
+            totals=RewardPair(totals.env.mean(), totals.social.mean()),
+            endings=counts / table.n_episodes,
+            mean_speed=self.speed.mean(),
+            stopped=(self.speed == 0).mean() if np.isfinite(self.speed).all() else np.nan,
+            length=table.n_transitions / table.n_episodes,
+        )
+
+    def angle(self, seed: int) -> AngleEstimate:
+        """α̂ with its bootstrap interval over the episodes."""
+        return estimate_angle(*self.transitions.totals(), seed=seed)
+
+
+def rollout_table(
+    table: Table,
+    policy: Float[np.ndarray, "state action"],
+    episodes: int,
+    seed: int,
+    mode: str = "policy",
+    source: Mapping[str, Any] | None = None,
+) -> Rollout:
+    """Run a policy in an enumerated world, all episodes side by side.
+
+    Args:
+        table: The world with all its states (not the reachable part, which lacks final states).
+        policy: Action probabilities by state.
+        episodes: How many.
+        seed: Of chance and of the policy's draws.
+        mode: Name of the driver mode to record.
+        source: Provenance to record.
+
+    Raises:
+        UserError: If no episode is asked for.
+    """
+    _check_episodes(episodes)
+    rng = np.random.default_rng(seed)
+    mdp = table.mdp
+    state = rng.choice(mdp.n_states, size=episodes, p=mdp.initial)
+    running = np.arange(episodes)
+    rows: list[tuple[np.ndarray, ...]] = []
+    for time in range(table.world.horizon):
+        action = draw_actions(policy[state], rng)
+        outcome = draw_actions(mdp.probability[state, action], rng)
+        after = mdp.successor[state, action, outcome]
+        ending = mdp.ending[state, action, outcome]
+        if time == table.world.horizon - 1:
+            ending = np.where(ending == Ending.NONE, int(Ending.TIMEOUT), ending)
+        rows.append((running, state, action, after, ending))
+        going = ending == Ending.NONE
+        running, state = running[going], after[going]
+    episode, state, action, after, ending = (np.concatenate(part) for part in zip(*rows))
+    order = np.argsort(episode, kind="stable")
+    episode, state, action, after, ending = (
+        column[order] for column in (episode, state, action, after, ending)
+    )
+    transitions = Demonstrations(
+        observation=table.observations[state],
+        action=action.astype(np.int32),
+        next_observation=table.observations[after],
+        terminated=(ending != Ending.NONE) & (ending != Ending.TIMEOUT),
+        truncated=ending == Ending.TIMEOUT,
+        ending=ending.astype(np.int8),
+        rewards=RewardPair(mdp.rewards.env[state, action], mdp.rewards.social[state, action]),
+        mode=np.zeros(len(action), np.int8),
+        episode=episode.astype(np.int32),
+        mode_names=(mode,),
+        n_actions=mdp.n_actions,
+        source={"world": table.world.name, "seed": seed, **(source or {})},
+    )
+    return Rollout(transitions, table.speed[state, action])
+
+
+def rollout_env(
+    env: gymnasium.Env[Any, Any],
+    policy: Policy,
+    episodes: int,
+    seed: int,
+    deterministic: bool = True,
+    mode: str = "policy",
+    source: Mapping[str, Any] | None = None,
+) -> Rollout:
+    """Run a policy in a Gymnasium environment with discrete actions.
+
+    `info["reward_pair"]` gives (r_env, r_social); without it the scalar reward counts as r_env
+    and r_social is 0. `info["ending"]` names the ending; without it a terminal state is `OTHER`.
+    `info["speed"]` is recorded if it is there.
+
+    Args:
+        env: The environment.
+        policy: Anything with `predict`.
+        episodes: How many; episode i is reset with seed + i.
+        seed: Of the environment.
+        deterministic: Passed to `predict`.
+        mode: Name of the driver mode to record.
+        source: Provenance to record.
+
+    Raises:
+        UserError: If no episode is asked for, or the actions are not discrete.
+    """
+    _check_episodes(episodes)
+    if not isinstance(env.action_space, gymnasium.spaces.Discrete):
+        raise UserError("only discrete actions are supported: wrap the environment")
+    rows: list[tuple[Any, ...]] = []
+    for episode in range(episodes):
+        observation, _ = env.reset(seed=seed + episode)
+        state, ended = None, False
+        while not ended:
+            action, state = policy.predict(observation, state, deterministic=deterministic)
+            after, reward, terminated, truncated, info = env.step(int(action))
+            ended = terminated or truncated
+            ending = _ending(terminated, truncated, info)
+            pair = info.get("reward_pair", (float(reward), 0.0))
+            speed = info.get("speed", np.nan)
+            rows.append((observation, action, after, ending, *pair, episode, speed))
+            observation = after
+    return _table(rows, int(env.action_space.n), mode, {"seed": seed, **(source or {})})
+
+
+def _ending(terminated: bool, truncated: bool, info: Mapping[str, Any]) -> Ending:
+    if terminated:
+        return Ending[info["ending"].upper()] if "ending" in info else Ending.OTHER
+    return Ending.TIMEOUT if truncated else Ending.NONE
+
+
+def _table(
+    rows: list[tuple[Any, ...]], n_actions: int, mode: str, source: dict[str, Any]
+) -> Rollout:
+    observation, action, after, ending, env, social, episode, speed = zip(*rows, strict=True)
+    kinds = np.array(ending, np.int8)
+    transitions = Demonstrations(
+        observation=np.array([np.ravel(one) for one in observation], np.float32),
+        action=np.array(action, np.int32),
+        next_observation=np.array([np.ravel(one) for one in after], np.float32),
+        terminated=(kinds != Ending.NONE) & (kinds != Ending.TIMEOUT),
+        truncated=kinds == Ending.TIMEOUT,
+        ending=kinds,
+        rewards=RewardPair(np.array(env, np.float64), np.array(social, np.float64)),
+        mode=np.zeros(len(action), np.int8),
+        episode=np.array(episode, np.int32),
+        mode_names=(mode,),
+        n_actions=n_actions,
+        source=source,
+    )
+    return Rollout(transitions, np.array(speed, np.float64))
+
+
+def _check_episodes(episodes: int) -> None:
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")

@@ -1,0 +1,72 @@
+"""The resumable state of a run as one checked file: lanes, history, and the run's fingerprint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.storage import load_arrays, save_arrays
+
+if TYPE_CHECKING:
+    from socialiq.learners.loop import History, Lanes
+
+SCHEMA_VERSION = 1
+
+
+def save(path: Path, fingerprint: str, lanes: Lanes, history: History) -> None:
+    """Write the state; a reader finds the previous state or this one, never a part.
+
+    Raises:
+        UserError: If the file can't be written.
+    """
+    leaves = [
+        np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
+        for leaf in jax.tree.leaves(lanes)
+    ]
+    arrays = {f"leaf_{number:03d}": leaf for number, leaf in enumerate(leaves)}
+    arrays |= {f"history_{name}": history.array(name) for name in history.values}
+    arrays["history.updates"] = np.array(history.updates)
+    save_arrays(path, "checkpoint", SCHEMA_VERSION, arrays, {"fingerprint": fingerprint})
+
+
+def load(
+    path: Path, fingerprint: str, like: Lanes
+) -> tuple[Lanes, list[int], dict[str, list[np.ndarray]]]:
+    """Read the state of the same run.
+
+    Args:
+        path: The file.
+        fingerprint: Of the run that wants to go on.
+        like: Freshly initialised lanes, for the tree's shape.
+
+    Returns:
+        The lanes, the updates done at each recorded chunk, and the recorded values.
+
+    Raises:
+        UserError: If the file is missing or damaged, or belongs to another run.
+    """
+    arrays, header = load_arrays(path, "checkpoint", SCHEMA_VERSION)
+    if header["fingerprint"] != fingerprint:
+        raise UserError(
+            f"{path} belongs to a run of other settings or data: repeat the run's own command"
+        )
+    leaves, shape = jax.tree.flatten(like)
+    restored = []
+    for number, leaf in enumerate(leaves):
+        value = jnp.asarray(arrays[f"leaf_{number:03d}"])
+        restored.append(jax.random.wrap_key_data(value) if _is_key(leaf) else value)
+    values = {
+        name.removeprefix("history_"): list(array)
+        for name, array in arrays.items()
+        if name.startswith("history_")
+    }
+    return jax.tree.unflatten(shape, restored), arrays["history.updates"].tolist(), values
+
+
+def _is_key(leaf: jax.Array) -> bool:
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)

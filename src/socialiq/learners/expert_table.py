@@ -1,0 +1,120 @@
+"""Demonstrations as the arrays that a compiled learner samples from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from socialiq.errors import UserError
+from socialiq.types import RewardPair, Transitions
+
+
+class Batch(NamedTuple):
+    """A batch of transitions, from demonstrations or from replay.
+
+    Attributes:
+        observation: s.
+        action: a.
+        next_observation: s'.
+        ending: Value of `types.Ending`.
+        target: What the social prior compares r̂ with, before the angle: the pair
+            (G_env, G_social) under the chosen reading of "cumulative".
+    """
+
+    observation: Float[Array, "batch feature"]
+    action: Int[Array, " batch"]
+    next_observation: Float[Array, "batch feature"]
+    ending: Int[Array, " batch"]
+    target: RewardPair
+
+
+class ExpertTable(NamedTuple):
+    """One or more sets of demonstrations end to end; each lane samples from one of them.
+
+    Attributes:
+        columns: All transitions.
+        starts: Rows of first transitions, of all sets.
+        row_bounds: First row of each set, and the end.
+        start_bounds: The same for `starts`.
+    """
+
+    columns: Batch
+    starts: Int[Array, " episode"]
+    row_bounds: Int[Array, " bound"]
+    start_bounds: Int[Array, " bound"]
+
+    @staticmethod
+    def of(
+        datasets: Sequence[Transitions], target_kind: str, social_discount: float
+    ) -> ExpertTable:
+        """Lay out sets of demonstrations and derive their cumulative returns.
+
+        Raises:
+            UserError: If there is none, or they differ in features.
+        """
+        if not datasets:
+            raise UserError("no demonstrations: pass at least one set")
+        if len({data.observation.shape[1] for data in datasets}) > 1:
+            raise UserError("the sets of demonstrations have different observations")
+        returns = [data.returns(target_kind, social_discount) for data in datasets]
+        sizes = [len(data.action) for data in datasets]
+        offsets = np.concatenate([[0], np.cumsum(sizes)])
+        episodes = [len(data.episode_starts) for data in datasets]
+
+        def join(arrays: Sequence[np.ndarray], dtype: str) -> Array:
+            return jnp.asarray(np.concatenate(arrays).astype(dtype))
+
+        return ExpertTable(
+            columns=Batch(
+                observation=join([data.observation for data in datasets], "float32"),
+                action=join([data.action for data in datasets], "int32"),
+                next_observation=join([data.next_observation for data in datasets], "float32"),
+                ending=join([data.ending for data in datasets], "int32"),
+                target=RewardPair(
+                    env=join([pair.env for pair in returns], "float32"),
+                    social=join([pair.social for pair in returns], "float32"),
+                ),
+            ),
+            starts=join(
+                [
+                    data.episode_starts + offset
+                    for data, offset in zip(datasets, offsets, strict=False)
+                ],
+                "int32",
+            ),
+            row_bounds=jnp.asarray(offsets, jnp.int32),
+            start_bounds=jnp.asarray(np.concatenate([[0], np.cumsum(episodes)]), jnp.int32),
+        )
+
+    def sample(self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int) -> Batch:
+        """Draw transitions of one set, uniformly and with replacement."""
+        rows = jax.random.randint(
+            key, (size,), self.row_bounds[dataset], self.row_bounds[dataset + 1]
+        )
+        return self.rows(rows)
+
+    def sample_weighted(
+        self, key: PRNGKeyArray, cumulative: Float[Array, " transition"], size: int
+    ) -> Batch:
+        """Draw transitions by the cumulative sum of their (normalised) weights."""
+        draws = jax.random.uniform(key, (size,))
+        last = cumulative.shape[0] - 1
+        return self.rows(jnp.minimum(jnp.searchsorted(cumulative, draws, side="right"), last))
+
+    def sample_initial(
+        self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int
+    ) -> Float[Array, "batch feature"]:
+        """Draw true initial states of one set: its episodes' first observations."""
+        episodes = jax.random.randint(
+            key, (size,), self.start_bounds[dataset], self.start_bounds[dataset + 1]
+        )
+        return self.columns.observation[self.starts[episodes]]
+
+    def rows(self, rows: Int[Array, " batch"]) -> Batch:
+        """Take the given rows."""
+        return jax.tree.map(lambda column: column[rows], self.columns)

@@ -1,0 +1,149 @@
+"""What a run of IQ-Learn is: its structure, which shapes the program, and its numbers.
+
+Runs that share a structure and differ in numbers (angle, λ, w, seed, ...) train together in one
+compiled program.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from dataclasses import dataclass
+from typing import Literal
+
+from socialiq.errors import UserError, one_of
+from socialiq.social.angle import check_angle
+from socialiq.types import Ending
+
+Treatment = Literal["zero", "bootstrap", "absorbing"]
+
+
+@dataclass(frozen=True)
+class Endings:
+    """What Eq 2.6 puts for V(s') after each kind of ending."""
+
+    arrival: Treatment = "zero"
+    collision: Treatment = "zero"
+    timeout: Treatment = "zero"
+    """The thesis' single flag d makes a timeout terminal. "bootstrap" treats it as a cut."""
+    other: Treatment = "zero"
+
+    def by_kind(self) -> dict[Ending, str]:
+        """The treatment of each kind that ends an episode."""
+        return {kind: getattr(self, kind.name.lower()) for kind in Ending if kind != Ending.NONE}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Choices that shape the program. Defaults: the thesis' 7x7 preset (Table C.1, gridworld)."""
+
+    prior: Literal["none", "reward", "bellman_shift", "reweighting", "shifted_chi2"] = "reward"
+    """Social prior: none (the baseline), Eq 4.4, B.1, B.2, or χ² centred on λR(α)."""
+    target_kind: Literal["running", "to_go", "trajectory", "instantaneous"] = "running"
+    """Reading of "cumulative returns" in R(α); `social.returns` defines them."""
+    divergence: Literal["chi2", "kl", "reverse_kl", "hellinger", "js"] = "chi2"
+    """The f-divergence of Eq 2.7."""
+    value_term: Literal["value", "value_expert", "v0"] = "value"
+    """Term 2 over demonstrations and replay, demonstrations only, or true initial states."""
+    chi2_on: Literal["expert", "mixture"] = "expert"
+    """Term 3 over demonstrations (Eq 2.7), or over demonstrations and replay."""
+    next_value: Literal["target", "online"] = "target"
+    """V(s') by a slow copy without gradient, or by the network itself with gradient."""
+    shift_term_3: bool = False
+    """With prior "bellman_shift": whether term 3 sees the shifted reward too (see App. B.1)."""
+    endings: Endings = Endings()
+    """What V(s') is after each kind of ending."""
+    online: bool = True
+    """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers."""
+    activation: Literal["relu", "elu"] = "relu"
+    """Between the layers."""
+    batch_size: int = 64
+    """Transitions per batch, from the demonstrations and as many from replay."""
+    updates: int = 6000
+    """Gradient steps of a run."""
+    env_steps_per_update: int = 1
+    """Steps the learner takes in the world before each gradient step."""
+    replay_capacity: int = 10_000
+    """Size of the replay ring."""
+    social_discount: float = 0.99
+    """γ_svo of the cumulative returns."""
+
+    def __post_init__(self) -> None:
+        """Refuse names and sizes that make no run."""
+        hints = typing.get_type_hints(type(self))
+        for field in dataclasses.fields(self):
+            known = typing.get_args(hints[field.name])
+            if typing.get_origin(hints[field.name]) is Literal:
+                what = field.name.replace("_", " ")
+                one_of(what, getattr(self, field.name), known)
+        for name in ("batch_size", "updates", "env_steps_per_update", "replay_capacity"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not self.online and self.value_term == "value":
+            raise UserError(
+                "value term 'value' needs the learner's own transitions: "
+                "train online, or choose value_expert or v0"
+            )
+        if not self.online and self.chi2_on == "mixture":
+            raise UserError("chi2 on the mixture needs replay: train online, or choose expert")
+        if self.prior == "shifted_chi2" and self.divergence != "chi2":
+            raise UserError("prior shifted_chi2 needs divergence chi2")
+        if (
+            self.prior == "shifted_chi2"
+            and self.chi2_on == "mixture"
+            and self.target_kind != "instantaneous"
+        ):
+            raise UserError(
+                "shifted_chi2 on the mixture needs target kind instantaneous: "
+                "replay has rewards but no returns"
+            )
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of one run; all are traced, so a whole grid of them shares one program.
+
+    Defaults: Table C.1, gridworld column.
+    """
+
+    angle: float = 0.0
+    """α_target in degrees."""
+    strength: float = 1.0
+    """λ: scales the prior's target, not its weight."""
+    prior_weight: float = 1.0
+    """w: multiplies L_reg, or the shifted χ² term. The thesis has w = 1."""
+    temperature: float = 1.0
+    """τ of Eq 2.5."""
+    discount: float = 0.99
+    """γ."""
+    chi2_alpha: float = 0.5
+    """α_χ of term 3."""
+    learning_rate: float = 3e-4
+    """Of Adam."""
+    polyak: float = 0.005
+    """τ_target, the share of the network mixed into its slow copy at each update."""
+    reweight_temperature: float = 1.0
+    """τ_w of Eq B.2."""
+    seed: int = 0
+    """Of the network, the sampling and the acting."""
+    dataset: int = 0
+    """Which of the given sets of demonstrations this run learns from."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        check_angle(self.angle)
+        for name in ("strength", "prior_weight"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise UserError(f"{name} must be 0 or more, got {getattr(self, name)}")
+        for name in ("temperature", "chi2_alpha", "learning_rate", "reweight_temperature"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
+        if not 0.0 <= self.discount < 1.0:
+            raise UserError(f"discount must lie in [0, 1), got {self.discount}")
+        if not 0.0 < self.polyak <= 1.0:
+            raise UserError(f"polyak must lie in (0, 1], got {self.polyak}")
+        if self.seed < 0 or self.dataset < 0:
+            raise UserError("seed and dataset must be 0 or more")

@@ -1,0 +1,93 @@
+"""The IQ-Learn objective, one function per equation (thesis 2.2.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from socialiq.learners.iq_learn.divergences import phi_slope
+from socialiq.types import Ending
+
+Scalar = Float[Array, ""]
+
+
+def soft_value(
+    q: Float[Array, "*batch action"], temperature: Scalar | float
+) -> Float[Array, "*batch"]:
+    """V(s) = τ log sum_a exp(Q(s, a) / τ) (Eq 2.5)."""
+    return temperature * jax.nn.logsumexp(q / temperature, axis=-1)
+
+
+def absorbing_value(n_actions: int, temperature: Scalar | float, discount: Scalar | float) -> Any:
+    """Value of a state that is never left and pays nothing: the entropy bonus for ever.
+
+    τ log|A| / (1 - γ). With V = 0 instead, ending an episode forfeits that bonus, which favours
+    long episodes.
+    """
+    return temperature * jnp.log(n_actions) / (1.0 - discount)
+
+
+def continuation(
+    next_value: Float[Array, " batch"],
+    ending: Int[Array, " batch"],
+    treatment: dict[Ending, str],
+    absorbing: Any,
+) -> Float[Array, " batch"]:
+    """(1 - d) V(s') of Eq 2.6, with d decided for each kind of ending.
+
+    Args:
+        next_value: V(s').
+        ending: Kind of ending of each transition, 0 where the episode goes on.
+        treatment: For each kind "zero" (d = 1), "bootstrap" (d = 0: the episode was only cut
+            off) or "absorbing" (d = 1 with the value of `absorbing_value`).
+        absorbing: The value of an absorbing state.
+    """
+    value = next_value
+    for kind, choice in treatment.items():
+        if choice != "bootstrap":
+            replacement = absorbing if choice == "absorbing" else 0.0
+            value = jnp.where(ending == int(kind), replacement, value)
+    return value
+
+
+def implicit_reward(
+    q_taken: Float[Array, " batch"],
+    continuation: Float[Array, " batch"],
+    discount: Scalar | float,
+) -> Float[Array, " batch"]:
+    """r̂(s, a) = Q(s, a) - γ (1 - d) V(s') (Eq 2.6)."""
+    return q_taken - discount * continuation
+
+
+def expert_term(divergence: str, expert_reward: Float[Array, " batch"]) -> Scalar:
+    """-E_E[φ'(r̂) r̂], term 1 of Eq 2.7.
+
+    φ' is a constant weight here, so the gradient is that of -E_E[φ(r̂)], the objective of the
+    IQ-Learn paper (its Eq 9).
+    """
+    weight = jax.lax.stop_gradient(phi_slope(divergence, expert_reward))
+    return -jnp.mean(weight * expert_reward)
+
+
+def value_term(
+    value: Float[Array, " batch"],
+    continuation: Float[Array, " batch"],
+    discount: Scalar | float,
+) -> Scalar:
+    """E[V(s) - γ (1 - d) V(s')], term 2 of Eq 2.7, over the batch that is passed."""
+    return jnp.mean(value - discount * continuation)
+
+
+def initial_value_term(
+    initial_value: Float[Array, " batch"], discount: Scalar | float
+) -> Scalar:
+    """(1 - γ) E_p0[V(s_0)]: what term 2 equals over true initial states (IQ-Learn Cor. 2.1)."""
+    return (1.0 - discount) * jnp.mean(initial_value)
+
+
+def chi2_term(reward: Float[Array, " batch"], chi2_alpha: Scalar | float) -> Scalar:
+    """E[r̂²] / (4 α_χ), term 3 of Eq 2.7."""
+    return jnp.mean(jnp.square(reward)) / (4.0 * chi2_alpha)

@@ -1,0 +1,139 @@
+"""The total objective L_IQ + w L_reg (Eq 4.5) of one pair of batches, with its named terms."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from socialiq.learners.expert_table import Batch
+from socialiq.learners.iq_learn import losses, priors
+from socialiq.learners.iq_learn.config import Structure
+from socialiq.nn.q_network import QNetwork
+from socialiq.social.score import score
+from socialiq.types import RewardPair
+
+Scalar = Float[Array, ""]
+
+
+class Traced(NamedTuple):
+    """`Numbers` as arrays, with the angle's weights (cos α, sin α) in place of the angle."""
+
+    weights: RewardPair
+    strength: Scalar
+    prior_weight: Scalar
+    temperature: Scalar
+    discount: Scalar
+    chi2_alpha: Scalar
+    learning_rate: Scalar
+    polyak: Scalar
+    reweight_temperature: Scalar
+    seed: Array
+    dataset: Array
+
+
+class Batches(NamedTuple):
+    """What one update sees.
+
+    Attributes:
+        expert: Demonstrations.
+        replay: The learner's own transitions; None offline.
+        initial: Observations of true initial states; None unless term 2 is `v0`.
+    """
+
+    expert: Batch
+    replay: Batch | None
+    initial: Float[Array, "batch feature"] | None
+
+
+def objective(
+    network: QNetwork, slow: QNetwork, batches: Batches, numbers: Traced, structure: Structure
+) -> tuple[Scalar, dict[str, Scalar]]:
+    """The loss and its terms by name.
+
+    Terms: `expert`, `value`, `chi2` are terms 1 to 3 of Eq 2.7, `prior` is w L_reg; `max_q` and
+    `expert_reward` (mean r̂ on demonstrations) are for the eye.
+    """
+    batch = batches.expert
+    if batches.replay is not None:
+        batch = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), batch, batches.replay)
+    size = structure.batch_size  # the first rows are the demonstrations
+
+    q = jax.vmap(network)(batch.observation)
+    value = losses.soft_value(q, numbers.temperature)
+    follows = _continuation(network, slow, batch, numbers, structure)
+    taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
+    reward = losses.implicit_reward(taken, follows, numbers.discount)
+    target = score(numbers.weights, batch.target)
+
+    terms = {
+        "expert": _expert_term(reward[:size], target[:size], numbers, structure),
+        "value": _value_term(network, value, follows, batches.initial, numbers, structure),
+    }
+    terms |= _quadratic_terms(reward, target, numbers, structure)
+    total = jnp.sum(jnp.stack(list(terms.values())))
+    seen = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": jnp.mean(reward[:size])}
+    return total, terms | seen | {"loss": total}
+
+
+def _continuation(
+    network: QNetwork, slow: QNetwork, batch: Batch, numbers: Traced, structure: Structure
+) -> Float[Array, " batch"]:
+    """(1 - d) V(s'), from the slow copy without gradient or from the network with gradient."""
+    source = slow if structure.next_value == "target" else network
+    q_next = jax.vmap(source)(batch.next_observation)
+    absorbing = losses.absorbing_value(q_next.shape[-1], numbers.temperature, numbers.discount)
+    return losses.continuation(
+        losses.soft_value(q_next, numbers.temperature),
+        batch.ending,
+        structure.endings.by_kind(),
+        absorbing,
+    )
+
+
+def _expert_term(
+    reward: Array, target: Array, numbers: Traced, structure: Structure
+) -> Scalar:
+    if structure.prior == "bellman_shift":
+        reward = priors.bellman_shift(reward, target, numbers.strength)
+    return losses.expert_term(structure.divergence, reward)
+
+
+def _value_term(
+    network: QNetwork,
+    value: Array,
+    follows: Array,
+    initial: Array | None,
+    numbers: Traced,
+    structure: Structure,
+) -> Scalar:
+    if initial is not None:
+        start = losses.soft_value(jax.vmap(network)(initial), numbers.temperature)
+        return losses.initial_value_term(start, numbers.discount)
+    rows = slice(None) if structure.value_term == "value" else slice(structure.batch_size)
+    return losses.value_term(value[rows], follows[rows], numbers.discount)
+
+
+def _quadratic_terms(
+    reward: Array, target: Array, numbers: Traced, structure: Structure
+) -> dict[str, Scalar]:
+    """Term 3 (only with χ²) and the social prior."""
+    rows = slice(None) if structure.chi2_on == "mixture" else slice(structure.batch_size)
+    expert = slice(structure.batch_size)
+    if structure.prior == "shifted_chi2":
+        shifted = priors.shifted_chi2(
+            reward[rows], target[rows], numbers.strength, numbers.chi2_alpha
+        )
+        return {"prior": numbers.prior_weight * shifted}
+    terms = {}
+    if structure.divergence == "chi2":
+        bounded = reward[rows]
+        if structure.prior == "bellman_shift" and structure.shift_term_3:
+            bounded = priors.bellman_shift(bounded, target[rows], numbers.strength)
+        terms["chi2"] = losses.chi2_term(bounded, numbers.chi2_alpha)
+    if structure.prior == "reward":
+        gap = priors.social_prior(reward[expert], target[expert], numbers.strength)
+        terms["prior"] = numbers.prior_weight * gap
+    return terms

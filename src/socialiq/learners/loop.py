@@ -1,0 +1,292 @@
+"""Many training runs ("lanes") in one compiled program: chunks, progress, stopping, resuming.
+
+A learner is two pure functions: `initialise(numbers) -> (learnt, surroundings)` and
+`update(numbers, learnt, surroundings) -> (learnt, surroundings, terms)`. `terms` are named scalars.
+A lane whose terms or parameters are no longer finite keeps its last finite `learnt` and records
+which term broke; the other lanes go on.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from socialiq.errors import UserError
+from socialiq.learners import checkpoint
+
+
+class Lanes(NamedTuple):
+    """The state of all lanes; every array has a leading lane axis.
+
+    Attributes:
+        learnt: What training changes and a non-finite loss must not touch.
+        surroundings: Random key, replay, episode: whatever else an update carries along.
+        updates: Number of updates done.
+        failed_at: Update at which the lane broke, -1 while it is sound.
+        failed_term: Index of the first term that was not finite (in the order of their names).
+    """
+
+    learnt: Any
+    surroundings: Any
+    updates: Int[Array, " lane"]
+    failed_at: Int[Array, " lane"]
+    failed_term: Int[Array, " lane"]
+
+
+class Report(NamedTuple):
+    """What a progress display is told after each chunk.
+
+    Attributes:
+        done: Updates done, of each lane.
+        total: Updates to do.
+        rate: Updates per second, summed over lanes, since this process started.
+        seconds_left: Estimated.
+        terms: Mean of each named term over the chunk and over sound lanes.
+        monitored: What the monitor returned, each (lanes,).
+        failures: One line for each lane that has stopped.
+    """
+
+    done: int
+    total: int
+    rate: float
+    seconds_left: float
+    terms: dict[str, float]
+    monitored: dict[str, np.ndarray]
+    failures: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What surrounds a run and never changes its result.
+
+    Attributes:
+        on_report: Called after each chunk.
+        monitor: Given the `learnt` of all lanes, returns named values, each (lanes,).
+        checkpoint: File of the resumable state; written when stopped and about once a minute.
+        resume: Whether to go on from that file.
+        lane_names: How failure messages call the lanes.
+    """
+
+    on_report: Callable[[Report], None] | None = None
+    monitor: Callable[[Any], dict[str, np.ndarray]] | None = None
+    checkpoint: Path | None = None
+    resume: bool = False
+    lane_names: tuple[str, ...] = ()
+
+
+@dataclass
+class History:
+    """What was recorded at the end of each chunk; arrays are (chunks, lanes)."""
+
+    updates: list[int] = field(default_factory=list)
+    values: dict[str, list[np.ndarray]] = field(default_factory=dict)
+
+    def add(self, updates: int, values: dict[str, np.ndarray]) -> None:
+        """Record one chunk."""
+        self.updates.append(updates)
+        for name, value in values.items():
+            self.values.setdefault(name, []).append(np.asarray(value, np.float64))
+
+    def array(self, name: str) -> np.ndarray:
+        """One recorded quantity, (chunks, lanes)."""
+        return np.stack(self.values[name])
+
+
+class Stopped(UserError):
+    """Ctrl-C: the run stopped between two chunks, and its state was saved if it has a file."""
+
+
+def run(
+    initialise: Callable[[Any], tuple[Any, Any]],
+    update: Callable[[Any, Any, Any], tuple[Any, Any, dict[str, Any]]],
+    numbers: Any,
+    total: int,
+    chunk: int,
+    fingerprint: str,
+    outside: Outside,
+    before_chunk: Callable[[Lanes, int], Lanes] | None = None,
+) -> tuple[Lanes, History]:
+    """Train all lanes for `total` updates.
+
+    Args:
+        initialise: Makes one lane's state of its numbers.
+        update: One gradient step of one lane.
+        numbers: Pytree of the lanes' traced numbers, each with a leading lane axis.
+        total: Updates of each lane.
+        chunk: Updates between two looks at the outside world.
+        fingerprint: Names the run; a checkpoint of another fingerprint is refused.
+        outside: Progress, monitor, checkpoint.
+        before_chunk: Called with the lanes and the number of updates done, to bring in outside
+            experience; must depend on nothing else, or a resumed run would differ.
+
+    Returns:
+        The final lanes, and the history.
+
+    Raises:
+        Stopped: On Ctrl-C, after the chunk in progress.
+        UserError: If a checkpoint can't be resumed.
+    """
+    lanes, history = jax.jit(jax.vmap(partial(_start, initialise)))(numbers), History()
+    if outside.resume:
+        lanes, history = _resume(outside.checkpoint, fingerprint, lanes)
+    advance = jax.jit(
+        jax.vmap(partial(_advance, update), in_axes=(0, 0, None)),
+        static_argnums=2,
+        donate_argnums=1,
+    )
+    names = term_names(update, numbers, lanes)
+    done = history.updates[-1] if history.updates else 0
+    clock = _Clock(done, total, len(jax.tree.leaves(numbers)[0]))
+    with _stop_requests() as stop:
+        while done < total:
+            if before_chunk is not None:
+                lanes = before_chunk(lanes, done)
+            steps = min(chunk, total - done)
+            lanes, terms = advance(numbers, lanes, steps)
+            done += steps
+            record = dict(zip(names, np.asarray(terms).T, strict=True))
+            monitored = outside.monitor(lanes.learnt) if outside.monitor else {}
+            history.add(done, record | monitored)
+            if outside.on_report:
+                failures = failure_lines(lanes, names, outside.lane_names)
+                outside.on_report(clock.report(done, record, monitored, failures))
+            if outside.checkpoint and (stop.is_set() or clock.minute_passed()):
+                checkpoint.save(outside.checkpoint, fingerprint, lanes, history)
+            if stop.is_set() and done < total:
+                raise Stopped(_stop_line(done, total, outside.checkpoint))
+    return lanes, history
+
+
+def term_names(update: Callable[..., Any], numbers: Any, lanes: Lanes) -> tuple[str, ...]:
+    """Names of a learner's terms, in the order of `Lanes.failed_term`."""
+    _, _, terms = jax.eval_shape(jax.vmap(update), numbers, lanes.learnt, lanes.surroundings)
+    return (*sorted(terms), "parameters")[: len(terms)]
+
+
+def failure_lines(
+    lanes: Lanes, names: tuple[str, ...], lane_names: tuple[str, ...]
+) -> tuple[str, ...]:
+    """One line for each lane that stopped: which, when, which term."""
+    causes = (*names, "parameters")
+    lines = []
+    for lane, (step, term) in enumerate(
+        zip(np.asarray(lanes.failed_at), np.asarray(lanes.failed_term), strict=True)
+    ):
+        if step >= 0:
+            name = lane_names[lane] if lane_names else f"lane {lane}"
+            lines.append(
+                f"{name} stopped at update {step}: {causes[term]} is not finite; "
+                "lower learning_rate, strength or prior_weight"
+            )
+    return tuple(lines)
+
+
+def _start(initialise: Callable[[Any], tuple[Any, Any]], numbers: Any) -> Lanes:
+    learnt, surroundings = initialise(numbers)
+    zero = jnp.zeros((), jnp.int32)
+    return Lanes(learnt, surroundings, zero, zero - 1, zero - 1)
+
+
+def _advance(
+    update: Callable[..., Any], numbers: Any, lane: Lanes, steps: int
+) -> tuple[Lanes, Array]:
+    """One chunk of one lane; returns the mean of each term over the chunk."""
+
+    def body(lane: Lanes, _: None) -> tuple[Lanes, Array]:
+        learnt, surroundings, terms = update(numbers, lane.learnt, lane.surroundings)
+        values = jnp.stack([terms[name] for name in sorted(terms)])
+        finite = jnp.append(jnp.isfinite(values), _all_finite(learnt))
+        sound = lane.failed_at < 0
+        breaks = sound & ~finite.all()
+        after = Lanes(
+            learnt=_choose(sound & finite.all(), learnt, lane.learnt),
+            surroundings=surroundings,
+            updates=lane.updates + 1,
+            failed_at=jnp.where(breaks, lane.updates, lane.failed_at),
+            failed_term=jnp.where(breaks, jnp.argmin(finite), lane.failed_term),
+        )
+        return after, values
+
+    lane, values = jax.lax.scan(body, lane, None, length=steps)
+    return lane, values.mean(axis=0)
+
+
+def _all_finite(tree: Any) -> Array:
+    leaves = [leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    return jnp.stack([jnp.isfinite(leaf).all() for leaf in leaves]).all()
+
+
+def _choose(condition: Array, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def _resume(path: Path | None, fingerprint: str, like: Lanes) -> tuple[Lanes, History]:
+    if path is None:
+        raise UserError("nothing to resume from: name the run's folder")
+    lanes, updates, values = checkpoint.load(path, fingerprint, like)
+    return lanes, History(updates, values)
+
+
+def _stop_line(done: int, total: int, path: Path | None) -> str:
+    if path is None:
+        return f"stopped after {done} of {total} updates; nothing was saved"
+    return f"stopped after {done} of {total} updates: go on with --resume"
+
+
+class _Clock:
+    """Rates and remaining time, of this process only."""
+
+    def __init__(self, done: int, total: int, lanes: int) -> None:
+        self.first, self.total, self.lanes = done, total, lanes
+        self.began = self.saved = time.monotonic()
+
+    def report(
+        self,
+        done: int,
+        record: dict[str, np.ndarray],
+        monitored: dict[str, np.ndarray],
+        failures: tuple[str, ...],
+    ) -> Report:
+        rate = (done - self.first) / max(time.monotonic() - self.began, 1e-9)
+        finite = {name: value[np.isfinite(value)] for name, value in record.items()}
+        terms = {name: float(v.mean()) if len(v) else float("nan") for name, v in finite.items()}
+        left = (self.total - done) / rate
+        return Report(done, self.total, rate * self.lanes, left, terms, monitored, failures)
+
+    def minute_passed(self) -> bool:
+        if time.monotonic() - self.saved < 60.0:
+            return False
+        self.saved = time.monotonic()
+        return True
+
+
+@contextmanager
+def _stop_requests() -> Iterator[threading.Event]:
+    """Turn the first Ctrl-C into a request; a second one interrupts at once."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def request(_number: int, _frame: Any) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, request)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)

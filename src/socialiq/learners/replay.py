@@ -1,0 +1,51 @@
+"""A ring of the learner's own transitions, as pure functions of arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int, PRNGKeyArray
+
+from socialiq.learners.expert_table import Batch
+from socialiq.types import RewardPair
+
+
+class Replay(NamedTuple):
+    """The ring.
+
+    Attributes:
+        columns: Storage, (capacity, ...).
+        added: Number of transitions ever added.
+    """
+
+    columns: Batch
+    added: Int[Array, ""]
+
+
+def empty(capacity: int, n_features: int) -> Replay:
+    """A ring with nothing in it."""
+    observation = jnp.zeros((capacity, n_features), jnp.float32)
+    integers = jnp.zeros(capacity, jnp.int32)
+    numbers = jnp.zeros(capacity, jnp.float32)
+    pair = RewardPair(numbers, numbers)
+    return Replay(
+        Batch(observation, integers, observation, integers, pair), jnp.zeros((), jnp.int32)
+    )
+
+
+def add(replay: Replay, transition: Batch) -> Replay:
+    """Add one transition (no batch axis), over the oldest when the ring is full."""
+    slot = replay.added % replay.columns.action.shape[0]
+    columns = jax.tree.map(
+        lambda column, value: column.at[slot].set(value), replay.columns, transition
+    )
+    return Replay(columns, replay.added + 1)
+
+
+def sample(replay: Replay, key: PRNGKeyArray, size: int) -> Batch:
+    """Draw uniformly with replacement from what has been added."""
+    filled = jnp.minimum(replay.added, replay.columns.action.shape[0])
+    rows = jax.random.randint(key, (size,), 0, filled)
+    return jax.tree.map(lambda column: column[rows], replay.columns)

@@ -1,0 +1,235 @@
+"""What reward pairs a horizon allows: the attainable polygon and its Pareto front (thesis 4.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.errors import UserError
+from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
+from socialiq.mdp.tabular import TabularMDP
+from socialiq.types import RewardPair
+
+# Relative to the largest coordinate: far above the rounding of backward induction (1e-14).
+_TOLERANCE = 1e-9
+# Two policies whose scores differ by less than rounding are equally good.
+_TIE = 1e-12
+# In degrees; wider than the rounding of an edge's normal, narrower than any dial's step.
+_ANGLE_TOLERANCE = 1e-7
+
+
+class Optimum(NamedTuple):
+    """The best attainable pair for one angle.
+
+    Attributes:
+        vertex: Its row in `AttainableSet.vertices`.
+        point: Its expected sums (E Σ r_env, E Σ r_social).
+        value: J*(α) = cos α · point.env + sin α · point.social.
+    """
+
+    vertex: int
+    point: RewardPair
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class AttainableSet:
+    """All (E Σ r_env, E Σ r_social) of time-aware randomised policies: a convex polygon.
+
+    It may be as little as a segment (two vertices) or a point (one).
+
+    Attributes:
+        vertices: Extreme points, counter-clockwise, the best one for r_env first; each is
+            attained by a deterministic policy.
+    """
+
+    vertices: Float[np.ndarray, "vertex 2"]
+
+    @property
+    def scale(self) -> float:
+        """Largest |coordinate| of the set, to which its tolerances are relative."""
+        return float(np.abs(self.vertices).max())
+
+    def front(self) -> Float[np.ndarray, "front 2"]:
+        """The Pareto-optimal vertices, egoistic to altruistic.
+
+        They are the vertices that are optimal for an angle strictly between 0 and 90 degrees. A
+        vertex that ties at 0 or 90 degrees only is dominated, and left out.
+        """
+        spans = [self.supporting_interval(vertex) for vertex in range(len(self.vertices))]
+        kept = [
+            (low, vertex)
+            for vertex, (low, high) in enumerate(spans)
+            if low < 90.0 - _ANGLE_TOLERANCE and high > _ANGLE_TOLERANCE
+        ]
+        return self.vertices[[vertex for _, vertex in sorted(kept)]]
+
+    def optimum(self, angle: float) -> Optimum:
+        """The best vertex for R(α) of Eq 4.3.
+
+        Args:
+            angle: α in degrees. Between vertices that tie, the one of the larger sum is taken,
+                which at 0 and 90 degrees is the Pareto-optimal one.
+        """
+        values = self.vertices @ direction(angle)
+        tied = values >= values.max() - _TIE * self.scale
+        vertex = int(np.where(tied, self.vertices.sum(axis=1), -np.inf).argmax())
+        return Optimum(vertex, RewardPair(*map(float, self.vertices[vertex])), float(values.max()))
+
+    def supporting_interval(self, vertex: int) -> tuple[float, float]:
+        """Angles in degrees, low in [-180, 180) and high >= low, at which a vertex is optimal.
+
+        The high end may exceed 180. A point is optimal at all angles, (-180, 180).
+        """
+        if len(self.vertices) == 1:
+            return -180.0, 180.0
+        before, after = self._edges()[[vertex - 1, vertex]]
+        low, high = (np.degrees(np.arctan2(-edge[0], edge[1])) for edge in (before, after))
+        low = (low + 180.0) % 360.0 - 180.0
+        return float(low), float(low + (high - low) % 360.0)
+
+    def radius(self, angle: float) -> float:
+        """Largest r >= 0 with r (cos, sin) attainable: how much a policy at this angle can earn.
+
+        It is 0 where the ray meets the set in the origin only.
+
+        Args:
+            angle: Of the ray, in degrees.
+
+        Raises:
+            UserError: If the ray misses the set: no policy has this angle.
+        """
+        ray = direction(angle)
+        normals, offsets = self._half_planes()
+        slack = _TIE * self.scale
+        slopes = normals @ ray
+        level = np.abs(slopes) <= _TIE
+        with np.errstate(divide="ignore", invalid="ignore"):
+            limits = offsets / slopes
+        longest = limits[~level & (slopes > 0.0)].min(initial=np.inf)
+        shortest = limits[~level & (slopes < 0.0)].max(initial=0.0)
+        if (offsets[level] < -slack).any() or longest < shortest - slack:
+            raise UserError(f"no policy's expected sums lie at {angle:g} degrees: choose another")
+        return float(max(longest, 0.0))
+
+    def contains(self, point: RewardPair, tolerance: float = _TOLERANCE) -> bool:
+        """Whether some policy has these expected sums.
+
+        Args:
+            point: (E Σ r_env, E Σ r_social).
+            tolerance: Distance allowed outside, relative to the set's largest coordinate.
+        """
+        normals, offsets = self._half_planes()
+        outside = normals @ np.array([point.env, point.social], np.float64) - offsets
+        return bool((outside <= tolerance * self.scale).all())
+
+    def _edges(self) -> Float[np.ndarray, "vertex 2"]:
+        return np.roll(self.vertices, -1, axis=0) - self.vertices
+
+    def _half_planes(self) -> tuple[Float[np.ndarray, "side 2"], Float[np.ndarray, " side"]]:
+        """Unit outward normals and offsets, whose half-planes intersect in the set."""
+        edges = self._edges()
+        if len(edges) == 1:
+            edges = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+        normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+        if len(self.vertices) == 2:
+            # A segment's two edges bound its line; its ends need a normal each.
+            normals = np.concatenate([normals, edges])
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        return normals, (normals @ self.vertices.T).max(axis=1)
+
+
+def attainable_set(mdp: TabularMDP, horizon: int) -> AttainableSet:
+    """Find every vertex of the attainable set of a finite horizon.
+
+    Chords are split until none can be moved outwards: from the extreme points of four directions,
+    the direction normal to the chord of two neighbours either finds a point beyond it, or proves
+    the chord to be an edge (dichotomic search; Cohon 1978; Roijers et al. 2015).
+    A vertex counts if it lies more than 1e-9 of the largest coordinate beyond its neighbours.
+
+    Args:
+        mdp: The dynamics and the reward pair.
+        horizon: Largest number of steps of an episode.
+
+    Raises:
+        UserError: If the horizon is not positive.
+    """
+    # Some fifty optima are computed, and in the 7x7 world 276 of 12,096 states can be visited.
+    mdp, _ = mdp.reachable_part()
+    corners = [
+        _extreme(mdp, horizon, np.array(d)) for d in ((1.0, 0), (0, 1.0), (-1.0, 0), (0, -1.0))
+    ]
+    tolerance = _TOLERANCE * float(np.abs(corners).max())
+    points: list[np.ndarray] = []
+    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+        # A stack in place of recursion: `pending` is what lies ahead, counter-clockwise.
+        done, pending = start, [end]
+        while pending:
+            beyond = _beyond(mdp, horizon, done, pending[-1], tolerance)
+            if beyond is None:
+                points.append(done)
+                done = pending.pop()
+            else:
+                pending.append(beyond)
+    return AttainableSet(_extreme_points(points, tolerance))
+
+
+def direction(angle: float) -> Float[np.ndarray, " xy"]:
+    """(cos α, sin α) of an angle in degrees (Eq 4.3)."""
+    radians = np.deg2rad(angle)
+    return np.array([np.cos(radians), np.sin(radians)])
+
+
+def _extreme(mdp: TabularMDP, horizon: int, weights: np.ndarray) -> np.ndarray:
+    """The pair of a policy that is optimal for these weights of r_env and r_social."""
+    scored = weights[0] * mdp.rewards.env + weights[1] * mdp.rewards.social
+    policy = horizon_optimum(mdp, scored, horizon).probabilities(mdp.n_actions)
+    return np.array(horizon_evaluation(mdp, policy, horizon).totals)
+
+
+def _beyond(
+    mdp: TabularMDP, horizon: int, start: np.ndarray, end: np.ndarray, tolerance: float
+) -> np.ndarray | None:
+    """The attainable point farthest beyond a counter-clockwise chord, or None if it is an edge."""
+    along = end - start
+    length = np.linalg.norm(along)
+    if length <= tolerance:
+        return None
+    normal = np.array([along[1], -along[0]]) / length
+    found = _extreme(mdp, horizon, normal)
+    return found if normal @ (found - start) > tolerance else None
+
+
+def _extreme_points(points: list[np.ndarray], tolerance: float) -> Float[np.ndarray, "vertex 2"]:
+    """Drop repeated points and points inside an edge, which ties between actions leave behind."""
+    followed = zip(points, [*points[1:], points[0]], strict=True)
+    kept = [here for here, after in followed if np.linalg.norm(after - here) > tolerance]
+    kept = kept or points[:1]
+    index = 0
+    while len(kept) > 2 and index < len(kept):
+        if _on_chord(kept[index - 1], kept[index], kept[(index + 1) % len(kept)], tolerance):
+            kept.pop(index)
+            index = max(index - 1, 0)
+        else:
+            index += 1
+    array = np.array(kept)
+    best = array[:, 0] >= array[:, 0].max() - tolerance
+    return np.roll(array, -int(np.where(best, array[:, 1], -np.inf).argmax()), axis=0)
+
+
+def _on_chord(before: np.ndarray, here: np.ndarray, after: np.ndarray, tolerance: float) -> bool:
+    """Whether a point lies between its neighbours, no farther than the tolerance outside.
+
+    Beyond the chord's ends it is kept: the tip of a segment lies on the line of its neighbours,
+    which may even coincide.
+    """
+    chord = after - before
+    length = np.linalg.norm(chord)
+    if length <= tolerance:
+        return False
+    along, normal = chord / length, np.array([chord[1], -chord[0]]) / length
+    offset = here - before
+    return bool(0.0 <= along @ offset <= length and normal @ offset <= tolerance)

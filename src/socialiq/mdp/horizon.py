@@ -1,0 +1,121 @@
+"""Episodes of a fixed longest length, undiscounted and with a clock (thesis 5.1, 5.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from socialiq.errors import UserError
+from socialiq.mdp.solve import best_action
+from socialiq.mdp.tabular import TabularMDP, check_policy, check_reward
+from socialiq.types import Ending, RewardPair
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonPolicy:
+    """An optimal policy that knows the time.
+
+    Attributes:
+        actions: Action at each time and state.
+        values: Largest expected sum of rewards from each time and state to the episode's end.
+        value: The same from the initial distribution at time 0.
+    """
+
+    actions: Int[np.ndarray, "time state"]
+    values: Float[np.ndarray, "time state"]
+    value: float
+
+    def probabilities(self, n_actions: int) -> Float[np.ndarray, "time state action"]:
+        """The policy as one-hot action probabilities, the form of `horizon_evaluation`."""
+        return np.eye(n_actions)[self.actions]
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonEvaluation:
+    """What a policy does in one episode, in expectation.
+
+    Attributes:
+        totals: Expected undiscounted sums of r_env and r_social (thesis 5.4).
+        length: Expected number of steps.
+        endings: Probability of each `Ending`; TIMEOUT is what still runs after the horizon.
+        visits: Expected number of times that an action is taken in a state, summed over time.
+            Weighted with any signal of (state, action) it gives that signal's expected sum.
+    """
+
+    totals: RewardPair
+    length: float
+    endings: Float[np.ndarray, " kinds"]
+    visits: Float[np.ndarray, "state action"]
+
+
+def horizon_optimum(
+    mdp: TabularMDP,
+    reward: Float[np.ndarray, "state action"],
+    horizon: int,
+    tie_tolerance: float = 1e-12,
+    prefer: Literal["first", "last"] = "first",
+) -> HorizonPolicy:
+    """Maximise the expected undiscounted sum of a reward, by backward induction.
+
+    Args:
+        mdp: The dynamics.
+        reward: The one reward to maximise, usually R(α) of Eq 4.3.
+        horizon: Largest number of steps of an episode.
+        tie_tolerance: Relative difference below which two actions tie (`solve.greedy_policy`).
+        prefer: Which of tied actions is taken.
+
+    Raises:
+        UserError: If the reward or the horizon will not do.
+    """
+    check_reward(mdp, reward)
+    _check_horizon(horizon)
+    actions = np.zeros((horizon, mdp.n_states), np.int64)
+    values = np.zeros((horizon, mdp.n_states))
+    after = np.zeros(mdp.n_states)
+    for time in reversed(range(horizon)):
+        q = reward + mdp.expected_next(after)
+        actions[time] = best_action(q, tie_tolerance, prefer)
+        # The maximum and not the tied action's value, so that no tolerance adds up over time.
+        after = values[time] = q.max(axis=1)
+    return HorizonPolicy(actions, values, float(mdp.initial @ after))
+
+
+def horizon_evaluation(
+    mdp: TabularMDP, policy: Float[np.ndarray, "*time state action"], horizon: int
+) -> HorizonEvaluation:
+    """Evaluate a policy exactly, by forward propagation of the distribution of states.
+
+    Args:
+        mdp: The dynamics.
+        policy: Action probabilities, (state, action), or (time, state, action) for a policy that
+            knows the time, with `horizon` times.
+        horizon: Largest number of steps of an episode.
+
+    Raises:
+        UserError: If the policy or the horizon will not do.
+    """
+    _check_horizon(horizon)
+    check_policy(mdp, policy)
+    if policy.ndim == 3 and len(policy) != horizon:
+        raise UserError(f"the policy has {len(policy)} times: give one per step of {horizon}")
+    if policy.ndim > 3:
+        raise UserError("a policy is (state, action) or (time, state, action), no more axes")
+    visits = np.zeros((mdp.n_states, mdp.n_actions))
+    running = mdp.initial
+    for time in range(horizon):
+        mass = running[:, None] * (policy[time] if policy.ndim == 3 else policy)
+        visits += mass
+        running = mdp.arrivals(mass)
+    endings = np.einsum("sa,sak->k", visits, mdp.ending_probability)
+    # Until here the two slots hold: steps that went on, and nothing, for no outcome times out.
+    endings[Ending.NONE], endings[Ending.TIMEOUT] = 0.0, running.sum()
+    totals = RewardPair(*(float((visits * reward).sum()) for reward in mdp.rewards))
+    return HorizonEvaluation(totals, float(visits.sum()), endings, visits)
+
+
+def _check_horizon(horizon: int) -> None:
+    if horizon < 1:
+        raise UserError(f"horizon {horizon} is not a number of steps: give 1 or more")

@@ -1,0 +1,223 @@
+"""Optimal and given policies of a finite MDP, discounted: the exact peers of what is learned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csc_array, eye_array
+from scipy.sparse.linalg import splu
+from scipy.special import entr, softmax
+
+from socialiq.errors import UserError
+from socialiq.mdp.tabular import TabularMDP, check_discount, check_reward, closure
+from socialiq.types import Ending
+
+# Sweeps that small values still get once the large ones have settled.
+_PATIENCE = 100
+
+Backup = Callable[[Float[np.ndarray, "action state"]], Float[np.ndarray, " state"]]
+
+
+class Solution(NamedTuple):
+    """Action values, state values, and how well they are known.
+
+    Attributes:
+        q: Q(s, a).
+        v: V(s).
+        sweeps: Bellman sweeps made; 0 where a linear system was solved instead.
+        residual: Largest change of V in the last sweep, or largest error of the linear system.
+    """
+
+    q: Float[np.ndarray, "state action"]
+    v: Float[np.ndarray, " state"]
+    sweeps: int
+    residual: float
+
+
+def value_iteration(
+    mdp: TabularMDP,
+    reward: Float[np.ndarray, "state action"],
+    discount: float,
+    tolerance: float = 1e-12,
+    max_sweeps: int = 100_000,
+) -> Solution:
+    """Solve V(s) = max_a [r(s, a) + γ E V(s')], the optimum of Eq 2.1 (thesis 5.2).
+
+    Args:
+        mdp: The dynamics.
+        reward: The one reward to maximise, usually R(α) of Eq 4.3.
+        discount: γ in [0, 1]; at 1 only if the optimum is finite.
+        tolerance: Change per sweep at which to stop, relative to the values. Each state must
+            meet it with its own value: cos 90° leaves values of 1e-16 in the 5x5 world that
+            choose the thesis' altruistic expert. Values that cancel to almost 0 can't, and are
+            given up once the largest value has met it for a hundred sweeps.
+        max_sweeps: When to give up.
+
+    Raises:
+        UserError: If the reward or the discount will not do, or the sweeps do not converge.
+    """
+    return _sweep(mdp, reward, discount, lambda q: q.max(axis=0), tolerance, max_sweeps)
+
+
+def soft_value_iteration(
+    mdp: TabularMDP,
+    reward: Float[np.ndarray, "state action"],
+    discount: float,
+    temperature: float,
+    tolerance: float = 1e-12,
+    max_sweeps: int = 100_000,
+) -> Solution:
+    """Solve the soft Bellman equation, V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5).
+
+    Args:
+        mdp: The dynamics.
+        reward: The one reward to maximise, together with τ times the policy's entropy.
+        discount: γ in [0, 1].
+        temperature: τ > 0.
+        tolerance: As in `value_iteration`.
+        max_sweeps: When to give up.
+
+    Raises:
+        UserError: If an argument will not do, or the sweeps do not converge.
+    """
+    _check_temperature(temperature)
+
+    def backup(q: Float[np.ndarray, "action state"]) -> Float[np.ndarray, " state"]:
+        return soft_value(q.T, temperature)
+
+    return _sweep(mdp, reward, discount, backup, tolerance, max_sweeps)
+
+
+def evaluate_policy(
+    mdp: TabularMDP,
+    policy: Float[np.ndarray, "state action"],
+    reward: Float[np.ndarray, "state action"],
+    discount: float,
+    temperature: float = 0.0,
+) -> Solution:
+    """Value of a stationary policy, by one sparse linear system (Eq 2.1).
+
+    V(s) = Σ_a π(a|s) [Q(s, a) - τ log π(a|s)], Q(s, a) = r(s, a) + γ E V(s').
+
+    Args:
+        mdp: The dynamics.
+        policy: Action probabilities.
+        reward: The one reward.
+        discount: γ in [0, 1]; at 1 the policy must be able to end from every state.
+        temperature: τ >= 0 of the entropy bonus of Eq 2.5; 0 leaves it out.
+
+    Raises:
+        UserError: If an argument will not do, or the undiscounted value is not finite.
+    """
+    check_reward(mdp, reward)
+    check_discount(discount)
+    if temperature != 0.0:
+        _check_temperature(temperature)
+    chain = mdp.under(policy)
+    if discount == 1.0:
+        ends = (policy * (1.0 - mdp.ending_probability[:, :, Ending.NONE])).sum(axis=1) > 0.0
+        if not closure(chain, ends).all():
+            raise UserError("the policy never ends from some state: evaluate with a discount < 1")
+    earned = (policy * reward).sum(axis=1) + temperature * entr(policy).sum(axis=1)
+    system = eye_array(mdp.n_states) - discount * chain
+    v = splu(csc_array(system)).solve(earned)
+    q = reward + discount * mdp.expected_next(v)
+    return Solution(q, v, 0, float(np.abs(system @ v - earned).max()))
+
+
+def soft_value(
+    q: Float[np.ndarray, "state action"], temperature: float
+) -> Float[np.ndarray, " state"]:
+    """V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5), without overflow.
+
+    Written out because scipy's logsumexp takes most of a sweep's time on small tables.
+    """
+    highest = q.max(axis=1)
+    above = np.exp((q.T - highest) / temperature).sum(axis=0)
+    return highest + temperature * np.log(above)
+
+
+def greedy_policy(
+    q: Float[np.ndarray, "state action"],
+    tie_tolerance: float = 1e-12,
+    prefer: Literal["first", "last"] = "first",
+) -> Float[np.ndarray, "state action"]:
+    """One-hot policy of the first, or last, action whose Q is the largest up to rounding.
+
+    The tolerance is relative to the largest |Q| of the state alone, with no absolute part: at
+    90 degrees the 5x5 world's expert is chosen by values of 1e-16 (docs/worlds/crossing5.md).
+    """
+    return np.eye(q.shape[1])[best_action(q, tie_tolerance, prefer)]
+
+
+def best_action(
+    q: Float[np.ndarray, "state action"],
+    tie_tolerance: float = 1e-12,
+    prefer: Literal["first", "last"] = "first",
+) -> Int[np.ndarray, " state"]:
+    """Index of the action that `greedy_policy` takes."""
+    highest = q.max(axis=1, keepdims=True)
+    tied = highest - q <= tie_tolerance * np.abs(highest)
+    if prefer == "first":
+        return tied.argmax(axis=1)
+    return q.shape[1] - 1 - tied[:, ::-1].argmax(axis=1)
+
+
+def soft_policy(
+    q: Float[np.ndarray, "state action"], temperature: float
+) -> Float[np.ndarray, "state action"]:
+    """π(a|s) = exp((Q(s, a) - V(s)) / τ), the optimal policy of Eq 2.5.
+
+    Raises:
+        UserError: If the temperature is not positive.
+    """
+    _check_temperature(temperature)
+    return softmax(q / temperature, axis=1)
+
+
+def bellman_reward(
+    mdp: TabularMDP,
+    q: Float[np.ndarray, "state action"],
+    v: Float[np.ndarray, " state"],
+    discount: float,
+) -> Float[np.ndarray, "state action"]:
+    """r(s, a) = Q(s, a) - γ E V(s'), the inverse soft Bellman operator (Eq 2.6)."""
+    return q - discount * mdp.expected_next(v)
+
+
+def _sweep(
+    mdp: TabularMDP,
+    reward: Float[np.ndarray, "state action"],
+    discount: float,
+    backup: Backup,
+    tolerance: float,
+    max_sweeps: int,
+) -> Solution:
+    """Iterate V <- backup(r + γ E V) from V = 0 until no value moves any more."""
+    check_reward(mdp, reward)
+    check_discount(discount)
+    # Action-major, because a maximum over the leading axis is many times as fast.
+    rows = np.arange(reward.size).reshape(reward.shape).T
+    flow = discount * mdp.flow[rows.ravel()]
+    earned = np.ascontiguousarray(reward.T)
+    v, residual, settled_sweeps = np.zeros(mdp.n_states), np.inf, 0
+    for sweep in range(1, max_sweeps + 1):
+        q = earned + (flow @ v).reshape(earned.shape)
+        previous, v = v, backup(q)
+        change, size = np.abs(v - previous), np.abs(v)
+        residual = float(change.max())
+        settled_sweeps += residual <= tolerance * size.max()
+        if settled_sweeps > _PATIENCE or (change <= tolerance * size).all():
+            return Solution(np.ascontiguousarray(q.T), v, sweep, residual)
+    raise UserError(
+        f"values still move by {residual:.3g} after {max_sweeps} sweeps: "
+        "lower the discount, or allow more sweeps"
+    )
+
+
+def _check_temperature(temperature: float) -> None:
+    if not (np.isfinite(temperature) and temperature > 0.0):
+        raise UserError(f"temperature {temperature:g} is not a positive number")

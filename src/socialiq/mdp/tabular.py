@@ -1,0 +1,215 @@
+"""A finite MDP as arrays: every chance outcome of every state and action, with its ending."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+
+from socialiq.errors import UserError
+from socialiq.types import Ending, RewardPair
+
+# Probabilities are often decimals such as .3 + .7, or products of them.
+_SUM_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class TabularMDP:
+    """A finite MDP with the pair of rewards of thesis 4.1, float64.
+
+    An outcome with an ending other than `Ending.NONE` ends the episode: nothing is earned
+    afterwards, so its successor is kept for reference only. Time is not part of the MDP, hence
+    `Ending.TIMEOUT` does not occur; `mdp.horizon` has a clock.
+
+    Attributes:
+        successor: Index of the next state of each chance outcome.
+        probability: Of each outcome; sums to 1 over the outcomes of a state and action.
+        ending: `Ending` of each outcome, NONE where the episode goes on.
+        rewards: Expected r_env and r_social, each of shape (state, action).
+        initial: Distribution of the first state.
+
+    Raises:
+        UserError: If shapes disagree, a number is not finite, an index is out of range, or
+            probabilities are negative or do not sum to 1.
+    """
+
+    successor: Int[np.ndarray, "state action outcome"]
+    probability: Float[np.ndarray, "state action outcome"]
+    ending: Int[np.ndarray, "state action outcome"]
+    rewards: RewardPair
+    initial: Float[np.ndarray, " state"]
+
+    def __post_init__(self) -> None:
+        _check_shapes(self)
+        _check_distribution("outcome probabilities", self.probability)
+        _check_distribution("initial distribution", self.initial)
+        for name, reward in zip(("r_env", "r_social"), self.rewards, strict=True):
+            check_reward(self, reward, name)
+        if self.successor.min() < 0 or self.successor.max() >= self.n_states:
+            raise UserError(f"a successor is outside the {self.n_states} states of the MDP")
+        known = [ending for ending in Ending if ending is not Ending.TIMEOUT]
+        if not np.isin(self.ending, known).all():
+            raise UserError(
+                f"endings must be among {', '.join(ending.name for ending in known)}: "
+                "a time limit is the horizon's, not the MDP's"
+            )
+
+    @property
+    def n_states(self) -> int:
+        """Number of states."""
+        return self.successor.shape[0]
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions, the same in every state."""
+        return self.successor.shape[1]
+
+    @cached_property
+    def flow(self) -> csr_array:
+        """P(s' and the episode goes on | s, a): sparse (state * action, state), action fastest."""
+        shape = (self.n_states * self.n_actions, self.n_states)
+        rows = np.repeat(np.arange(shape[0]), self.successor.shape[2])
+        # Impossible outcomes are left out, so that the pattern is the graph of what can happen.
+        kept = ((self.ending == Ending.NONE) & (self.probability > 0.0)).ravel()
+        entries = self.probability.ravel()[kept]
+        return csr_array((entries, (rows[kept], self.successor.ravel()[kept])), shape=shape)
+
+    @cached_property
+    def ending_probability(self) -> Float[np.ndarray, "state action kind"]:
+        """P(ending | s, a), indexed by `Ending`; at NONE the probability that it goes on."""
+        chances = [np.where(self.ending == kind, self.probability, 0.0).sum(2) for kind in Ending]
+        return np.stack(chances, axis=2)
+
+    def expected_next(
+        self, values: Float[np.ndarray, " state"]
+    ) -> Float[np.ndarray, "state action"]:
+        """E[V(s') | s, a] with V(s') = 0 where the episode ends (Eq 2.5-2.7)."""
+        return (self.flow @ values).reshape(self.n_states, self.n_actions)
+
+    def arrivals(self, mass: Float[np.ndarray, "state action"]) -> Float[np.ndarray, " state"]:
+        """Mass that reaches each state and goes on, one step after `mass`.
+
+        The adjoint of `expected_next`: <mass, expected_next(v)> = <arrivals(mass), v>.
+        """
+        return self.flow.T @ mass.ravel()
+
+    def under(self, policy: Float[np.ndarray, "state action"]) -> csr_array:
+        """P(s' and the episode goes on | s) under a stationary policy: sparse (state, state).
+
+        Raises:
+            UserError: If `policy` is not a table of action probabilities of this MDP.
+        """
+        check_policy(self, policy)
+        columns = np.arange(policy.size)
+        starts = np.arange(0, policy.size + 1, self.n_actions)
+        return csr_array((policy.ravel(), columns, starts)) @ self.flow
+
+    def reachable(self) -> Bool[np.ndarray, " state"]:
+        """States that an episode can visit under some policy, the possible first states included.
+
+        Successors of outcomes that end the episode do not count: nothing is decided there.
+        """
+        sources, targets = self.flow.nonzero()
+        edges = (np.ones(len(targets)), (targets, sources // self.n_actions))
+        return closure(csr_array(edges, shape=(self.n_states,) * 2), self.initial > 0.0)
+
+    def reachable_part(self) -> tuple[TabularMDP, Int[np.ndarray, " part"]]:
+        """The same MDP without the states that no episode can visit, and its states' old indices.
+
+        Successors of outcomes that end the episode, or are impossible, may point anywhere.
+        """
+        states = np.flatnonzero(self.reachable())
+        index = np.zeros(self.n_states, np.int64)
+        index[states] = np.arange(len(states))
+        part = TabularMDP(
+            successor=index[self.successor[states]],
+            probability=self.probability[states],
+            ending=self.ending[states],
+            rewards=RewardPair(*(reward[states] for reward in self.rewards)),
+            initial=self.initial[states],
+        )
+        return part, states
+
+
+def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndarray, " state"]:
+    """Every state connected to `start` by a chain of edges, `start` included.
+
+    Args:
+        edges: Sparse (state, state) with non-negative entries; a positive one at (i, j) adds i
+            once j is in.
+        start: The states to begin with.
+    """
+    found = frontier = start
+    while frontier.any():
+        frontier = (edges @ frontier.astype(np.float64) > 0.0) & ~found
+        found = found | frontier
+    return found
+
+
+def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> None:
+    """Refuse a reward that is not one finite float64 per state and action.
+
+    Raises:
+        UserError: If its shape, its type or a number in it will not do.
+    """
+    shape = (mdp.n_states, mdp.n_actions)
+    if np.shape(reward) != shape:
+        raise UserError(f"{name} has shape {np.shape(reward)}: give one number per {shape}")
+    if reward.dtype != np.float64 or not np.isfinite(reward).all():
+        raise UserError(f"{name} must be finite float64 numbers")
+
+
+def check_policy(mdp: TabularMDP, policy: np.ndarray) -> None:
+    """Refuse a policy that is not a distribution over actions at every state.
+
+    Args:
+        mdp: The MDP it is for.
+        policy: Action probabilities, (state, action) or (time, state, action).
+
+    Raises:
+        UserError: If its shape or its probabilities will not do.
+    """
+    shape = (mdp.n_states, mdp.n_actions)
+    if np.shape(policy)[-2:] != shape:
+        raise UserError(f"policy has shape {np.shape(policy)}: its last two must be {shape}")
+    _check_distribution("action probabilities", policy)
+
+
+def check_discount(discount: float) -> None:
+    """Refuse a discount outside [0, 1].
+
+    Raises:
+        UserError: If it is outside, or not a number.
+    """
+    if not 0.0 <= discount <= 1.0:
+        raise UserError(f"discount {discount:g} is outside [0, 1]")
+
+
+def _check_shapes(mdp: TabularMDP) -> None:
+    """Refuse arrays whose shapes disagree or that are empty."""
+    shape = np.shape(mdp.successor)
+    if len(shape) != 3 or 0 in shape:
+        raise UserError(f"successor has shape {shape}: give (state, action, outcome), none empty")
+    if not np.issubdtype(mdp.successor.dtype, np.integer):
+        raise UserError(f"successor holds {mdp.successor.dtype}: give indices of states")
+    for name in ("probability", "ending"):
+        if np.shape(getattr(mdp, name)) != shape:
+            raise UserError(
+                f"{name} has shape {np.shape(getattr(mdp, name))}: give it successor's, {shape}"
+            )
+    if np.shape(mdp.initial) != shape[:1]:
+        raise UserError(
+            f"initial has shape {np.shape(mdp.initial)}: give one chance per {shape[:1]}"
+        )
+
+
+def _check_distribution(what: str, chances: np.ndarray) -> None:
+    """Refuse float64 chances that are negative, not finite, or do not sum to 1 at the last axis."""
+    if chances.dtype != np.float64 or not np.isfinite(chances).all() or chances.min() < 0.0:
+        raise UserError(f"{what} must be finite float64 numbers, none negative")
+    error = np.abs(chances.sum(axis=-1) - 1.0).max()
+    if error > _SUM_TOLERANCE:
+        raise UserError(f"{what} must sum to 1: the worst sum is {error:.3g} away")

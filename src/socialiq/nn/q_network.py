@@ -1,0 +1,49 @@
+"""The multi-layer perceptron Q(s, ·) of Table C.1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, PRNGKeyArray
+
+ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"relu": jax.nn.relu, "elu": jax.nn.elu}
+
+
+class QNetwork(eqx.Module):
+    """Observation in, one value per action out.
+
+    Attributes:
+        layers: Affine layers; the activation stands between them.
+        activation: Name in `ACTIVATIONS`.
+    """
+
+    layers: tuple[eqx.nn.Linear, ...]
+    activation: str = eqx.field(static=True)
+
+    @staticmethod
+    def initialise(
+        key: PRNGKeyArray,
+        n_features: int,
+        hidden: tuple[int, ...],
+        n_actions: int,
+        activation: str = "relu",
+    ) -> QNetwork:
+        """Draw weights and biases uniformly within ±1/sqrt(fan-in)."""
+        sizes = (n_features, *hidden, n_actions)
+        keys = jax.random.split(key, len(sizes) - 1)
+        layers = tuple(
+            eqx.nn.Linear(inputs, outputs, key=one)
+            for inputs, outputs, one in zip(sizes[:-1], sizes[1:], keys, strict=True)
+        )
+        return QNetwork(layers, activation)
+
+    def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
+        """Values of one observation; `jax.vmap` for a batch."""
+        *inner, last = self.layers
+        value = observation
+        for layer in inner:
+            value = ACTIVATIONS[self.activation](layer(value))
+        return last(value)

@@ -1,0 +1,155 @@
+"""A trained network as a policy: NumPy only, `predict` as in Stable-Baselines3, safe files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import softmax
+
+from socialiq.errors import UserError
+from socialiq.nn.q_network import QNetwork
+from socialiq.storage import load_arrays, save_arrays
+
+SCHEMA_VERSION = 1
+
+_ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "relu": lambda x: np.maximum(x, 0.0),
+    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+}
+
+
+@dataclass(frozen=True)
+class QPolicy:
+    """Greedy or softmax choice over the outputs of a small network.
+
+    Attributes:
+        weights: Weight matrix of each layer, (outputs, inputs).
+        biases: Bias of each layer.
+        activation: "relu" or "elu", between the layers.
+        temperature: τ of the soft policy softmax(Q/τ).
+        provenance: JSON-able record of how the policy was made.
+        rng: Source of the soft policy's draws.
+    """
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    activation: str
+    temperature: float
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    @staticmethod
+    def of(network: QNetwork, temperature: float, provenance: Mapping[str, Any]) -> QPolicy:
+        """Take the parameters out of a trained network."""
+        return QPolicy(
+            tuple(np.asarray(layer.weight) for layer in network.layers),
+            tuple(np.asarray(layer.bias) for layer in network.layers),
+            network.activation,
+            float(temperature),
+            provenance,
+        )
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.weights[0].shape[1]
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return self.weights[-1].shape[0]
+
+    def q_values(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch action"]:
+        """Q of each observation and action.
+
+        Raises:
+            UserError: If an observation has another length or is not finite.
+        """
+        value = np.asarray(observations, np.float32)
+        if value.ndim != 2 or value.shape[1] != self.n_features:
+            raise UserError(
+                f"observation of shape {value.shape[1:]}: this policy takes ({self.n_features},)"
+            )
+        if not np.isfinite(value).all():
+            raise UserError("observation holds NaN or infinity: mend the sensor or the data")
+        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            if number:
+                value = _ACTIVATIONS[self.activation](value)
+            value = value @ weight.T + bias
+        return value
+
+    def probabilities(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch action"]:
+        """The soft policy softmax(Q/τ)."""
+        return softmax(self.q_values(observations) / self.temperature, axis=1)
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose actions, greedily or from the soft policy.
+
+        Args:
+            observation: Shape (features,) or (batch, features).
+            state: Passed through; the policy has no memory.
+            episode_start: Ignored, for the same reason.
+            deterministic: Greedy if true, else sampled from softmax(Q/τ).
+
+        Raises:
+            UserError: If an observation has another length or is not finite.
+        """
+        batch = np.atleast_2d(np.asarray(observation, np.float32))
+        if deterministic:
+            actions = self.q_values(batch).argmax(axis=1)
+        else:
+            cumulative = self.probabilities(batch).cumsum(axis=1)
+            draws = self.rng.random((len(batch), 1))
+            actions = np.minimum((draws >= cumulative).sum(axis=1), self.n_actions - 1)
+        return (actions if np.ndim(observation) == 2 else actions[0]), state
+
+    def save(self, path: Path) -> str:
+        """Write the policy to one safetensors file.
+
+        Returns:
+            The content's SHA-256.
+
+        Raises:
+            UserError: If the file can't be written.
+        """
+        arrays = {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
+        arrays |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
+        header = {
+            "activation": self.activation,
+            "temperature": self.temperature,
+            "layers": len(self.weights),
+            "provenance": dict(self.provenance),
+        }
+        return save_arrays(path, "policy", SCHEMA_VERSION, arrays, header)
+
+    @staticmethod
+    def load(path: Path) -> QPolicy:
+        """Read a policy that `save` wrote.
+
+        Raises:
+            UserError: If the file is missing, damaged, or holds something else.
+        """
+        arrays, header = load_arrays(path, "policy", SCHEMA_VERSION)
+        layers = range(header["layers"])
+        return QPolicy(
+            tuple(arrays[f"weight_{i}"] for i in layers),
+            tuple(arrays[f"bias_{i}"] for i in layers),
+            header["activation"],
+            header["temperature"],
+            header["provenance"],
+        )

@@ -1,0 +1,83 @@
+"""The exact transition table of a gridworld, from its rules."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from socialiq.mdp.tabular import TabularMDP
+from socialiq.types import RewardPair
+from socialiq.worlds.grid_world import GridWorld
+
+
+@dataclass(frozen=True)
+class Table:
+    """A world enumerated: its MDP, and what evaluation wants to know of each state and action.
+
+    Attributes:
+        world: The world.
+        mdp: Exact transitions and expected reward pair, float64.
+        states: The state of each index.
+        speed: Expected ego speed in cells per step.
+        signals: Expected value of each named signal.
+    """
+
+    world: GridWorld
+    mdp: TabularMDP
+    states: Int[np.ndarray, "state feature"]
+    speed: Float[np.ndarray, "state action"]
+    signals: dict[str, Float[np.ndarray, "state action"]]
+
+    @property
+    def observations(self) -> Float[np.ndarray, "state feature"]:
+        """The observation of each state, float32."""
+        return self.states.astype(np.float32)
+
+    def reachable_part(self) -> Table:
+        """The same table on the states that some policy can visit: small, and closed."""
+        kept = self.mdp.reachable()
+        number = np.cumsum(kept) - 1
+        mdp = self.mdp
+        part = TabularMDP(
+            # an ended outcome's successor may lie outside; nothing follows it
+            successor=np.where(mdp.ending == 0, number[mdp.successor], 0)[kept].astype(np.int32),
+            probability=mdp.probability[kept],
+            ending=mdp.ending[kept],
+            rewards=RewardPair(mdp.rewards.env[kept], mdp.rewards.social[kept]),
+            initial=mdp.initial[kept],
+        )
+        signals = {name: value[kept] for name, value in self.signals.items()}
+        return Table(self.world, part, self.states[kept], self.speed[kept], signals)
+
+
+def tabulate(world: GridWorld) -> Table:
+    """Run the rules on every state, action and chance outcome.
+
+    Rewards are weighted in float64 from the signals, which are exact in float32.
+    """
+    states = world.states()
+    each_chance = jax.vmap(world.rules, in_axes=(None, None, 0))
+    each_action = jax.vmap(each_chance, in_axes=(None, 0, None))
+    each_state = jax.jit(jax.vmap(each_action, in_axes=(0, None, None)))
+    outcome = each_state(states, jnp.arange(world.n_actions), jnp.arange(len(world.chance)))
+
+    chance = np.asarray(world.chance, np.float64)
+    signals = {
+        name: np.asarray(value, np.float64) @ chance for name, value in outcome.signals.items()
+    }
+    initial = np.zeros(len(states))
+    for state, probability in world.start:
+        initial[world.index(state)] += probability
+    ending = np.asarray(outcome.ending, np.int32)
+    mdp = TabularMDP(
+        successor=world.index(outcome.state).astype(np.int32),
+        probability=np.broadcast_to(chance, ending.shape).copy(),
+        ending=ending,
+        rewards=world.rewards(signals),
+        initial=initial,
+    )
+    return Table(world, mdp, states, np.asarray(outcome.speed, np.float64) @ chance, signals)

@@ -1,0 +1,139 @@
+"""What a gridworld is: finite features, rules with a few chance outcomes, and named signals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from socialiq.types import Ending, RewardPair, Step
+
+Signals = Mapping[str, Any]
+
+
+class Feature(NamedTuple):
+    """One integer coordinate of a state: its name, smallest value and number of values."""
+
+    name: str
+    low: int
+    size: int
+
+
+class Outcome(NamedTuple):
+    """What one action and one chance outcome lead to.
+
+    Attributes:
+        state: Next state, int (features,).
+        ending: Value of `Ending` (never TIMEOUT, which is the clock's).
+        signals: Named reward signals of the transition. They are small integers and halves, so
+            they are exact in float32, and weighting them in float64 gives exact rewards.
+        speed: The ego's speed in cells per step.
+    """
+
+    state: Int[Array, " feature"]
+    ending: Int[Array, ""]
+    signals: Signals
+    speed: Float[Array, ""]
+
+
+class Episode(NamedTuple):
+    """A running episode: the state and the number of steps taken."""
+
+    state: Int[Array, " feature"]
+    time: Int[Array, ""]
+
+
+@dataclass(frozen=True, eq=False)
+class GridWorld:
+    """A finite world given by its rules; also a `types.Simulator`.
+
+    The exact transition table (`worlds.enumerate`), the Gymnasium environment (`worlds.gym`) and
+    the pictures (`worlds.pictures`) all come from `rules`, `env_weights` and `social_weights`.
+
+    Attributes:
+        name: Name in the registry.
+        options: The chosen readings of the thesis, a frozen dataclass.
+        features: Coordinates of a state; the observation is the state itself as float32.
+        actions: Names of the actions, in the order of their numbers.
+        start: Initial states with their probabilities.
+        chance: Probability of each chance outcome, the same in every state.
+        horizon: Steps after which an episode is truncated (Ending.TIMEOUT).
+        max_speed: The ego's greatest speed in cells per step.
+        rules: (state, action, chance outcome) -> Outcome; traceable by JAX.
+        env_weights: Weight of each signal in r_env.
+        social_weights: Weight of each signal in r_social.
+        draw: (axes, world, state) -> None; draws one state with matplotlib.
+    """
+
+    name: str
+    options: Any
+    features: tuple[Feature, ...]
+    actions: tuple[str, ...]
+    start: tuple[tuple[tuple[int, ...], float], ...]
+    chance: tuple[float, ...]
+    horizon: int
+    max_speed: int
+    rules: Callable[[Any, Any, Any], Outcome]
+    env_weights: Mapping[str, float]
+    social_weights: Mapping[str, float]
+    draw: Callable[[Any, GridWorld, tuple[int, ...]], None]
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return len(self.actions)
+
+    @property
+    def n_features(self) -> int:
+        """Length of a state and of an observation."""
+        return len(self.features)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values of each feature; their product is the number of states."""
+        return tuple(feature.size for feature in self.features)
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of all signals, those of r_env first."""
+        return (*self.env_weights, *self.social_weights)
+
+    def index(self, state: Any) -> Any:
+        """Number of a state, or of states along the last axis, in C order of the features."""
+        values = np.asarray(state) - np.array([feature.low for feature in self.features])
+        return np.ravel_multi_index(tuple(np.moveaxis(values, -1, 0)), self.shape)
+
+    def states(self) -> Int[np.ndarray, "state feature"]:
+        """All states in the order of their numbers."""
+        values = np.indices(self.shape).reshape(self.n_features, -1).T
+        return (values + np.array([feature.low for feature in self.features])).astype(np.int32)
+
+    def rewards(self, signals: Signals) -> RewardPair:
+        """The reward pair (thesis 4.1): each side a weighted sum of its signals."""
+        return RewardPair(
+            env=sum(weight * signals[name] for name, weight in self.env_weights.items()),
+            social=sum(weight * signals[name] for name, weight in self.social_weights.items()),
+        )
+
+    def reset(self, key: Any) -> tuple[Episode, Float[Array, " feature"]]:
+        """Draw an initial state."""
+        states = jnp.array([state for state, _ in self.start])
+        probabilities = jnp.array([probability for _, probability in self.start])
+        state = states[jax.random.choice(key, len(self.start), p=probabilities)]
+        return Episode(state, jnp.zeros((), jnp.int32)), state.astype(jnp.float32)
+
+    def advance(self, key: Any, episode: Episode, action: Any) -> tuple[Episode, Step]:
+        """Take one step; an episode that reaches the horizon ends by TIMEOUT."""
+        drawn = jax.random.choice(key, len(self.chance), p=jnp.array(self.chance))
+        outcome = self.rules(episode.state, action, drawn)
+        time = episode.time + 1
+        out_of_time = (outcome.ending == Ending.NONE) & (time >= self.horizon)
+        ending = jnp.where(out_of_time, int(Ending.TIMEOUT), outcome.ending)
+        rewards = self.rewards(outcome.signals)
+        step = Step(outcome.state.astype(jnp.float32), rewards, ending)
+        return Episode(outcome.state, time), step

@@ -1,0 +1,108 @@
+"""The gridworlds as Gymnasium environments, registered as `socialiq/Crossing5-v1` and so on."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, ClassVar
+
+import gymnasium
+import jax
+import numpy as np
+from gymnasium import spaces
+
+from socialiq.social.angle import check_angle, weights
+from socialiq.social.score import score
+from socialiq.types import Ending
+from socialiq.worlds import registry
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.pictures import picture, pixels
+
+IDS = {"crossing5": "socialiq/Crossing5-v1", "crossing7": "socialiq/Crossing7-v1"}
+
+
+class GridWorldEnv(gymnasium.Env):
+    """A gridworld with the usual interface; every number comes from the world's own rules.
+
+    The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
+    (r_env, r_social), `signals` (every named signal) and `ending` (its name).
+
+    Args:
+        world: Name of the world.
+        angle: Social angle in degrees that makes one reward of the pair.
+        render_mode: "rgb_array" or None.
+        options: Readings of the thesis, as for `worlds.registry.make`.
+
+    Raises:
+        UserError: If the world, an option or the angle is not known.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 4}
+
+    def __init__(
+        self,
+        world: str = "crossing7",
+        angle: float = 0.0,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        self.world: GridWorld = registry.make(world, **options)
+        self.render_mode = render_mode
+        self._weights = weights(check_angle(angle))
+        low = np.array([feature.low for feature in self.world.features], np.float32)
+        high = low + np.array(self.world.shape, np.float32) - 1
+        low[low == high] = 0.0  # Gymnasium warns of features that never change
+        self.observation_space = spaces.Box(low, high, dtype=np.float32)
+        self.action_space = spaces.Discrete(self.world.n_actions)
+        self._state = np.zeros(self.world.n_features, np.int32)
+        self._time = 0
+
+    @cached_property
+    def _rules(self) -> Any:
+        return jax.jit(self.world.rules)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start an episode."""
+        super().reset(seed=seed, options=options)
+        chosen = self.np_random.choice(len(self.world.start), p=[p for _, p in self.world.start])
+        self._state = np.array(self.world.start[chosen][0], np.int32)
+        self._time = 0
+        return self._state.astype(np.float32), {}
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take one step; the horizon truncates, every other ending terminates."""
+        chance = self.np_random.choice(len(self.world.chance), p=self.world.chance)
+        outcome = self._rules(self._state, int(action), int(chance))
+        self._state = np.asarray(outcome.state)
+        self._time += 1
+        ending = Ending(int(outcome.ending))
+        if ending == Ending.NONE and self._time >= self.world.horizon:
+            ending = Ending.TIMEOUT
+        signals = {name: float(value) for name, value in outcome.signals.items()}
+        rewards = self.world.rewards(signals)
+        info = {
+            "reward_pair": np.array(rewards, np.float64),
+            "signals": signals,
+            "ending": ending.name.lower(),
+        }
+        return (
+            self._state.astype(np.float32),
+            float(score(self._weights, rewards)),
+            ending not in (Ending.NONE, Ending.TIMEOUT),
+            ending == Ending.TIMEOUT,
+            info,
+        )
+
+    def render(self) -> np.ndarray | None:
+        """Picture of the present state, uint8 (height, width, 3)."""
+        if self.render_mode != "rgb_array":
+            return None
+        return pixels(picture(self.world, self._state.tolist()))
+
+
+def register() -> None:
+    """Register every gridworld with Gymnasium; importing `socialiq` does it."""
+    for world, name in IDS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, GridWorldEnv, kwargs={"world": world})
