@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -21,6 +22,15 @@ class RewardPair(NamedTuple):
     env: Any
     social: Any
 
+    @staticmethod
+    def of_step(reward: Any, info: Mapping[str, Any]) -> RewardPair:
+        """The pair of a Gymnasium step, `info["reward_pair"]`.
+
+        Without it the scalar reward is r_env, and r_social is 0.
+        """
+        env, social = info.get("reward_pair", (float(reward), 0.0))
+        return RewardPair(env, social)
+
 
 class Ending(enum.IntEnum):
     """How a transition ended its episode.
@@ -34,6 +44,13 @@ class Ending(enum.IntEnum):
     COLLISION = 2
     TIMEOUT = 3
     OTHER = 4
+
+    @staticmethod
+    def of_step(terminated: bool, truncated: bool, info: Mapping[str, Any]) -> Ending:
+        """The ending of a Gymnasium step; `info["ending"]` names the kind of a terminal state."""
+        if terminated:
+            return Ending[info["ending"].upper()] if "ending" in info else Ending.OTHER
+        return Ending.TIMEOUT if truncated else Ending.NONE
 
 
 @runtime_checkable

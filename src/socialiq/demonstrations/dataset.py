@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int8, Int32, Shaped
@@ -62,11 +62,14 @@ class Demonstrations:
     n_actions: int
     source: dict[str, Any]
 
+    # Run-time type checkers leave the constructor to `__post_init__`, whose lines name the mend.
+    __no_type_check__: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Check every column, and detach `source` from the caller's dict."""
         if not isinstance(self.rewards, RewardPair):
             raise UserError("rewards must be a RewardPair of two columns (r_env, r_social)")
-        columns.check(self.arrays(), self.n_actions, self.mode_names)
+        columns.check(self._columns(), self.n_actions, self.mode_names)
         object.__setattr__(self, "source", columns.json_able(self.source))
 
     @staticmethod
@@ -96,11 +99,7 @@ class Demonstrations:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All columns by name, in a file's order; the rewards as `r_env` and `r_social`."""
-        rewards = {"r_env": self.rewards.env, "r_social": self.rewards.social}
-        return {
-            name: rewards[name] if name in rewards else getattr(self, name)
-            for name in columns.LAYOUT
-        }
+        return self._columns()
 
     @property
     def n_transitions(self) -> int:
@@ -218,6 +217,14 @@ class Demonstrations:
         """One line: how many episodes and transitions, in all and of each mode."""
         modes = ", ".join(f"{name} {e}/{t}" for name, (e, t) in self.counts().items())
         return f"{self.n_episodes} episodes, {self.n_transitions} transitions ({modes})"
+
+    def _columns(self) -> dict[str, Any]:
+        # What `arrays` returns, before it is known to be arrays.
+        rewards = {"r_env": self.rewards.env, "r_social": self.rewards.social}
+        return {
+            name: rewards[name] if name in rewards else getattr(self, name)
+            for name in columns.LAYOUT
+        }
 
     def _take(
         self,

@@ -37,6 +37,7 @@ def equal_trajectories(pools: Pools, episodes_each: int, seed: int) -> Demonstra
     Raises:
         UserError: If a pool has too few episodes; the line names both numbers.
     """
+    _at_least_one("episodes_each", episodes_each)
     recipe = {"made_by": "equal_trajectories", "episodes_each": episodes_each, "seed": seed}
     return _draw(pools, dict.fromkeys(pools, episodes_each), seed, recipe)
 
@@ -203,8 +204,6 @@ def _draw(
         # A mode whose share is 0 has no rows, but its name stays.
         if counts[mode] > 0:
             parts.append(pools[mode].select(order[: counts[mode]]).with_mode_names(tuple(pools)))
-    if not parts:
-        raise UserError("the mixture would have no episodes: ask for at least 1")
     mixed = concatenate(parts)
     source = {**recipe, "of": {mode: pool.source for mode, pool in pools.items()}}
     return Demonstrations.of_arrays(mixed.arrays(), mixed.mode_names, mixed.n_actions, source)

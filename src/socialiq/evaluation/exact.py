@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
 import numpy as np
 from jaxtyping import Float
 
+from socialiq.errors import one_of
 from socialiq.evaluation.metrics import Metrics
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
 from socialiq.worlds.enumerate import Table
+
+Readout = Literal["greedy", "soft"]
+READOUTS: tuple[Readout, ...] = ("greedy", "soft")
 
 
 def evaluate_exactly(
@@ -45,3 +54,43 @@ class Optimum:
     def regret(self, metrics: Metrics, angle: float) -> float:
         """J*(α) - J(α) of a policy, 0 at best; angle in degrees."""
         return self.attainable.optimum(angle).value - metrics.value(angle)
+
+
+def action_table(
+    policy: QPolicy, table: Table, readout: Readout
+) -> Float[np.ndarray, "state action"]:
+    """A trained network's action probabilities in every state of a table.
+
+    Args:
+        policy: The network.
+        table: The world, or its reachable part.
+        readout: "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
+    """
+    one_of("readout", readout, READOUTS)
+    if readout == "soft":
+        return policy.probabilities(table.observations).astype(np.float64)
+    best = policy.q_values(table.observations).argmax(axis=1)
+    return np.eye(policy.n_actions)[best]
+
+
+def exact_monitor(
+    table: Table, temperatures: Sequence[float]
+) -> Callable[[Any], dict[str, np.ndarray]]:
+    """A monitor for `learners.loop.Outside`: every metric of every lane, greedy and soft.
+
+    Args:
+        table: The world, or better its reachable part.
+        temperatures: τ of each lane.
+    """
+
+    def monitor(learnt: Any) -> dict[str, np.ndarray]:
+        values: dict[str, list[float]] = {}
+        for lane, temperature in enumerate(temperatures):
+            policy = QPolicy.of(network_of(learnt.network, lane), temperature, {})
+            for readout in READOUTS:
+                metrics = evaluate_exactly(table, action_table(policy, table, readout))
+                for name, value in metrics._asdict().items():
+                    values.setdefault(f"{readout}_{name}", []).append(value)
+        return {name: np.array(column) for name, column in values.items()}
+
+    return monitor

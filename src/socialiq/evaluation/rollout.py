@@ -144,18 +144,12 @@ def rollout_env(
             action, state = policy.predict(observation, state, deterministic=deterministic)
             after, reward, terminated, truncated, info = env.step(int(action))
             ended = terminated or truncated
-            ending = _ending(terminated, truncated, info)
-            pair = info.get("reward_pair", (float(reward), 0.0))
+            ending = Ending.of_step(terminated, truncated, info)
+            pair = RewardPair.of_step(reward, info)
             speed = info.get("speed", np.nan)
             rows.append((observation, action, after, ending, *pair, episode, speed))
             observation = after
     return _table(rows, int(env.action_space.n), mode, {"seed": seed, **(source or {})})
-
-
-def _ending(terminated: bool, truncated: bool, info: Mapping[str, Any]) -> Ending:
-    if terminated:
-        return Ending[info["ending"].upper()] if "ending" in info else Ending.OTHER
-    return Ending.TIMEOUT if truncated else Ending.NONE
 
 
 def _table(

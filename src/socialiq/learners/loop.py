@@ -8,6 +8,9 @@ which term broke; the other lanes go on.
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
+import json
 import signal
 import threading
 import time
@@ -191,6 +194,20 @@ def failure_lines(
                 "lower learning_rate, strength or prior_weight"
             )
     return tuple(lines)
+
+
+def fingerprint(table: Any, *settings: Any) -> str:
+    """SHA-256 of everything a run depends on; a checkpoint of another run is refused by it.
+
+    Args:
+        table: Pytree of the run's data.
+        settings: Its settings, dataclasses of JSON-able fields.
+    """
+    described = [dataclasses.asdict(one) for one in settings]
+    digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode())
+    for column in jax.tree.leaves(table):
+        digest.update(np.asarray(column).tobytes())
+    return digest.hexdigest()
 
 
 def _start(initialise: Callable[[Any], tuple[Any, Any]], numbers: Any) -> Lanes:

@@ -49,3 +49,14 @@ def sample(replay: Replay, key: PRNGKeyArray, size: int) -> Batch:
     filled = jnp.minimum(replay.added, replay.columns.action.shape[0])
     rows = jax.random.randint(key, (size,), 0, filled)
     return jax.tree.map(lambda column: column[rows], replay.columns)
+
+
+def add_many(replay: Replay, transitions: Batch) -> Replay:
+    """Add transitions in order (leading axis), at most one ring's worth."""
+    capacity = replay.columns.action.shape[0]
+    count = transitions.action.shape[0]
+    slots = (replay.added + jnp.arange(count)) % capacity
+    columns = jax.tree.map(
+        lambda column, values: column.at[slots].set(values), replay.columns, transitions
+    )
+    return Replay(columns, replay.added + count)

@@ -15,7 +15,7 @@ from socialiq.errors import UserError
 from socialiq.mdp.tabular import TabularMDP, check_discount, check_reward, closure
 from socialiq.types import Ending
 
-# Sweeps that small values still get once the large ones have settled.
+# Sweeps that small values still get, at least, once the large ones have settled.
 _PATIENCE = 100
 
 Backup = Callable[[Float[np.ndarray, "action state"]], Float[np.ndarray, " state"]]
@@ -52,8 +52,8 @@ def value_iteration(
         discount: γ in [0, 1]; at 1 only if the optimum is finite.
         tolerance: Change per sweep at which to stop, relative to the values. Each state must
             meet it with its own value: cos 90° leaves values of 1e-16 in the 5x5 world that
-            choose the thesis' altruistic expert. Values that cancel to almost 0 can't, and are
-            given up once the largest value has met it for a hundred sweeps.
+            choose the thesis' altruistic expert. Values that cancel to almost 0 may swing by a
+            rounding for ever, and are given up when the largest has met it for half of all sweeps.
         max_sweeps: When to give up.
 
     Raises:
@@ -210,7 +210,8 @@ def _sweep(
         change, size = np.abs(v - previous), np.abs(v)
         residual = float(change.max())
         settled_sweeps += residual <= tolerance * size.max()
-        if settled_sweeps > _PATIENCE or (change <= tolerance * size).all():
+        given_up = settled_sweeps > max(_PATIENCE, sweep // 2)
+        if given_up or (change <= tolerance * size).all():
             return Solution(np.ascontiguousarray(q.T), v, sweep, residual)
     raise UserError(
         f"values still move by {residual:.3g} after {max_sweeps} sweeps: "

@@ -47,3 +47,8 @@ class QNetwork(eqx.Module):
         for layer in inner:
             value = ACTIVATIONS[self.activation](layer(value))
         return last(value)
+
+
+def network_of(networks: QNetwork, lane: int) -> QNetwork:
+    """One network of many whose arrays share a leading lane axis."""
+    return jax.tree.map(lambda leaf: leaf[lane], networks)

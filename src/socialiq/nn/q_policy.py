@@ -44,7 +44,12 @@ class QPolicy:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
     @staticmethod
-    def of(network: QNetwork, temperature: float, provenance: Mapping[str, Any]) -> QPolicy:
+    def of(
+        network: QNetwork,
+        temperature: float,
+        provenance: Mapping[str, Any],
+        rng: np.random.Generator | None = None,
+    ) -> QPolicy:
         """Take the parameters out of a trained network."""
         return QPolicy(
             tuple(np.asarray(layer.weight) for layer in network.layers),
@@ -52,6 +57,7 @@ class QPolicy:
             network.activation,
             float(temperature),
             provenance,
+            np.random.default_rng(0) if rng is None else rng,
         )
 
     @property

@@ -44,9 +44,13 @@ def angle_of(env: float, social: float) -> float:
 
     Pass means over episodes: an angle of means, never a mean of angles.
     """
-    return math.degrees(math.atan2(social, env))
+    degrees = math.degrees(math.atan2(social, env))
+    # atan2 gives -180 for a social return of -0.0, or for one too small to show.
+    return 180.0 if degrees == -180.0 else degrees
 
 
 def angle_difference(a: float, b: float) -> float:
     """The signed difference a - b of two angles in degrees, wrapped to [-180, 180)."""
-    return (a - b + 180.0) % 360.0 - 180.0
+    wrapped = (a - b + 180.0) % 360.0 - 180.0
+    # The remainder of a very small negative number rounds up to 360.
+    return -180.0 if wrapped == 180.0 else wrapped

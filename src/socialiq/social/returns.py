@@ -25,7 +25,7 @@ def running(rewards: Rewards, discount: float) -> Rewards:
 
 def to_go(rewards: Rewards, discount: float) -> Rewards:
     """G_t = sum_{k>=t} γ^(k-t) r_k: what is still to be earned."""
-    return lfilter([1.0], [1.0, -discount], rewards[::-1])[::-1].copy()
+    return np.asarray(lfilter([1.0], [1.0, -discount], rewards[::-1]))[::-1].copy()
 
 
 def trajectory(rewards: Rewards, discount: float) -> Rewards:

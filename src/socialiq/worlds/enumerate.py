@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from socialiq.mdp.tabular import TabularMDP
-from socialiq.types import RewardPair
 from socialiq.worlds.grid_world import GridWorld
 
 
@@ -39,17 +38,7 @@ class Table:
 
     def reachable_part(self) -> Table:
         """The same table on the states that some policy can visit: small, and closed."""
-        kept = self.mdp.reachable()
-        number = np.cumsum(kept) - 1
-        mdp = self.mdp
-        part = TabularMDP(
-            # an ended outcome's successor may lie outside; nothing follows it
-            successor=np.where(mdp.ending == 0, number[mdp.successor], 0)[kept].astype(np.int32),
-            probability=mdp.probability[kept],
-            ending=mdp.ending[kept],
-            rewards=RewardPair(mdp.rewards.env[kept], mdp.rewards.social[kept]),
-            initial=mdp.initial[kept],
-        )
+        part, kept = self.mdp.reachable_part()
         signals = {name: value[kept] for name, value in self.signals.items()}
         return Table(self.world, part, self.states[kept], self.speed[kept], signals)
 

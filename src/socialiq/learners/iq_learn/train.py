@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +11,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from jaxtyping import Array, Float
 
@@ -23,7 +20,7 @@ from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import priors
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
-from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
 from socialiq.social.score import score
@@ -87,11 +84,6 @@ class Trained:
         return QPolicy.of(network_of(self.networks, lane), numbers.temperature, record)
 
 
-def network_of(networks: QNetwork, lane: int) -> QNetwork:
-    """One lane's network."""
-    return jax.tree.map(lambda leaf: leaf[lane], networks)
-
-
 def train(
     structure: Structure,
     numbers: Sequence[Numbers],
@@ -129,7 +121,7 @@ def train(
         numbers=traced(numbers),
         total=structure.updates,
         chunk=chunk,
-        fingerprint=fingerprint(structure, numbers, table),
+        fingerprint=loop.fingerprint(table, structure, *numbers),
         outside=outside,
         before_chunk=before_chunk,
     )
@@ -268,15 +260,6 @@ def _act(
             observation=observation,
         )
     return surroundings
-
-
-def fingerprint(structure: Structure, numbers: Sequence[Numbers], table: ExpertTable) -> str:
-    """SHA-256 of everything a run depends on; a checkpoint of another run is refused by it."""
-    settings = [dataclasses.asdict(structure), [dataclasses.asdict(one) for one in numbers]]
-    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-    for column in jax.tree.leaves(table):
-        digest.update(np.asarray(column).tobytes())
-    return digest.hexdigest()
 
 
 def _check(

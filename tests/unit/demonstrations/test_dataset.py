@@ -1,0 +1,227 @@
+import dataclasses
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socialiq.demonstrations.dataset import Demonstrations, concatenate
+from socialiq.errors import UserError
+from socialiq.types import Ending, RewardPair, Transitions
+
+Make = Callable[..., Demonstrations]
+Same = Callable[[Demonstrations, Demonstrations], bool]
+
+some_lengths = st.lists(st.integers(1, 6), min_size=1, max_size=8)
+seeds = st.integers(0, 1000)
+
+
+@st.composite
+def tables(draw: Any) -> dict[str, Any]:
+    """Arguments of `make`."""
+    lengths = draw(some_lengths)
+    modes = draw(st.lists(st.integers(0, 2), min_size=len(lengths), max_size=len(lengths)))
+    return {"lengths": lengths, "modes": modes, "seed": draw(seeds)}
+
+
+def rows_of(table: Demonstrations, episode: int) -> list[bytes]:
+    """The rows of one episode, all columns but its number."""
+    keep = table.episode == episode
+    return [c[keep].tobytes() for name, c in table.arrays().items() if name != "episode"]
+
+
+def test_the_table_is_what_learners_read(make: Make) -> None:
+    table: Transitions = make([3, 2])
+    for name in ("observation", "action", "next_observation", "ending", "rewards"):
+        assert getattr(table, name) is not None
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        table.n_actions = 4  # pyright: ignore
+
+
+def test_shapes_of_a_table(make: Make) -> None:
+    table = make([3, 1, 2], [0, 2, 0], n_features=5)
+    assert (table.n_transitions, table.n_episodes, table.n_features) == (6, 3, 5)
+    np.testing.assert_array_equal(table.episode_starts, [0, 3, 4])
+    np.testing.assert_array_equal(table.episode_lengths, [3, 1, 2])
+    np.testing.assert_array_equal(table.episode_modes, [0, 2, 0])
+    assert table.counts() == {"egoistic": (2, 5), "prosocial": (0, 0), "altruistic": (1, 1)}
+    assert table.summary() == (
+        "3 episodes, 6 transitions (egoistic 2/5, prosocial 0/0, altruistic 1/1)"
+    )
+
+
+@given(tables())
+def test_episodes_partition_the_rows(make: Make, arguments: dict) -> None:
+    table = make(**arguments)
+    assert table.episode_lengths.tolist() == arguments["lengths"]
+    assert table.episode_modes.tolist() == arguments["modes"]
+    np.testing.assert_array_equal(
+        table.episode_starts, np.cumsum(arguments["lengths"]) - arguments["lengths"]
+    )
+    assert sum(episodes for episodes, _ in table.counts().values()) == table.n_episodes
+    assert sum(rows for _, rows in table.counts().values()) == table.n_transitions
+
+
+def test_totals_and_returns_by_hand(make: Make) -> None:
+    env, social = np.array([1.0, 2.0, 4.0, 8.0, 16.0]), np.array([0.0, 0.0, -4.0, 1.0, 1.0])
+    table = dataclasses.replace(make([3, 2]), rewards=RewardPair(env, social))
+    totals = table.totals()
+    np.testing.assert_array_equal(totals.env, [7.0, 24.0])
+    np.testing.assert_array_equal(totals.social, [-4.0, 2.0])
+    to_go = table.returns("to_go", 0.5)
+    np.testing.assert_array_equal(to_go.env, [3.0, 4.0, 4.0, 16.0, 16.0])
+    np.testing.assert_array_equal(to_go.social, [-1.0, -2.0, -4.0, 1.5, 1.0])
+    running = table.returns("running", 0.5)
+    np.testing.assert_array_equal(running.env, [1.0, 2.0, 3.0, 8.0, 16.0])
+    np.testing.assert_array_equal(running.social, [0.0, 0.0, -1.0, 1.0, 1.5])
+    with pytest.raises(UserError, match="unknown target kind"):
+        table.returns("total", 0.5)
+
+
+@given(tables(), st.data())
+def test_select_keeps_whole_episodes_in_the_order_given(
+    make: Make, arguments: dict, data: st.DataObject
+) -> None:
+    table = make(**arguments)
+    chosen = data.draw(st.lists(st.integers(0, table.n_episodes - 1), min_size=1, max_size=10))
+    selected = table.select(np.array(chosen))
+    assert selected.n_episodes == len(chosen)
+    for place, episode in enumerate(chosen):
+        assert rows_of(selected, place) == rows_of(table, episode)
+    assert (selected.mode_names, selected.source) == (table.mode_names, table.source)
+
+
+@given(tables(), st.data())
+def test_select_undoes_a_permutation(
+    make: Make, same: Same, arguments: dict, data: st.DataObject
+) -> None:
+    table = make(**arguments)
+    order = np.array(data.draw(st.permutations(range(table.n_episodes))))
+    assert same(table.select(order).select(np.argsort(order)), table)
+
+
+@pytest.mark.parametrize(
+    ("episodes", "message"),
+    [
+        (np.array([0, 2]), "no episode 2: select from 0 to 1"),
+        (np.array([-1]), "no episode -1: select from 0 to 1"),
+        (np.array([], int), "at least one episode"),
+        (np.array([True, False]), "as integers"),
+        (np.array([0.0]), "as integers"),
+    ],
+)
+def test_select_refuses_what_is_no_episode(make: Make, episodes: np.ndarray, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        make([2, 2]).select(episodes)
+
+
+@given(tables(), st.data())
+def test_concatenate_undoes_select(
+    make: Make, same: Same, arguments: dict, data: st.DataObject
+) -> None:
+    table = make(**arguments)
+    cut = data.draw(st.integers(0, table.n_episodes - 1))
+    numbers = np.arange(table.n_episodes)
+    parts = [table.select(part) for part in np.split(numbers, [cut]) if len(part)]
+    assert same(concatenate(parts), table)
+
+
+@given(st.lists(tables(), min_size=1, max_size=4))
+def test_select_undoes_concatenate(make: Make, same: Same, arguments: list[dict]) -> None:
+    parts = [make(**each) for each in arguments]
+    whole = concatenate(parts)
+    ends = np.cumsum([part.n_episodes for part in parts])
+    for part, end in zip(parts, ends, strict=True):
+        found = whole.select(np.arange(end - part.n_episodes, end))
+        assert same(dataclasses.replace(found, source=part.source), part)
+
+
+def test_concatenate_matches_modes_by_name(make: Make) -> None:
+    first = make([2, 1], [0, 1], mode_names=("a", "b"))
+    second = make([1, 3], [0, 1], mode_names=("c", "a"), seed=1)
+    whole = concatenate([first, second])
+    assert whole.mode_names == ("a", "b", "c")
+    np.testing.assert_array_equal(whole.mode, [0, 0, 1, 2, 0, 0, 0])
+    np.testing.assert_array_equal(whole.episode, [0, 0, 1, 2, 3, 3, 3])
+    assert whole.counts() == {"a": (2, 5), "b": (1, 1), "c": (1, 1)}
+
+
+def test_concatenate_lists_distinct_sources_once(make: Make) -> None:
+    first, second = make([1], seed=1), make([1], seed=2)
+    assert concatenate([first, second, first]).source == {
+        "made_by": "concatenate",
+        "of": [{"seed": 1}, {"seed": 2}],
+    }
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"n_features": 4}, r"differ in n_features \(2, 4\)"),
+        ({"n_actions": 5}, r"differ in n_actions \(3, 5\)"),
+    ],
+)
+def test_concatenate_refuses_other_worlds(make: Make, other: dict, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        concatenate([make([1]), make([1], **other)])
+
+
+def test_concatenate_refuses_nothing() -> None:
+    with pytest.raises(UserError, match="pass at least one table"):
+        concatenate([])
+
+
+@given(tables(), st.integers(1, 4), st.data())
+def test_subsample_keeps_every_nth_row_of_each_episode(
+    make: Make, arguments: dict, every: int, data: st.DataObject
+) -> None:
+    table = make(**arguments)
+    offset = data.draw(st.integers(0, min(arguments["lengths"]) - 1))
+    thin = table.subsample(every, offset)
+    for number in range(table.n_episodes):
+        whole = table.observation[table.episode == number]
+        np.testing.assert_array_equal(
+            thin.observation[thin.episode == number], whole[offset::every]
+        )
+    assert thin.source == {
+        "made_by": "subsample",
+        "every": every,
+        "offset": offset,
+        "of": table.source,
+    }
+
+
+def test_subsample_may_lose_the_end_of_an_episode(make: Make) -> None:
+    table = make([3, 4])
+    table.ending[-1], table.terminated[-1], table.truncated[-1] = Ending.TIMEOUT, False, True
+    thin = table.subsample(2)
+    np.testing.assert_array_equal(thin.action, table.action[[0, 2, 3, 5]])
+    np.testing.assert_array_equal(thin.episode, [0, 0, 1, 1])
+    assert thin.ending[-1] == Ending.NONE
+
+
+@pytest.mark.parametrize(
+    ("every", "offset", "message"),
+    [
+        (0, 0, "use every >= 1, offset >= 0"),
+        (2, -1, "use every >= 1, offset >= 0"),
+        (1, 2, "would empty episode 1 of 2 transitions: use an offset below 2"),
+    ],
+)
+def test_subsample_refuses_what_it_cannot_keep(
+    make: Make, every: int, offset: int, message: str
+) -> None:
+    with pytest.raises(UserError, match=re.escape(message)):
+        make([3, 2, 4]).subsample(every, offset)
+
+
+def test_mode_names_can_be_reordered_and_widened(make: Make) -> None:
+    table = make([2, 1], [2, 0])
+    renamed = table.with_mode_names(("altruistic", "malicious", "egoistic"))
+    np.testing.assert_array_equal(renamed.mode, [0, 0, 2])
+    assert renamed.counts() == {"altruistic": (1, 2), "malicious": (0, 0), "egoistic": (1, 1)}
+    with pytest.raises(UserError, match="mode 'altruistic' has episodes: keep it"):
+        table.with_mode_names(("egoistic", "prosocial"))

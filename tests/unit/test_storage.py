@@ -1,0 +1,244 @@
+import errno
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from socialiq import storage
+from socialiq.errors import UserError
+
+# The name and the number have other spellings in JSON (upper-case escapes and exponents).
+HEADER = {"name": "\u00e9\u00c9", "number": 1.5e300, "list": [1, None, True], "nested": {"a": "b"}}
+ARRAYS = {"x": np.arange(3, dtype=np.float32), "flag": np.array([True, False])}
+
+
+@pytest.fixture(name="small")
+def small_file(tmp_path: Path) -> Path:
+    path = tmp_path / "small.safetensors"
+    storage.save_arrays(path, "demo", 1, ARRAYS, HEADER)
+    return path
+
+
+def refusal(path: Path, kind: str = "demo", version: int = 1) -> str:
+    with pytest.raises(UserError) as caught:
+        storage.load_arrays(path, kind, version)
+    line = str(caught.value)
+    assert "\n" not in line
+    return line
+
+
+def is_refused(path: Path, content: bytes) -> bool:
+    path.write_bytes(content)
+    try:
+        storage.load_arrays(path, "demo", 1)
+    except UserError as error:
+        return "\n" not in str(error)
+    return False
+
+
+@pytest.mark.parametrize("content", ["text \u00e9", b"\x00\xff"])
+def test_a_write_leaves_the_content_and_nothing_else(tmp_path: Path, content: str | bytes) -> None:
+    path = tmp_path / "file"
+    path.write_text("old and longer than the new content")
+    storage.write_atomically(path, content)
+    assert path.read_bytes() == (content.encode() if isinstance(content, str) else content)
+    assert path.stat().st_mode & 0o777 == 0o644
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("target", ["os.fsync", "pathlib.Path.replace", "pathlib.Path.chmod"])
+def test_a_failed_write_leaves_the_old_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+
+    def fail(*args: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(target, fail)
+    with pytest.raises(UserError, match="No space left on device; choose another place"):
+        storage.write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_interrupted_write_leaves_the_old_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+
+    def interrupt(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        storage.write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_write_without_its_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="No such file or directory; choose another place"):
+        storage.write_atomically(tmp_path / "missing" / "file", "new")
+
+
+def test_a_write_over_a_folder_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    with pytest.raises(UserError, match="Is a directory; choose another place"):
+        storage.write_atomically(folder, "new")
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_json_round_trip_keeps_the_order_of_keys(tmp_path: Path) -> None:
+    path = tmp_path / "file.json"
+    content = {"z": 1, "a": [1.5, None, "\u00e9"]}
+    storage.write_json(path, content)
+    assert storage.read_json(path) == content
+    assert list(storage.read_json(path)) == ["z", "a"]
+    assert path.read_text().endswith("}\n")
+
+
+def test_json_has_no_nan(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        storage.write_json(tmp_path / "file.json", {"a": float("nan")})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"{'a': 1}", b"\xff\xfe\xfa", b"[" * 200_000])
+def test_what_is_not_json_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "file.json"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"cannot read .*file\.json as JSON: .+") as caught:
+        storage.read_json(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_json_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no such file"):
+        storage.read_json(tmp_path / "file.json")
+    with pytest.raises(UserError, match="cannot read"):
+        storage.read_json(tmp_path)
+
+
+def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+    made = storage.new_folder(tmp_path / "a" / "b")
+    assert made.is_dir()
+    assert storage.new_folder(made) == made  # still empty
+
+
+def test_a_folder_in_use_is_refused_and_left_alone(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("kept")
+    for taken in (tmp_path, file):
+        with pytest.raises(UserError, match="exists already: name a new folder"):
+            storage.new_folder(taken)
+    with pytest.raises(UserError, match=r"cannot make .*: Not a directory"):
+        storage.new_folder(file / "below")
+    assert file.read_text() == "kept"
+
+
+def test_arrays_round_trip(small: Path) -> None:
+    arrays, header = storage.load_arrays(small, "demo", 1)
+    assert set(arrays) == set(ARRAYS)
+    for name, array in ARRAYS.items():
+        assert arrays[name].dtype == array.dtype
+        np.testing.assert_array_equal(arrays[name], array)
+    sha256 = storage.save_arrays(small, "demo", 1, ARRAYS, HEADER)
+    assert header == {"kind": "demo", "version": 1, **HEADER, "sha256": sha256}
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.array(3.0),
+        np.zeros((0, 3), np.int8),
+        np.arange(6.0).reshape(2, 3).T,
+        np.arange(10)[::-2],
+        np.arange(3, dtype=">f8"),
+        np.array([np.nan, np.inf, -0.0]),
+    ],
+)
+def test_arrays_of_every_layout_round_trip(tmp_path: Path, array: np.ndarray) -> None:
+    path = tmp_path / "file"
+    storage.save_arrays(path, "demo", 1, {"x": array}, {})
+    found = storage.load_arrays(path, "demo", 1)[0]["x"]
+    assert found.shape == array.shape
+    np.testing.assert_array_equal(found, array)
+
+
+def test_a_header_comes_back_as_json_would_give_it(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    storage.save_arrays(path, "demo", 1, {}, {"counts": {2: (1, 2), 10: ()}})
+    assert storage.load_arrays(path, "demo", 1)[1]["counts"] == {"2": [1, 2], "10": []}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "header"),
+    [
+        ({**ARRAYS, "x": ARRAYS["x"] + 1}, HEADER),
+        ({**ARRAYS, "x": ARRAYS["x"].astype(np.int32)}, HEADER),
+        ({**ARRAYS, "x": ARRAYS["x"][:, None]}, HEADER),
+        ({"y": ARRAYS["x"], "flag": ARRAYS["flag"]}, HEADER),
+        (ARRAYS, {**HEADER, "number": 1.0}),
+    ],
+)
+def test_the_hash_is_of_all_content(arrays: dict, header: dict) -> None:
+    assert storage.content_hash(arrays, header) != storage.content_hash(ARRAYS, HEADER)
+
+
+def test_the_hash_does_not_depend_on_the_order_of_names() -> None:
+    turned = dict(reversed(ARRAYS.items())), dict(reversed(HEADER.items()))
+    assert storage.content_hash(*turned) == storage.content_hash(ARRAYS, HEADER)
+
+
+def test_other_kinds_and_versions_are_refused(small: Path) -> None:
+    assert "holds demo, not policy: name a policy file" in refusal(small, kind="policy")
+    assert "schema version 1, this program reads version 2" in refusal(small, version=2)
+
+
+def test_every_changed_byte_is_refused(small: Path) -> None:
+    whole = small.read_bytes()
+    # Each bit alone, all bits, and what JSON may read as the same: blanks, zeros, exponents.
+    for place, byte in enumerate(whole):
+        others = {byte ^ mask for mask in (1, 2, 4, 8, 16, 32, 64, 128, 255)}
+        for other in (others | set(b"\t\n\r 0+eE")) - {byte}:
+            changed = whole[:place] + bytes([other]) + whole[place + 1 :]
+            assert is_refused(small, changed), f"byte {place}: {byte:#x} changed to {other:#x}"
+
+
+def test_every_truncated_or_prolonged_file_is_refused(small: Path) -> None:
+    whole = small.read_bytes()
+    for length in range(len(whole)):
+        assert is_refused(small, whole[:length]), f"cut to {length} bytes"
+    for more in (b"\x00", b" ", b"\x00" * 8, whole):
+        assert is_refused(small, whole + more)
+    assert not is_refused(small, whole)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    assert "no such file" in refusal(tmp_path / "missing")
+    assert "no such file" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "wrapper", ["null", "[]", "{}", '{"header": 3}', json.dumps({"header": {"kind": "demo"}})]
+)
+def test_foreign_safetensors_are_refused(tmp_path: Path, wrapper: str) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(safetensors.numpy.save(ARRAYS, metadata={"socialiq": wrapper}))
+    assert "demo" in refusal(path)
+    path.write_bytes(safetensors.numpy.save(ARRAYS))
+    assert "not a socialiq file: expected a demo file" in refusal(path)
+
+
+@pytest.mark.parametrize("wrapper", ["{", "[" * 200_000])
+def test_a_header_that_is_not_json_is_refused(tmp_path: Path, wrapper: str) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(safetensors.numpy.save(ARRAYS, metadata={"socialiq": wrapper}))
+    assert "damaged or not a demo file" in refusal(path)
