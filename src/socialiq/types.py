@@ -82,6 +82,7 @@ class Step(NamedTuple):
     ending: Any
 
 
+@runtime_checkable
 class Simulator(Protocol):
     """A world that learners can step inside a compiled program: pure functions of JAX arrays."""
 
@@ -104,6 +105,7 @@ class Simulator(Protocol):
         ...
 
 
+@runtime_checkable
 class Transitions(Protocol):
     """The columns of a demonstrations table, as learners read them.
 

@@ -11,7 +11,12 @@ from socialiq import storage
 from socialiq.errors import UserError
 
 # The name and the number have other spellings in JSON (upper-case escapes and exponents).
-HEADER = {"name": "\u00e9\u00c9", "number": 1.5e300, "list": [1, None, True], "nested": {"a": "b"}}
+HEADER = {
+    "name": "\u00e9\u00c9",
+    "number": 1.5e300,
+    "list": [1, None, True],
+    "nested": {"a": "bcde"},
+}
 ARRAYS = {"x": np.arange(3, dtype=np.float32), "flag": np.array([True, False])}
 
 
@@ -204,6 +209,7 @@ def test_other_kinds_and_versions_are_refused(small: Path) -> None:
 
 def test_every_changed_byte_is_refused(small: Path) -> None:
     whole = small.read_bytes()
+    assert b"}   " in whole  # the header is padded, and the padding is tried too
     # Each bit alone, all bits, and what JSON may read as the same: blanks, zeros, exponents.
     for place, byte in enumerate(whole):
         others = {byte ^ mask for mask in (1, 2, 4, 8, 16, 32, 64, 128, 255)}

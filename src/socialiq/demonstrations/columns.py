@@ -139,7 +139,7 @@ def _check_range(name: str, column: np.ndarray, size: int, what: str) -> None:
 
 
 def _check_episodes(episode: np.ndarray) -> None:
-    steps = np.diff(episode.astype(np.int64), prepend=0)
+    steps = np.diff(episode, prepend=0)
     bad = (steps != 0) & (steps != 1)
     bad[0] = episode[0] != 0
     _refuse("episode", bad, "number episodes 0, 1, 2, ... in order, with their rows adjacent")

@@ -156,9 +156,9 @@ def apportion(weights: Mapping[str, float], total: int) -> dict[str, int]:
     values = np.array(list(weights.values()), np.float64)
     if not np.isfinite(values.sum()) or (values < 0).any() or values.sum() <= 0:
         raise UserError("weights must be finite, not negative and not all 0")
-    # Rounded, so that a tie or a whole share is one in spite of the last bits (0.1 * 30).
-    exact = np.round(values / values.sum() * total, 9)
+    exact = values / values.sum() * total
     counts = np.floor(exact).astype(int)
+    # Rounded, so that a tie is one in spite of the last bits (0.07 * 50 > 3.5).
     by_remainder = np.argsort(-np.round(exact - counts, 9), kind="stable")
     counts[by_remainder[: total - counts.sum()]] += 1
     return {name: int(count) for name, count in zip(weights, counts, strict=True)}

@@ -68,7 +68,7 @@ def action_table(
     """
     one_of("readout", readout, READOUTS)
     if readout == "soft":
-        return policy.probabilities(table.observations).astype(np.float64)
+        return policy.probabilities(table.observations)
     best = policy.q_values(table.observations).argmax(axis=1)
     return np.eye(policy.n_actions)[best]
 

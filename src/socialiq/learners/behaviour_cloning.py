@@ -52,8 +52,10 @@ class Numbers:
         """Refuse numbers outside their range, NaN among them."""
         if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
             raise UserError(f"learning_rate must be above 0, got {self.learning_rate}")
-        if self.seed < 0 or self.dataset < 0:
-            raise UserError("seed and dataset must be 0 or more")
+        if not 0 <= self.seed < 2**32:
+            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
+        if self.dataset < 0:
+            raise UserError(f"dataset must be 0 or more, got {self.dataset}")
 
 
 class _Traced(NamedTuple):

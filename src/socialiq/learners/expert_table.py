@@ -55,12 +55,14 @@ class ExpertTable(NamedTuple):
         """Lay out sets of demonstrations and derive their cumulative returns.
 
         Raises:
-            UserError: If there is none, or they differ in features.
+            UserError: If there is none, or they differ in features or actions.
         """
         if not datasets:
             raise UserError("no demonstrations: pass at least one set")
         if len({data.observation.shape[1] for data in datasets}) > 1:
             raise UserError("the sets of demonstrations have different observations")
+        if len({data.n_actions for data in datasets}) > 1:
+            raise UserError("the sets of demonstrations have different actions")
         returns = [data.returns(target_kind, social_discount) for data in datasets]
         sizes = [len(data.action) for data in datasets]
         offsets = np.concatenate([[0], np.cumsum(sizes)])
@@ -102,9 +104,9 @@ class ExpertTable(NamedTuple):
         self, key: PRNGKeyArray, cumulative: Float[Array, " transition"], size: int
     ) -> Batch:
         """Draw transitions by the cumulative sum of their (normalised) weights."""
-        draws = jax.random.uniform(key, (size,))
-        last = cumulative.shape[0] - 1
-        return self.rows(jnp.minimum(jnp.searchsorted(cumulative, draws, side="right"), last))
+        # Scaled, because a rounded sum that ends below 1 would leave draws beyond all weights.
+        draws = jax.random.uniform(key, (size,)) * cumulative[-1]
+        return self.rows(jnp.searchsorted(cumulative, draws, side="right"))
 
     def sample_initial(
         self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int

@@ -219,7 +219,7 @@ def _start(initialise: Callable[[Any], tuple[Any, Any]], numbers: Any) -> Lanes:
 def _advance(
     update: Callable[..., Any], numbers: Any, lane: Lanes, steps: int
 ) -> tuple[Lanes, Array]:
-    """One chunk of one lane; returns the mean of each term over the chunk."""
+    """One chunk of one lane; returns the mean of each term, NaN once the lane has broken."""
 
     def body(lane: Lanes, _: None) -> tuple[Lanes, Array]:
         learnt, surroundings, terms = update(numbers, lane.learnt, lane.surroundings)
@@ -234,7 +234,7 @@ def _advance(
             failed_at=jnp.where(breaks, lane.updates, lane.failed_at),
             failed_term=jnp.where(breaks, jnp.argmin(finite), lane.failed_term),
         )
-        return after, values
+        return after, jnp.where(sound, values, jnp.nan)
 
     lane, values = jax.lax.scan(body, lane, None, length=steps)
     return lane, values.mean(axis=0)

@@ -52,11 +52,12 @@ def sample(replay: Replay, key: PRNGKeyArray, size: int) -> Batch:
 
 
 def add_many(replay: Replay, transitions: Batch) -> Replay:
-    """Add transitions in order (leading axis), at most one ring's worth."""
+    """Add transitions in order (leading axis); of more than the ring holds, the newest stay."""
     capacity = replay.columns.action.shape[0]
     count = transitions.action.shape[0]
-    slots = (replay.added + jnp.arange(count)) % capacity
+    kept = min(count, capacity)  # two writes to one slot would be in no defined order
+    slots = (replay.added + count - kept + jnp.arange(kept)) % capacity
     columns = jax.tree.map(
-        lambda column, values: column.at[slots].set(values), replay.columns, transitions
+        lambda column, values: column.at[slots].set(values[-kept:]), replay.columns, transitions
     )
     return Replay(columns, replay.added + count)

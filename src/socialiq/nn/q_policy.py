@@ -94,8 +94,8 @@ class QPolicy:
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """The soft policy softmax(Q/τ)."""
-        return softmax(self.q_values(observations) / self.temperature, axis=1)
+        """The soft policy softmax(Q/τ), in float64 so that the rows sum to 1."""
+        return softmax(self.q_values(observations).astype(np.float64) / self.temperature, axis=1)
 
     def predict(
         self,
@@ -122,7 +122,7 @@ class QPolicy:
             cumulative = self.probabilities(batch).cumsum(axis=1)
             draws = self.rng.random((len(batch), 1))
             actions = np.minimum((draws >= cumulative).sum(axis=1), self.n_actions - 1)
-        return (actions if np.ndim(observation) == 2 else actions[0]), state
+        return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), state
 
     def save(self, path: Path) -> str:
         """Write the policy to one safetensors file.

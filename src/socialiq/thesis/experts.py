@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.experts import expert_policy
@@ -33,3 +36,26 @@ def expert_pools(table: Table, episodes: dict[str, int], seed: int) -> dict[str,
             source=source,
         ).transitions
     return pools
+
+
+def trajectory_datasets(
+    table: Table, seeds: Sequence[int], episodes_each: int
+) -> list[Demonstrations]:
+    """For each seed a mixture with as many fresh episodes of every expert (5.2)."""
+    return [
+        equal_trajectories(
+            expert_pools(table, dict.fromkeys(MODES, episodes_each), seed), episodes_each, seed
+        )
+        for seed in seeds
+    ]
+
+
+def transition_datasets(
+    table: Table, seeds: Sequence[int], transitions_each: int
+) -> list[Demonstrations]:
+    """For each seed a mixture with as many transitions of every expert (6.3)."""
+    enough = dict.fromkeys(MODES, transitions_each)  # an episode has one transition at least
+    return [
+        equal_transitions(expert_pools(table, enough, seed), transitions_each, seed)
+        for seed in seeds
+    ]

@@ -33,3 +33,11 @@ SWEEP_STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5
 def baseline(structure: Structure) -> Structure:
     """The same learner with the regularizer off, which is not λ = 0 (docs/theory.md)."""
     return dataclasses.replace(structure, prior="none")
+
+
+PRESETS = {
+    "table-c1": (TABLE_C1, TABLE_C1_NUMBERS),
+    "poc": (POC, dataclasses.replace(TABLE_C1_NUMBERS, strength=POC_STRENGTH)),
+    "grid": (GRID, dataclasses.replace(TABLE_C1_NUMBERS, strength=GRID_STRENGTH)),
+    "lambda-sweep": (SWEEP, TABLE_C1_NUMBERS),
+}

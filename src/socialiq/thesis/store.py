@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import importlib.metadata
 import io
+import math
 import platform
 import shutil
 import tempfile
@@ -58,14 +59,19 @@ def versions() -> dict[str, str]:
 
 
 def rounded(value: Any) -> Any:
-    """Plain Python numbers, floats cut to `DECIMALS`, in nested lists and mappings."""
+    """Plain Python numbers, floats cut to `DECIMALS`, in nested lists and mappings.
+
+    JSON has no infinity, so what is not finite becomes its name.
+    """
     if isinstance(value, Mapping):
         return {str(key): rounded(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [rounded(item) for item in value]
     if hasattr(value, "tolist"):
         return rounded(value.tolist())
-    return round(value, DECIMALS) + 0.0 if isinstance(value, float) else value
+    if isinstance(value, float):
+        return round(value, DECIMALS) + 0.0 if math.isfinite(value) else str(value)
+    return value
 
 
 def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace: bool) -> None:

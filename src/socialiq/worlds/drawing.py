@@ -27,7 +27,7 @@ def crossing(axes: Any, size: int, road: int) -> None:
 
 
 def vehicle(
-    axes: Any, x: float, y: float, heading: Heading, color: str, speed: int | None = None
+    axes: Any, x: int, y: int, heading: Heading, color: str, speed: int | None = None
 ) -> None:
     """Draw a road user at the centre of cell (x, y).
 
@@ -63,7 +63,7 @@ def _chevrons(speed: int | None) -> tuple[float, ...]:
     return {None: (), 0: (), 1: (0.05,), 2: (-0.1, 0.12)}[speed]
 
 
-def _chevron(axes: Any, x: float, y: float, heading: Heading, shift: float) -> None:
+def _chevron(axes: Any, x: int, y: int, heading: Heading, shift: float) -> None:
     along, across = (shift - 0.09, shift + 0.06, shift - 0.09), (-0.12, 0.0, 0.12)
     if heading == "east":
         points = [x + a for a in along], [y + c for c in across]
@@ -72,7 +72,7 @@ def _chevron(axes: Any, x: float, y: float, heading: Heading, shift: float) -> N
     axes.plot(*points, color="white", linewidth=1.8, zorder=4)
 
 
-def _bar(axes: Any, x: float, y: float, heading: Heading) -> None:
+def _bar(axes: Any, x: int, y: int, heading: Heading) -> None:
     points = ([x + 0.24] * 2, [y - 0.14, y + 0.14])
     if heading == "north":
         points = ([x - 0.14, x + 0.14], [y + 0.24] * 2)

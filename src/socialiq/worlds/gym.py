@@ -24,7 +24,7 @@ class GridWorldEnv(gymnasium.Env):
     """A gridworld with the usual interface; every number comes from the world's own rules.
 
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
-    (r_env, r_social), `signals` (every named signal) and `ending` (its name).
+    (r_env, r_social), `signals` (every named signal), `ending` (its name) and the ego's `speed`.
 
     Args:
         world: Name of the world.
@@ -85,6 +85,7 @@ class GridWorldEnv(gymnasium.Env):
             "reward_pair": np.array(rewards, np.float64),
             "signals": signals,
             "ending": ending.name.lower(),
+            "speed": float(outcome.speed),
         }
         return (
             self._state.astype(np.float32),

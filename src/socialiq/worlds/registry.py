@@ -28,18 +28,17 @@ def make(name: str, **options: Any) -> GridWorld:
     fields = {field.name: field for field in dataclasses.fields(module.Options)}
     for option in options:
         one_of(f"option of {name}", option, tuple(fields))
-    chosen = module.Options(**options)
-    _check_literals(name, chosen)
-    return module.make(chosen)
+    kinds = typing.get_type_hints(module.Options)
+    for option, value in options.items():
+        _check_literal(name, option, value, kinds[option])
+    return module.make(module.Options(**options))
 
 
-def _check_literals(world: str, options: Any) -> None:
+def _check_literal(world: str, option: str, value: Any, kind: Any) -> None:
     """Refuse a value that the option's Literal type doesn't list."""
-    for option, kind in typing.get_type_hints(type(options)).items():
-        value = getattr(options, option)
-        allowed = typing.get_args(kind)
-        if allowed and value not in allowed:
-            raise UserError(
-                f"unknown value '{value}' for {option} of {world}: "
-                f"choose one of {', '.join(map(str, allowed))}"
-            )
+    allowed = typing.get_args(kind)
+    if allowed and value not in allowed:
+        raise UserError(
+            f"unknown value '{value}' for {option} of {world}: "
+            f"choose one of {', '.join(map(str, allowed))}"
+        )

@@ -35,11 +35,8 @@ class TabularPolicy:
         """Choose actions: the likeliest (the first of equals), or drawn from the table."""
         batch = np.atleast_2d(np.rint(observation).astype(np.int64))
         chances = self.probabilities[self.world.index(batch)]
-        if deterministic:
-            actions = chances.argmax(axis=1)
-        else:
-            actions = draw_actions(chances, self.rng)
-        return (actions if np.ndim(observation) == 2 else actions[0]), state
+        actions = chances.argmax(axis=1) if deterministic else draw_actions(chances, self.rng)
+        return actions.reshape(np.shape(observation)[:-1]), state
 
 
 def draw_actions(

@@ -23,7 +23,7 @@ def make(
     # Where terminal, some are also truncated: the clock may run out in the same step.
     terminated = ~np.isin(ending, [Ending.NONE, Ending.TIMEOUT])
     truncated = (ending == Ending.TIMEOUT) | (terminated & (rng.random(rows) < 0.5))
-    modes = np.zeros(len(lengths)) if modes is None else np.array(modes)
+    mode = np.zeros(len(lengths)) if modes is None else np.array(modes)
     observation = rng.standard_normal((2, rows, n_features)).astype(np.float32)
     return Demonstrations(
         observation=observation[0],
@@ -33,7 +33,7 @@ def make(
         truncated=truncated,
         ending=ending,
         rewards=RewardPair(rng.standard_normal(rows), rng.standard_normal(rows)),
-        mode=np.repeat(modes, lengths).astype(np.int8),
+        mode=np.repeat(mode, lengths).astype(np.int8),
         episode=np.repeat(np.arange(len(lengths)), lengths).astype(np.int32),
         mode_names=mode_names,
         n_actions=n_actions,

@@ -20,7 +20,7 @@ Make = Callable[..., Demonstrations]
 Same = Callable[[Demonstrations, Demonstrations], bool]
 Pools = Mapping[str, Demonstrations]
 
-MODES = ("egoistic", "prosocial", "altruistic")
+MODES: tuple[str, ...] = ("egoistic", "prosocial", "altruistic")
 
 
 @pytest.fixture(name="pools", scope="module")
@@ -146,6 +146,11 @@ def test_a_pool_is_drawn_alike_whatever_the_others_hold(pools: Pools) -> None:
         )
 
 
+def test_pools_of_one_size_are_drawn_in_different_orders(pools: Pools) -> None:
+    mixed = equal_trajectories(pools, 12, seed=7)
+    assert len({tuple(drawn(mixed, pool)) for pool in pools.values()}) == len(pools)
+
+
 def test_every_mixture_is_decided_by_its_seed(pools: Pools, same: Same) -> None:
     first, again, other = (draw_each(pools, seed) for seed in (3, 3, 4))
     for name in MIXTURES:
@@ -218,6 +223,7 @@ def test_modes_without_a_pool_are_refused(pools: Pools) -> None:
         ([0.7, 0.2, 0.1], 10, [7, 2, 1]),
         ([5, 3, 1], 7, [4, 2, 1]),  # 3.89, 2.33, 0.78
         ([1, 0], 3, [3, 0]),
+        ([0.93, 0.07], 50, [47, 3]),  # a tie, though 0.07 * 50 > 3.5 in float64
     ],
 )
 def test_apportion_by_hand(weights: list[float], total: int, expected: list[int]) -> None:

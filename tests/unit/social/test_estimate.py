@@ -32,13 +32,16 @@ def test_the_seed_decides_the_interval() -> None:
     assert (first.low, first.high) != (other.low, other.high)
 
 
-def test_the_interval_of_two_episodes_by_hand() -> None:
-    # Four equally likely resamples: both (1, 0), one of each (twice), both (0, 1). The angles
-    # are 0, 45, 45, 90, and a 90 % interval reaches the two outer ones.
+@pytest.mark.parametrize(
+    ("confidence", "low", "high"), [(0.9, 0.0, 90.0), (0.6, 0.0, 90.0), (0.4, 45.0, 45.0)]
+)
+def test_the_interval_of_two_episodes_by_hand(confidence: float, low: float, high: float) -> None:
+    # Four equally likely resamples: both (1, 0), one of each (twice), both (0, 1). A quarter of
+    # the angles are 0, half 45 and a quarter 90.
     found = estimate_angle(
-        np.array([1.0, 0.0]), np.array([0.0, 1.0]), seed=0, confidence=0.9, resamples=500
+        np.array([1.0, 0.0]), np.array([0.0, 1.0]), seed=0, confidence=confidence, resamples=1000
     )
-    assert found[:3] == pytest.approx((45.0, 0.0, 90.0))
+    assert found[:3] == pytest.approx((45.0, low, high))
 
 
 def test_the_pair_stays_together_in_a_resample() -> None:

@@ -29,6 +29,12 @@ class Endings:
     """The thesis' single flag d makes a timeout terminal. "bootstrap" treats it as a cut."""
     other: Treatment = "zero"
 
+    def __post_init__(self) -> None:
+        """Refuse unknown treatments."""
+        for kind, treatment in self.by_kind().items():
+            what = f"treatment of {kind.name.lower()}"
+            one_of(what, treatment, typing.get_args(Treatment))
+
     def by_kind(self) -> dict[Ending, str]:
         """The treatment of each kind that ends an episode."""
         return {kind: getattr(self, kind.name.lower()) for kind in Ending if kind != Ending.NONE}
@@ -82,6 +88,10 @@ class Structure:
         for name in ("batch_size", "updates", "env_steps_per_update", "replay_capacity"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if any(width < 1 for width in self.hidden):
+            raise UserError(f"hidden widths must be at least 1, got {self.hidden}")
+        if not 0.0 <= self.social_discount <= 1.0:
+            raise UserError(f"social_discount must lie in [0, 1], got {self.social_discount}")
         if not self.online and self.value_term == "value":
             raise UserError(
                 "value term 'value' needs the learner's own transitions: "
@@ -145,5 +155,7 @@ class Numbers:
             raise UserError(f"discount must lie in [0, 1), got {self.discount}")
         if not 0.0 < self.polyak <= 1.0:
             raise UserError(f"polyak must lie in (0, 1], got {self.polyak}")
-        if self.seed < 0 or self.dataset < 0:
-            raise UserError("seed and dataset must be 0 or more")
+        if not 0 <= self.seed < 2**32:
+            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
+        if self.dataset < 0:
+            raise UserError(f"dataset must be 0 or more, got {self.dataset}")

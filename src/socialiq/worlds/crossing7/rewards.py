@@ -26,8 +26,7 @@ def yielding(moved: Move, options: Options) -> Any:
         near = (moved.ego == CONFLICT - 1) | (moved.ego == CONFLICT)
         holds_back = near & (moved.ego_after <= CONFLICT)
     approaching = sum(
-        jnp.where((vehicle.y >= 0) & (vehicle.y < CONFLICT), 1.0, 0.0)
-        for vehicle in moved.vehicles
+        jnp.where((vehicle.y >= 0) & (vehicle.y < CONFLICT), 1.0, 0.0) for vehicle in moved.vehicles
     )
     slowness = 1.0 - moved.action / FAST
     if options.slow_yield == "full":

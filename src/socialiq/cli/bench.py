@@ -1,0 +1,54 @@
+"""`bench`: speed beside the real peer, measured in one run."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+import socialiq
+from socialiq.cli.output import print_json, print_table
+from socialiq.errors import UserError, one_of
+
+BENCHMARKS = ("learners",)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure speed: learners against an eager PyTorch IQ-Learn of the same sizes.
+
+    Example: socialiq bench learners
+    """
+
+    benchmark: Annotated[str, tyro.conf.Positional]
+    """learners."""
+    repeats: int = 3
+    """Runs of each side, in turn; medians and their ratios are printed."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Find the benchmark beside the sources, run it, print."""
+        one_of("benchmark", self.benchmark, BENCHMARKS)
+        if self.repeats < 1:
+            raise UserError(f"repeats must be at least 1, got {self.repeats}")
+        found = _load(self.benchmark).run(self.repeats)
+        if self.json:
+            print_json(found)
+        else:
+            print_table([{"measured": name, "value": value} for name, value in found.items()])
+        return 0
+
+
+def _load(name: str):  # noqa: ANN202
+    path = Path(socialiq.__file__).parents[2] / "benchmarks" / f"{name}.py"
+    if not path.is_file():
+        raise UserError("benchmarks come with the sources, not the package: run in a checkout")
+    spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,104 @@
+"""`socialiq`: parse, run, and turn a user's mistake into one line."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import sys
+from typing import Annotated
+
+import tyro
+
+from socialiq.cli.bench import Bench
+from socialiq.cli.collect import Collect
+from socialiq.cli.evaluate import Evaluate
+from socialiq.cli.solve import Front, Render, Solve
+from socialiq.cli.studies import Claims, Demo, Reproduce
+from socialiq.cli.train import Train
+from socialiq.errors import UserError
+from socialiq.learners.loop import Stopped
+
+COMMANDS = {
+    "demo": Demo,
+    "solve": Solve,
+    "front": Front,
+    "render": Render,
+    "collect": Collect,
+    "train": Train,
+    "evaluate": Evaluate,
+    "reproduce": Reproduce,
+    "claims": Claims,
+    "bench": Bench,
+}
+
+DESCRIPTION = (
+    "Driving policies of a declared social angle, learned from mixed demonstrations. "
+    "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 130 stopped by Ctrl-C."
+)
+
+_BOX = re.compile(r"[│╭╮╰╯─]+")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        arguments: What follows the program's name; by default the process's own.
+
+    Returns:
+        The exit status.
+    """
+    try:
+        return parse(arguments).run()
+    except Stopped as stopped:
+        return _fail(str(stopped), 130)
+    except KeyboardInterrupt:
+        return _fail("stopped; nothing was saved", 130)
+    except UserError as error:
+        return _fail(str(error), 2)
+    except BrokenPipeError:
+        return 0
+
+
+def parse(arguments: list[str] | None):  # noqa: ANN201
+    """Make the command's object; tyro's boxed complaints become one line.
+
+    Raises:
+        UserError: If the command line can't be understood.
+        SystemExit: After `--help`.
+    """
+    choices = tuple(
+        Annotated[kind, tyro.conf.subcommand(name=name)] for name, kind in COMMANDS.items()
+    )
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            return tyro.cli(
+                _union(choices),
+                prog="socialiq",
+                description=DESCRIPTION,
+                args=arguments,
+                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        raise UserError(one_line(complaint.getvalue())) from stop
+
+
+def one_line(boxed: str) -> str:
+    """Flatten a boxed message."""
+    lines = [_BOX.sub(" ", line).strip() for line in boxed.splitlines()]
+    return re.sub(r"\s+", " ", "; ".join(line.rstrip(":") for line in lines if line))
+
+
+def _union(choices: tuple) -> object:
+    import typing
+
+    return typing.Union[choices]  # noqa: UP007
+
+
+def _fail(line: str, status: int) -> int:
+    sys.stderr.write(f"socialiq: {line}\n")
+    return status

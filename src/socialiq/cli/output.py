@@ -1,0 +1,47 @@
+"""What commands print: one JSON object, or tables for people."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from socialiq.storage import write_atomically
+from socialiq.thesis.store import rounded
+
+
+def print_json(value: Mapping[str, Any]) -> None:
+    """One JSON object on standard output, and nothing else there."""
+    sys.stdout.write(json.dumps(rounded(value), allow_nan=False) + "\n")
+
+
+def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
+    """Rows of equal keys as a table; numbers to three decimals."""
+    table = Table(header_style="bold")
+    for name in rows[0]:
+        numeric = all(isinstance(row[name], int | float) for row in rows)
+        table.add_column(str(name).replace("_", " "), justify="right" if numeric else "left")
+    for row in rows:
+        table.add_row(*(shown(value) for value in row.values()))
+    if title:
+        sys.stdout.write(f"{title}\n")
+    Console().print(table)
+
+
+def shown(value: Any) -> str:
+    """A cell's text."""
+    if isinstance(value, float):
+        text = f"{value:.3f}".rstrip("0").rstrip(".")
+        return "0" if text == "-0" else text
+    return str(value)
+
+
+def write_pictures(folder: Path, pictures: Mapping[str, bytes]) -> None:
+    """Write PNG files into a folder that is there."""
+    for name, png in pictures.items():
+        write_atomically(folder / f"{name}.png", png)

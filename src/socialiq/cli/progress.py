@@ -1,0 +1,79 @@
+"""The live progress line, on standard error; plain lines where there is no terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from socialiq.learners.loop import Report
+from socialiq.social.angle import angle_of
+
+_PLAIN_SECONDS = 10.0  # between two plain lines of one stage
+
+
+class Display:
+    """Shows the stages of a command, one after another; a context manager.
+
+    Args:
+        quiet: Show nothing.
+    """
+
+    def __init__(self, quiet: bool = False) -> None:
+        console = Console(stderr=True)
+        self._live = not quiet and console.is_terminal
+        self._plain = not quiet and not self._live
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.completed}/{task.total}"),
+            TextColumn("{task.fields[detail]}"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not self._live,
+        )
+
+    def __enter__(self) -> Display:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def stage(self, name: str) -> Callable[[Report], None]:
+        """Begin a stage; returns what its training calls after each chunk."""
+        task = self._progress.add_task(name, total=None, detail="compiling")
+        printed = [time.monotonic() - _PLAIN_SECONDS, 0]
+
+        def show(report: Report) -> None:
+            self._progress.update(
+                task, total=report.total, completed=report.done, detail=describe(report)
+            )
+            for failure in report.failures[printed[1] :]:
+                self._progress.console.print(f"  {failure}", style="red", highlight=False)
+            printed[1] = len(report.failures)
+            due = time.monotonic() - printed[0] >= _PLAIN_SECONDS or report.done == report.total
+            if self._plain and due:
+                printed[0] = time.monotonic()
+                sys.stderr.write(
+                    f"{name}: {report.done}/{report.total}, {describe(report)}, "
+                    f"{report.seconds_left:.0f} s left\n"
+                )
+
+        return show
+
+
+def describe(report: Report) -> str:
+    """Named loss terms, max |Q|, α̂ if it is known, and updates per second of all lanes."""
+    shown = {name: value for name, value in report.terms.items() if name != "max_q"}
+    parts = [f"{name} {value:.3g}" for name, value in shown.items()]
+    if "max_q" in report.terms:
+        parts.append(f"max|Q| {report.terms['max_q']:.3g}")
+    if "greedy_r_env" in report.monitored:
+        env = float(report.monitored["greedy_r_env"].mean())
+        social = float(report.monitored["greedy_r_social"].mean())
+        parts.append(f"α̂ {angle_of(env, social):.1f}°")
+    return " ".join(parts) + f", {report.rate:,.0f} updates/s"

@@ -1,0 +1,147 @@
+"""`solve`, `front` and `render`: a world's exact side, and its picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from socialiq.cli.output import print_json, print_table
+from socialiq.evaluation.exact import Optimum, evaluate_exactly
+from socialiq.evaluation.rollout import rollout_table
+from socialiq.figures.style import png
+from socialiq.mdp.horizon import horizon_optimum
+from socialiq.social.angle import angle_of, check_angle, weights
+from socialiq.social.score import score
+from socialiq.storage import write_atomically
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.pictures import filmstrip, picture
+from socialiq.worlds.registry import make
+
+World = Annotated[str, tyro.conf.Positional]
+
+
+@dataclass(frozen=True)
+class Solve:
+    """The exact optimum of a world at a social angle.
+
+    Example: socialiq solve crossing7 --angle 45
+    """
+
+    world: World
+    """crossing5 or crossing7."""
+    angle: float = 0.0
+    """Social angle in degrees: 0 egoistic, 45 prosocial, 90 altruistic."""
+    stationary: bool = False
+    """The thesis' expert: value iteration at discount 0.99, which doesn't know the time left."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Solve, evaluate exactly, print."""
+        angle = check_angle(self.angle)
+        table = tabulate(make(self.world))
+        part = table.reachable_part()
+        if self.stationary:
+            whole = expert_policy(table, angle, "stochastic")
+            metrics = evaluate_exactly(part, whole[table.mdp.reachable()])
+        else:
+            reward = score(weights(angle), part.mdp.rewards)
+            best = horizon_optimum(part.mdp, reward, table.world.horizon)
+            metrics = evaluate_exactly(part, best.probabilities(part.mdp.n_actions))
+        found = {
+            "world": self.world,
+            "angle": angle,
+            "stationary": self.stationary,
+            "r_env": metrics.r_env,
+            "r_social": metrics.r_social,
+            "angle_hat": metrics.angle,
+            "value": metrics.value(angle),
+            "arrival": metrics.arrival,
+            "collision": metrics.collision,
+            "timeout": metrics.timeout,
+            "states": table.mdp.n_states,
+            "reachable_states": part.mdp.n_states,
+        }
+        if self.json:
+            print_json(found)
+        else:
+            print_table([{"quantity": name, "value": value} for name, value in found.items()])
+        return 0
+
+
+@dataclass(frozen=True)
+class Front:
+    """Every trade-off of r_env and r_social that a world allows: vertices, angles, radii.
+
+    Example: socialiq front crossing7
+    """
+
+    world: World
+    """crossing5 or crossing7."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Compute the attainable set, print its front."""
+        attainable = Optimum(tabulate(make(self.world)).reachable_part()).attainable
+        vertices = []
+        for env, social in attainable.front():
+            number = int(np.flatnonzero((attainable.vertices == (env, social)).all(axis=1))[0])
+            low, high = attainable.supporting_interval(number)
+            vertices.append(
+                {
+                    "r_env": env,
+                    "r_social": social,
+                    "angle_hat": angle_of(env, social),
+                    "optimal_from": max(low, 0.0),
+                    "optimal_to": min(high, 90.0),
+                }
+            )
+        radii = [
+            {"angle": angle, "radius": attainable.radius(float(angle))}
+            for angle in range(0, 91, 15)
+        ]
+        if self.json:
+            print_json({"world": self.world, "front": vertices, "radius": radii})
+        else:
+            print_table(vertices, "Pareto front (degrees; optimal_from/to: angles it is best for)")
+            print_table(radii, "Largest mean reward vector at each angle, by mixing policies")
+        return 0
+
+
+@dataclass(frozen=True)
+class Render:
+    """Draw a world's first state, or one episode of its expert as a filmstrip.
+
+    Example: socialiq render crossing7 --angle 45 --out episode.png
+    """
+
+    world: World
+    """crossing5 or crossing7."""
+    out: Path
+    """PNG file to write."""
+    angle: float | None = None
+    """Draw an episode of this angle's expert; without it, the first state."""
+    seed: int = 0
+    """Of the episode."""
+
+    def run(self) -> int:
+        """Draw and write."""
+        table = tabulate(make(self.world))
+        if self.angle is None:
+            drawn = picture(table.world, table.world.start[0][0])
+        else:
+            drawn = filmstrip(table.world, _episode(table, check_angle(self.angle), self.seed))
+        write_atomically(self.out, png({"picture": drawn})["picture"])
+        return 0
+
+
+def _episode(table: Table, angle: float, seed: int) -> list[list[int]]:
+    steps = rollout_table(table, expert_policy(table, angle), 1, seed).transitions
+    states = np.vstack([steps.observation, steps.next_observation[-1:]])
+    return states.astype(int).tolist()

@@ -1,0 +1,233 @@
+"""`train`: demonstrations in, policies out; a grid of runs in one compiled program."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium
+import tyro
+
+from socialiq.cli.output import print_json, print_table
+from socialiq.cli.progress import Display
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError, one_of
+from socialiq.evaluation.exact import exact_monitor
+from socialiq.learners.collect import GymCollector
+from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.learners.loop import Lanes, Outside
+from socialiq.storage import new_folder, write_atomically, write_json
+from socialiq.thesis.presets import PRESETS
+from socialiq.thesis.store import Row, as_csv, rounded, versions
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.registry import WORLDS, make
+
+CHUNK = 500
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a policy for every angle, strength and seed given, from one file of demonstrations.
+
+    Example: socialiq train mixed.safetensors --world crossing7 --angle 45 --out run
+    """
+
+    data: Annotated[Path, tyro.conf.Positional]
+    """Demonstrations file, of `socialiq collect`."""
+    out: Path
+    """Folder to make: policies, metrics.csv, run.json."""
+    world: str = ""
+    """Where the learner acts: crossing5, crossing7 or a Gymnasium id; none trains offline."""
+    angle: tuple[float, ...] = (0.0,)
+    """Target angles in degrees."""
+    strength: tuple[float, ...] = ()
+    """λ; by default the preset's."""
+    seed: tuple[int, ...] = (0,)
+    """Training seeds."""
+    preset: str = "grid"
+    """Settings to begin with: table-c1, poc, grid, lambda-sweep. Every option below overrides."""
+    resume: bool = False
+    """Go on with a run that was stopped."""
+    json: bool = False
+    """Print one JSON object."""
+
+    prior: str | None = None
+    """none (the baseline), reward, bellman_shift, reweighting, shifted_chi2."""
+    target_kind: str | None = None
+    """Reading of "cumulative": running, to_go, trajectory, instantaneous."""
+    divergence: str | None = None
+    """chi2, kl, reverse_kl, hellinger, js."""
+    value_term: str | None = None
+    """value (needs a world), value_expert, v0."""
+    chi2_on: str | None = None
+    """expert or mixture."""
+    next_value: str | None = None
+    """V(s') by a slow copy (target) or by the network with gradient (online)."""
+    hidden: tuple[int, ...] | None = None
+    """Widths of the hidden layers."""
+    activation: str | None = None
+    """relu or elu."""
+    batch_size: int | None = None
+    """Transitions per batch."""
+    updates: int | None = None
+    """Gradient steps."""
+    prior_weight: float | None = None
+    """w, the weight of the social prior."""
+    temperature: float | None = None
+    """τ."""
+    discount: float | None = None
+    """γ."""
+    chi2_alpha: float | None = None
+    """α_χ."""
+    learning_rate: float | None = None
+    """Of Adam."""
+    polyak: float | None = None
+    """τ_target."""
+
+    def run(self) -> int:
+        """Train, write the folder, print what came out."""
+        data = files.load(self.data)
+        structure, numbers = self.settings()
+        simulator, before_chunk = self.surroundings(structure, numbers)
+        checkpoint = self.folder() / "checkpoint.safetensors"
+        with Display() as display:
+            trained = train(
+                structure,
+                numbers,
+                [data],
+                simulator,
+                Outside(
+                    on_report=display.stage("training"),
+                    monitor=_monitor(simulator, numbers),
+                    checkpoint=checkpoint,
+                    resume=self.resume,
+                ),
+                CHUNK,
+                before_chunk,
+            )
+        lanes = self.write(trained, data)
+        checkpoint.unlink(missing_ok=True)
+        if self.json:
+            print_json({"out": str(self.out), "policies": lanes})
+        else:
+            print_table([{k: v for k, v in lane.items() if k != "sha256"} for lane in lanes])
+        for failure in trained.failures:
+            print_failure(failure)
+        return 1 if trained.failures else 0
+
+    def settings(self) -> tuple[Structure, list[Numbers]]:
+        """The preset with the options laid over it."""
+        one_of("preset", self.preset, tuple(PRESETS))
+        structure, base = PRESETS[self.preset]
+        structure = dataclasses.replace(
+            structure, online=bool(self.world), **self._given(Structure)
+        )
+        base = dataclasses.replace(base, **self._given(Numbers))
+        numbers = [
+            dataclasses.replace(base, angle=angle, strength=strength, seed=seed)
+            for angle in self.angle
+            for strength in self.strength or (base.strength,)
+            for seed in self.seed
+        ]
+        return structure, numbers
+
+    def _given(self, kind: type) -> dict[str, Any]:
+        """Options of this command that override fields of a settings class."""
+        own = {"angle", "strength", "seed"}
+        names = {field.name for field in dataclasses.fields(kind)} - own
+        given = {name: getattr(self, name, None) for name in names}
+        return {name: value for name, value in given.items() if value is not None}
+
+    def surroundings(
+        self, structure: Structure, numbers: list[Numbers]
+    ) -> tuple[GridWorld | None, Callable[[Lanes, int], Lanes] | None]:
+        """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
+        if not self.world:
+            return None, None
+        if self.world in WORLDS:
+            return make(self.world), None
+        collector = GymCollector(
+            lambda: _gymnasium(self.world),
+            [one.seed for one in numbers],
+            [one.temperature for one in numbers],
+            CHUNK * structure.env_steps_per_update,
+        )
+        return None, collector
+
+    def folder(self) -> Path:
+        """The output folder: a new one, or that of a stopped run."""
+        if not self.resume:
+            return new_folder(self.out)
+        if (self.out / "run.json").exists():
+            raise UserError(f"{self.out} holds a finished run: there is nothing to resume")
+        return self.out
+
+    def write(self, trained: Trained, data: Demonstrations) -> list[Row]:
+        """Policies, metrics and the record of the run."""
+        lanes = []
+        for lane, numbers in enumerate(trained.numbers):
+            name = f"policy_{lane}.safetensors"
+            sha256 = trained.policy(lane).save(self.out / name)
+            last = {
+                name.removeprefix("greedy_"): trained.history.array(name)[-1, lane]
+                for name in trained.history.values
+                if name in ("greedy_angle", "greedy_arrival", "loss")
+            }
+            described = {"angle": numbers.angle, "strength": numbers.strength}
+            described |= {"seed": numbers.seed, "file": name, "sha256": sha256}
+            names = {"angle": "angle_hat"}
+            lanes.append(described | {names.get(k, k): float(v) for k, v in last.items()})
+        write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
+        record = {
+            "structure": dataclasses.asdict(trained.structure),
+            "numbers": [dataclasses.asdict(one) for one in trained.numbers],
+            "world": self.world,
+            "data": {"file": str(self.data), "transitions": data.n_transitions},
+            "versions": versions(),
+            "failures": trained.failures,
+            "policies": lanes,
+        }
+        write_json(self.out / "run.json", rounded(record))
+        return lanes
+
+
+def print_failure(line: str) -> None:
+    """One line on standard error."""
+    import sys
+
+    sys.stderr.write(f"socialiq: {line}\n")
+
+
+def _monitor(simulator: GridWorld | None, numbers: list[Numbers]) -> Any:
+    if simulator is None:
+        return None
+    part = tabulate(simulator).reachable_part()
+    return exact_monitor(part, [one.temperature for one in numbers])
+
+
+def _gymnasium(name: str) -> gymnasium.Env:
+    try:
+        return gymnasium.make(name)
+    except gymnasium.error.Error as error:
+        raise UserError(
+            f"unknown world '{name}': choose one of {', '.join(WORLDS)}, "
+            "or a registered Gymnasium id"
+        ) from error
+
+
+def _history_rows(trained: Trained) -> list[Row]:
+    """One row for each recorded update and lane."""
+    history = trained.history
+    arrays = {name: history.array(name) for name in history.values}
+    return [
+        {"updates": updates, "angle_target": one.angle, "strength": one.strength, "seed": one.seed}
+        | {name: rounded(float(array[chunk, lane])) for name, array in arrays.items()}
+        for chunk, updates in enumerate(history.updates)
+        for lane, one in enumerate(trained.numbers)
+    ]

@@ -1,0 +1,54 @@
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from socialiq.worlds import registry
+from socialiq.worlds.enumerate import Table, tabulate
+
+
+@cache
+def tabulated(name: str, **options: Any) -> Table:
+    return tabulate(registry.make(name, **options))
+
+
+@pytest.fixture(name="tabulated", scope="session")
+def tabulated_fixture() -> Callable[..., Table]:
+    return tabulated
+
+
+@pytest.fixture(scope="session")
+def table5() -> Table:
+    return tabulated("crossing5")
+
+
+@pytest.fixture(scope="session")
+def table7() -> Table:
+    return tabulated("crossing7")
+
+
+@pytest.fixture(scope="session")
+def always() -> Callable[[Table, int], np.ndarray]:
+    """The policy that takes one action everywhere."""
+
+    def make(table: Table, action: int) -> np.ndarray:
+        return np.eye(table.mdp.n_actions)[np.full(table.mdp.n_states, action)]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def random_policy() -> Callable[[Table, int], np.ndarray]:
+    """Action probabilities drawn at random for every state, the first action's the largest.
+
+    It stops the ego, so some episodes run out of time.
+    """
+
+    def make(table: Table, seed: int) -> np.ndarray:
+        rng = np.random.default_rng(seed)
+        concentration = [5.0] + [1.0] * (table.mdp.n_actions - 1)
+        return rng.dirichlet(concentration, table.mdp.n_states)
+
+    return make

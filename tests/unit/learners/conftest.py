@@ -1,0 +1,79 @@
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.types import Ending, RewardPair
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compile_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Runs of one structure compile once: the learners build their programs anew each time."""
+    settings = {
+        "jax_compilation_cache_dir": str(tmp_path_factory.mktemp("jax")),
+        "jax_persistent_cache_min_compile_time_secs": 0,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+    }
+    before = {name: getattr(jax.config, name) for name in settings}
+    for name, value in settings.items():
+        jax.config.update(name, value)
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+@pytest.fixture
+def without_type_checker(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a user runs it: the tests' own checker would refuse wrong types before we do."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
+def demonstrations(
+    seed: int = 0, episodes: int = 5, length: int = 8, n_features: int = 6, n_actions: int = 3
+) -> Demonstrations:
+    """Random episodes of integer observations; row i observes i as its first feature."""
+    rng = np.random.default_rng(seed)
+    rows = episodes * length
+    observation = rng.integers(0, 3, (rows, n_features)).astype(np.float32)
+    observation[:, 0] = np.arange(rows)
+    ending = np.zeros((episodes, length), np.int8)
+    ending[:, -1] = [(Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT)[i % 3] for i in range(episodes)]
+    ending = ending.ravel()
+    return Demonstrations(
+        observation=observation,
+        action=rng.integers(0, n_actions, rows).astype(np.int32),
+        next_observation=np.roll(observation, -1, axis=0),
+        terminated=(ending != Ending.NONE) & (ending != Ending.TIMEOUT),
+        truncated=ending == Ending.TIMEOUT,
+        ending=ending,
+        rewards=RewardPair(rng.normal(size=rows), rng.normal(size=rows)),
+        mode=np.zeros(rows, np.int8),
+        episode=np.repeat(np.arange(episodes, dtype=np.int32), length),
+        mode_names=("random",),
+        n_actions=n_actions,
+        source={},
+    )
+
+
+@pytest.fixture(scope="session", name="demonstrations")
+def demonstrations_fixture() -> Callable[..., Demonstrations]:
+    return demonstrations
+
+
+def assert_same(one: Any, other: Any) -> None:
+    """Equal trees, bit for bit."""
+    leaves, others = jax.tree.leaves(one), jax.tree.leaves(other)
+    assert len(leaves) == len(others) > 0
+    for a, b in zip(leaves, others, strict=True):
+        if jax.numpy.issubdtype(a.dtype, jax.dtypes.prng_key):
+            a, b = jax.random.key_data(a), jax.random.key_data(b)
+        np.testing.assert_array_equal(a, b, strict=True)
+
+
+@pytest.fixture(scope="session", name="assert_same")
+def assert_same_fixture() -> Callable[[Any, Any], None]:
+    return assert_same

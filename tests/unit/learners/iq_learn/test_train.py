@@ -1,0 +1,199 @@
+import dataclasses
+import signal
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
+from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.learners.loop import Outside, Report, Stopped
+from socialiq.worlds import registry
+
+ONLINE = Structure(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
+OFFLINE = dataclasses.replace(ONLINE, online=False, value_term="value_expert")
+RUNS = (Numbers(seed=0, angle=45.0), Numbers(seed=1, angle=45.0))
+CROSSING7 = registry.make("crossing7")
+
+
+@pytest.fixture(name="data", scope="module")
+def random_demonstrations(demonstrations):
+    return demonstrations()
+
+
+@pytest.fixture(name="whole", scope="module")
+def uninterrupted(data) -> Trained:
+    return train(ONLINE, RUNS, [data], CROSSING7, chunk=20)
+
+
+def observations(data) -> np.ndarray:
+    return data.observation[:10]
+
+
+def test_an_online_run_trains_every_lane_soundly(whole: Trained, data) -> None:
+    assert whole.failures == ()
+    assert whole.history.updates == [20, 40, 60]
+    terms = {"expert", "value", "chi2", "prior", "loss", "max_q", "expert_reward"}
+    assert set(whole.history.values) == terms
+    assert all(np.isfinite(whole.history.array(name)).all() for name in terms)
+    parts = [whole.history.array(name) for name in ("expert", "value", "chi2", "prior")]
+    np.testing.assert_allclose(np.sum(parts, axis=0), whole.history.array("loss"), rtol=1e-5)
+
+
+def test_the_same_seed_gives_the_same_bits(whole: Trained, assert_same, data) -> None:
+    again = train(ONLINE, RUNS, [data], CROSSING7, chunk=20)
+    assert_same(again.networks, whole.networks)
+    assert_same(again.history.values, whole.history.values)
+
+
+def test_different_seeds_differ(whole: Trained, data) -> None:
+    first, second = (whole.policy(lane).q_values(observations(data)) for lane in (0, 1))
+    assert not np.allclose(first, second)
+
+
+def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
+    whole: Trained, assert_same, data, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+
+    def interrupt(report: Report) -> None:
+        if report.done == 40:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(Stopped, match="stopped after 40 of 60 updates"):
+        train(ONLINE, RUNS, [data], CROSSING7, Outside(interrupt, checkpoint=path), chunk=20)
+    around = Outside(checkpoint=path, resume=True)
+    resumed = train(ONLINE, RUNS, [data], CROSSING7, around, chunk=20)
+    assert_same(resumed.networks, whole.networks)
+    assert resumed.history.updates == whole.history.updates
+    for name in whole.history.values:
+        np.testing.assert_array_equal(resumed.history.array(name), whole.history.array(name))
+
+    changed = (RUNS[0], dataclasses.replace(RUNS[1], strength=2.0))
+    with pytest.raises(UserError, match="belongs to a run of other settings"):
+        train(ONLINE, changed, [data], CROSSING7, around, chunk=20)
+
+
+def test_a_lane_that_diverges_stops_and_the_other_trains_on(
+    whole: Trained, assert_same, data
+) -> None:
+    wild = dataclasses.replace(RUNS[1], learning_rate=1e30)
+    found = train(ONLINE, (RUNS[0], wild), [data], CROSSING7, chunk=20)
+    assert len(found.failures) == 1
+    assert found.failures[0].startswith("angle 45, strength 1, seed 1 stopped at update ")
+    term = found.failures[0].split(": ")[1].split(" is not finite")[0]
+    assert term in {"chi2", "expert", "expert_reward", "loss", "max_q", "prior", "value"}
+    first = jax.tree.map(lambda leaf: leaf[0], (found.networks, whole.networks))
+    assert_same(*first)
+    assert np.isfinite(found.policy(1).weights[0]).all()
+
+
+def test_a_lane_does_not_depend_on_its_neighbours(whole: Trained, data) -> None:
+    alone = train(ONLINE, RUNS[1:], [data], CROSSING7, chunk=60)
+    found, expected = alone.policy(0), whole.policy(1)
+    np.testing.assert_allclose(
+        found.q_values(observations(data)), expected.q_values(observations(data)), atol=1e-5
+    )
+
+
+def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None:
+    policy = whole.policy(1)
+    assert policy.temperature == 1.0
+    assert policy.provenance["learner"] == "iq_learn"
+    assert Numbers(**policy.provenance["numbers"]) == RUNS[1]
+    assert policy.provenance["structure"]["hidden"] == (8,)
+
+
+# Together these runs have every value of every choice.
+VARIANTS: dict[str, tuple[dict[str, Any], Numbers]] = {
+    "reweighting": (
+        {"prior": "reweighting", "chi2_on": "mixture", "env_steps_per_update": 2}
+        | {"endings": Endings(timeout="bootstrap", collision="absorbing")},
+        Numbers(reweight_temperature=0.5),
+    ),
+    "bellman_shift": (
+        {"prior": "bellman_shift", "shift_term_3": True, "target_kind": "to_go"}
+        | {"value_term": "v0", "next_value": "online"},
+        Numbers(),
+    ),
+    "shifted_chi2": (
+        {"prior": "shifted_chi2", "target_kind": "instantaneous", "chi2_on": "mixture"},
+        Numbers(angle=90.0),
+    ),
+    "kl": (
+        {"divergence": "kl", "prior": "none", "online": False, "value_term": "v0"},
+        Numbers(),
+    ),
+    "reverse_kl": (
+        {"divergence": "reverse_kl", "online": False, "value_term": "value_expert"}
+        | {"target_kind": "trajectory"},
+        Numbers(),
+    ),
+    "hellinger": (
+        {"divergence": "hellinger", "prior": "bellman_shift", "online": False}
+        | {"value_term": "value_expert", "activation": "elu"},
+        Numbers(),
+    ),
+    "js": ({"divergence": "js", "online": False, "value_term": "value_expert"}, Numbers()),
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_variant_trains_with_finite_terms(name: str, data) -> None:
+    choices, numbers = VARIANTS[name]
+    structure = dataclasses.replace(ONLINE, updates=20, **choices)
+    found = train(structure, [numbers], [data], CROSSING7 if structure.online else None, chunk=20)
+    assert found.failures == ()
+    assert all(np.isfinite(found.history.array(term)).all() for term in found.history.values)
+    drawn = train(
+        dataclasses.replace(structure, updates=1),
+        [dataclasses.replace(numbers, learning_rate=1e-30)],
+        [data],
+        CROSSING7 if structure.online else None,
+        chunk=20,
+    )
+    moved = found.policy(0).q_values(observations(data)) - drawn.policy(0).q_values(
+        observations(data)
+    )
+    assert np.abs(moved).max() > 1e-4
+
+
+def test_each_lane_learns_from_its_own_set(data, demonstrations) -> None:
+    """A set that only knows action 2 is told from one that only knows action 0."""
+    sets = [
+        dataclasses.replace(data, action=np.full_like(data.action, action)) for action in (0, 2)
+    ]
+    numbers = [Numbers(dataset=index, learning_rate=0.01, prior_weight=0.0) for index in (0, 1)]
+    found = train(dataclasses.replace(OFFLINE, updates=200), numbers, sets, chunk=200)
+    for lane, action in ((0, 0), (1, 2)):
+        chosen = found.policy(lane).probabilities(data.observation)[:, action]
+        assert chosen.mean() > 0.6
+
+
+@pytest.mark.parametrize(
+    ("structure", "numbers", "world", "words"),
+    [
+        (ONLINE, [], CROSSING7, "no runs"),
+        (ONLINE, RUNS, None, "online training needs a world"),
+        (OFFLINE, RUNS, CROSSING7, "offline training takes no world"),
+        (ONLINE, [Numbers(dataset=1)], CROSSING7, "beyond the 1 given"),
+        (ONLINE, RUNS, registry.make("crossing5"), "they belong to another world"),
+    ],
+)
+def test_settings_that_do_not_fit_together_are_refused(
+    data, structure: Structure, numbers: Any, world: Any, words: str
+) -> None:
+    with pytest.raises(UserError, match=words):
+        train(structure, list(numbers), [data], world)
+
+
+def test_demonstrations_that_do_not_fit_together_are_refused(data, demonstrations) -> None:
+    with pytest.raises(UserError, match="no demonstrations"):
+        train(OFFLINE, RUNS, [])
+    with pytest.raises(UserError, match="different actions"):
+        train(OFFLINE, RUNS, [data, demonstrations(n_actions=5)])
+    with pytest.raises(UserError, match="offline training takes no world"):
+        train(OFFLINE, RUNS, [data], before_chunk=lambda lanes, done: lanes)

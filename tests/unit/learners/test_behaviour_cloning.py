@@ -1,0 +1,86 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.learners.behaviour_cloning import (
+    Numbers,
+    Structure,
+    clone,
+    negative_log_likelihood,
+)
+from socialiq.nn.q_network import QNetwork
+from socialiq.types import RewardPair
+
+STATES = np.eye(3, dtype=np.float32)
+COUNTS = np.array([[10, 0, 0], [5, 5, 0], [1, 3, 6]])
+
+
+def counted(counts: np.ndarray) -> Demonstrations:
+    """One transition of its own episode for each count of (state, action)."""
+    state, action = (np.repeat(index.ravel(), counts.ravel()) for index in np.indices(counts.shape))
+    rows = len(action)
+    return Demonstrations(
+        observation=STATES[state],
+        action=action.astype(np.int32),
+        next_observation=STATES[state],
+        terminated=np.ones(rows, bool),
+        truncated=np.zeros(rows, bool),
+        ending=np.full(rows, 4, np.int8),
+        rewards=RewardPair(np.zeros(rows), np.zeros(rows)),
+        mode=np.zeros(rows, np.int8),
+        episode=np.arange(rows, dtype=np.int32),
+        mode_names=("counted",),
+        n_actions=3,
+        source={},
+    )
+
+
+def test_the_likelihood_by_hand() -> None:
+    """Logits (0, ln 3) give the probabilities 1/4 and 3/4."""
+    network = QNetwork.initialise(jax.random.key(0), 1, (), 2)
+    weights, logits = jnp.zeros((2, 1)), jnp.array([0.0, jnp.log(3.0)])
+    network = jax.tree.unflatten(jax.tree.structure(network), [weights, logits])
+    found = negative_log_likelihood(network, jnp.ones((2, 1)), jnp.array([0, 1]))
+    assert found == pytest.approx(-(np.log(1 / 4) + np.log(3 / 4)) / 2, rel=1e-6)
+
+
+def test_clones_recover_the_frequencies_of_their_own_sets() -> None:
+    sets, structure = [counted(COUNTS), counted(COUNTS[::-1])], Structure(hidden=(), updates=1500)
+    numbers = [Numbers(learning_rate=0.02, seed=seed, dataset=seed) for seed in (0, 1)]
+    cloned = clone(structure, numbers, sets, chunk=1500)
+    expected = COUNTS / COUNTS.sum(axis=1, keepdims=True)
+    for lane, frequencies in ((0, expected), (1, expected[::-1])):
+        np.testing.assert_allclose(
+            cloned.policy(lane).probabilities(STATES), frequencies, atol=0.05
+        )
+    record = cloned.policy(1).provenance
+    assert (record["learner"], record["numbers"]["dataset"]) == ("behaviour_cloning", 1)
+
+
+def test_runs_without_demonstrations_are_refused() -> None:
+    data = counted(COUNTS)
+    for numbers in ([], [Numbers(dataset=1)]):
+        with pytest.raises(UserError, match="the demonstrations that each run names"):
+            clone(Structure(), numbers, [data])
+
+
+@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Structure(activation="gelu"),
+        lambda: Structure(batch_size=0),
+        lambda: Structure(updates=0),
+        lambda: Numbers(learning_rate=float("nan")),
+        lambda: Numbers(learning_rate=0.0),
+        lambda: Numbers(seed=2**32),
+        lambda: Numbers(dataset=-1),
+    ],
+)
+def test_settings_that_make_no_run_are_refused(make) -> None:
+    with pytest.raises(UserError) as caught:
+        make()
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,97 @@
+import gymnasium
+import jax
+import numpy as np
+import pytest
+
+import socialiq  # noqa: F401 - registers the worlds
+from socialiq.errors import UserError
+from socialiq.learners import loop
+from socialiq.learners.collect import GymCollector
+from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.train import initialise, train, traced
+from socialiq.types import Ending
+from socialiq.worlds import registry
+
+STRUCTURE = Structure(hidden=(8,), batch_size=8, updates=40, replay_capacity=80)
+RUNS = [Numbers(seed=3), Numbers(seed=4)]
+STEPS = 60
+
+
+def crossing7() -> gymnasium.Env:
+    return gymnasium.make("socialiq/Crossing7-v1")
+
+
+def collector(steps: int = STEPS) -> GymCollector:
+    return GymCollector(crossing7, seeds=[3, 4], temperatures=[1.0, 1.0], steps=steps)
+
+
+@pytest.fixture(name="lanes", scope="module")
+def fresh_lanes(demonstrations) -> loop.Lanes:
+    table = ExpertTable.of([demonstrations()], "running", 0.99)
+    start = jax.vmap(lambda one: initialise(STRUCTURE, table, None, (6, 3), one))
+    zero = np.zeros(2, np.int32)
+    return loop.Lanes(*start(traced(RUNS)), zero, zero - 1, zero - 1)
+
+
+@pytest.fixture(name="filled", scope="module")
+def filled_lanes(lanes) -> loop.Lanes:
+    return collector()(lanes, 0)
+
+
+def test_the_ring_holds_what_the_world_did(filled) -> None:
+    """Every stored row is a transition of the world's own rules under one of its chances."""
+    ring, world = filled.surroundings.replay, registry.make("crossing7")
+    assert ring.added.tolist() == [STEPS, STEPS]
+    rules = jax.jit(jax.vmap(world.rules, in_axes=(0, 0, None)))
+    for lane in range(2):
+        rows = jax.tree.map(lambda column, lane=lane: np.asarray(column[lane][:STEPS]), ring.columns)
+        possible = []
+        for chance in range(2):
+            outcome = rules(rows.observation.astype(np.int32), rows.action, chance)
+            pair = world.rewards(outcome.signals)
+            possible.append(
+                (outcome.state == rows.next_observation).all(axis=1)
+                & ((outcome.ending == rows.ending) | (rows.ending == Ending.TIMEOUT))
+                & np.isclose(pair.env, rows.target.env)
+                & np.isclose(pair.social, rows.target.social)
+            )
+        assert np.logical_or(*possible).all()
+        goes_on = rows.ending[:-1] == Ending.NONE
+        follows = (rows.next_observation[:-1] == rows.observation[1:]).all(axis=1)
+        assert follows[goes_on].all()
+        assert (rows.observation[1:][~goes_on, 0] == 0).all()  # a new episode starts at x = 0
+        assert set(rows.ending.tolist()) <= {0, 1, 2, 3}
+        assert (rows.ending > 0).any()
+
+
+def test_experience_depends_on_the_seed_and_the_updates_done_alone(
+    lanes, filled, assert_same
+) -> None:
+    assert_same(collector()(lanes, 0), filled)
+    used = collector()
+    used(lanes, 500)
+    assert_same(used(lanes, 0), filled)
+    later = collector()(lanes, 20).surroundings.replay.columns
+    columns = filled.surroundings.replay.columns
+    assert (later.action != columns.action).any()
+    assert (columns.action[0] != columns.action[1]).any()
+
+
+def test_the_replay_keeps_what_came_before(filled) -> None:
+    ring = collector(10)(filled, 20).surroundings.replay
+    assert ring.added.tolist() == [70, 70]
+    before = filled.surroundings.replay.columns.observation
+    np.testing.assert_array_equal(ring.columns.observation[:, :60], before[:, :60])
+
+
+def test_actions_that_are_not_discrete_are_refused() -> None:
+    with pytest.raises(UserError, match="only discrete actions"):
+        GymCollector(lambda: gymnasium.make("Pendulum-v1"), [0], [1.0], 5)
+
+
+def test_an_online_run_trains_on_what_is_collected(demonstrations) -> None:
+    found = train(STRUCTURE, RUNS, [demonstrations()], chunk=20, before_chunk=collector())
+    assert found.failures == ()
+    assert found.history.updates == [20, 40]
+    assert all(np.isfinite(found.history.array(name)).all() for name in found.history.values)
