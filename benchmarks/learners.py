@@ -1,8 +1,9 @@
 """Update rates: ours, one program and many; and an eager PyTorch loop of the same sizes.
 
-The peer is the loop that IQ-Learn implementations in PyTorch have: a module, autograd, Adam, batches
-gathered from tensors, one update at a time, on one thread (more threads make so small a network
-slower). It is spared the environment step that ours includes, so the ratio is on the careful side.
+The peer is the loop that IQ-Learn implementations in PyTorch have: a module, autograd, Adam,
+batches gathered from tensors, one update at a time, on one thread (more threads make so small a
+network slower). It is spared the environment step that ours includes, so the ratio is a careful
+one.
 """
 
 from __future__ import annotations

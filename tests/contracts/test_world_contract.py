@@ -113,6 +113,17 @@ def test_walks_agree_with_the_table(env, table):
     assert ended > 10
 
 
+def test_walks_meet_chance_as_often_as_the_table_says(env, table):
+    mdp, surplus, variance = table.mdp, 0.0, 0.0
+    for observation, action, (after, *_) in walk(env, 600, seed=5):
+        s = table.world.index(observation.astype(int))
+        last = mdp.successor[s, action] == table.world.index(after.astype(int))
+        p = mdp.probability[s, action][mdp.successor[s, action] == mdp.successor[s, action, -1]]
+        surplus += float(last[-1]) - p.sum()
+        variance += p.sum() * (1.0 - p.sum())
+    assert abs(surplus) <= 4 * np.sqrt(variance)
+
+
 def test_episodes_begin_in_the_start_states(env, table):
     for seed in range(5):
         observation, _ = env.reset(seed=seed)

@@ -43,7 +43,7 @@ class Bench:
         return 0
 
 
-def _load(name: str):  # noqa: ANN202
+def _load(name: str):
     path = Path(socialiq.__file__).parents[2] / "benchmarks" / f"{name}.py"
     if not path.is_file():
         raise UserError("benchmarks come with the sources, not the package: run in a checkout")

@@ -12,7 +12,6 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
-from socialiq.evaluation.metrics import Metrics
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import check_angle
@@ -61,12 +60,12 @@ class Evaluate:
         readout = "soft" if self.soft else "greedy"
         if self.episodes:
             whole = action_table(policy, table, readout)
-            found = self.sampled(rollout_table(table, whole, self.episodes, self.seed))
+            rollout = rollout_table(table, whole, self.episodes, self.seed)
+            metrics, found = rollout.metrics(), self.sampled(rollout)
         else:
             metrics = evaluate_exactly(part, action_table(policy, part, readout))
             found = {"method": "exact", **metrics._asdict()}
-        totals = Metrics(*(found[name] for name in Metrics._fields))
-        regret = Optimum(part).regret(totals, self.angle)
+        regret = Optimum(part).regret(metrics, self.angle)
         return {**found, "readout": readout, "target_angle": self.angle, "regret": regret}
 
     def in_gym(self, policy: QPolicy) -> dict[str, object]:

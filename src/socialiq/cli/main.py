@@ -6,7 +6,7 @@ import contextlib
 import io
 import re
 import sys
-from typing import Annotated
+from typing import Annotated, Any, cast
 
 import tyro
 
@@ -19,18 +19,19 @@ from socialiq.cli.train import Train
 from socialiq.errors import UserError
 from socialiq.learners.loop import Stopped
 
-COMMANDS = {
-    "demo": Demo,
-    "solve": Solve,
-    "front": Front,
-    "render": Render,
-    "collect": Collect,
-    "train": Train,
-    "evaluate": Evaluate,
-    "reproduce": Reproduce,
-    "claims": Claims,
-    "bench": Bench,
-}
+_name = tyro.conf.subcommand
+Command = (
+    Annotated[Demo, _name("demo")]
+    | Annotated[Solve, _name("solve")]
+    | Annotated[Front, _name("front")]
+    | Annotated[Render, _name("render")]
+    | Annotated[Collect, _name("collect")]
+    | Annotated[Train, _name("train")]
+    | Annotated[Evaluate, _name("evaluate")]
+    | Annotated[Reproduce, _name("reproduce")]
+    | Annotated[Claims, _name("claims")]
+    | Annotated[Bench, _name("bench")]
+)
 
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
@@ -61,21 +62,18 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
 
 
-def parse(arguments: list[str] | None):  # noqa: ANN201
+def parse(arguments: list[str] | None) -> Command:
     """Make the command's object; tyro's boxed complaints become one line.
 
     Raises:
         UserError: If the command line can't be understood.
         SystemExit: After `--help`.
     """
-    choices = tuple(
-        Annotated[kind, tyro.conf.subcommand(name=name)] for name, kind in COMMANDS.items()
-    )
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
             return tyro.cli(
-                _union(choices),
+                cast(Any, Command),
                 prog="socialiq",
                 description=DESCRIPTION,
                 args=arguments,
@@ -91,12 +89,6 @@ def one_line(boxed: str) -> str:
     """Flatten a boxed message."""
     lines = [_BOX.sub(" ", line).strip() for line in boxed.splitlines()]
     return re.sub(r"\s+", " ", "; ".join(line.rstrip(":") for line in lines if line))
-
-
-def _union(choices: tuple) -> object:
-    import typing
-
-    return typing.Union[choices]  # noqa: UP007
 
 
 def _fail(line: str, status: int) -> int:

@@ -36,19 +36,20 @@ from socialiq.thesis.store import Results, Row
 
 
 class Study(NamedTuple):
-    """A study's module (with `Config` and `run`) and its figures."""
+    """A study's module (with `Config` and `run`), its figures, and the table to print."""
 
     module: ModuleType
     draw: Callable[[Results], dict[str, Figure]]
+    main_table: str
 
 
 STUDIES = {
-    "worlds": Study(worlds, worlds_figures.draw),
-    "poc": Study(poc, poc_figures.draw),
-    "grid": Study(grid, grid_figures.draw),
-    "lambda-sweep": Study(lambda_sweep, lambda_sweep_figures.draw),
-    "alternatives": Study(alternatives, alternatives_figures.draw),
-    "classic-control": Study(classic_control, classic_control_figures.draw),
+    "worlds": Study(worlds, worlds_figures.draw, "crossing7_readings"),
+    "poc": Study(poc, poc_figures.draw, "agreement"),
+    "grid": Study(grid, grid_figures.draw, "pooled"),
+    "lambda-sweep": Study(lambda_sweep, lambda_sweep_figures.draw, "pooled"),
+    "alternatives": Study(alternatives, alternatives_figures.draw, "pooled"),
+    "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
 
 
@@ -187,7 +188,7 @@ def show(results: Results) -> None:
         ]
         print_table(rows, f"{kind} target, means over seeds, exact")
     else:
-        print_table(results.tables["agreement" if results.study == "poc" else "returns"])
+        print_table(results.tables[STUDIES[results.study].main_table])
 
 
 def comparison(results: Results) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Rollouts as tables of transitions: in an enumerated gridworld, or in any Gymnasium environment."""
+"""Rollouts as tables of transitions, in an enumerated gridworld or a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -84,7 +84,9 @@ def rollout_table(
         rows.append((running, state, action, after, ending))
         going = ending == Ending.NONE
         running, state = running[going], after[going]
-    episode, state, action, after, ending = (np.concatenate(part) for part in zip(*rows))
+    episode, state, action, after, ending = (
+        np.concatenate(part) for part in zip(*rows, strict=True)
+    )
     order = np.argsort(episode, kind="stable")
     episode, state, action, after, ending = (
         column[order] for column in (episode, state, action, after, ending)

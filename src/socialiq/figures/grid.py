@@ -74,14 +74,15 @@ def heatmaps(results: Results, policies: list[str]) -> Figure:
     """
     drawn = figure(2.6 * len(policies) + 0.8, 5.6)
     axes = drawn.subplots(2, len(policies), sharex=True, sharey=True, squeeze=False)
+    images = []
     for column, name in enumerate(policies):
         for row, kind in enumerate(("weighted", "unweighted")):
-            image = _heatmap(axes[row][column], results.tables["heatmaps"], name, kind)
+            images.append(_heatmap(axes[row][column], results.tables["heatmaps"], name, kind))
         axes[0][column].set_title(name)
         axes[1][column].set_xlabel("vehicle 2 at y (-1: none)")
     axes[0][0].set_ylabel("vehicle 1 at y\nby visits")
     axes[1][0].set_ylabel("vehicle 1 at y\nall reachable states")
-    drawn.colorbar(image, ax=axes, label="share of STOP before the conflict", shrink=0.7)
+    drawn.colorbar(images[0], ax=axes, label="share of STOP before the conflict", shrink=0.7)
     return drawn
 
 

@@ -56,8 +56,15 @@ def _updates_needed(axes, rows: list[Row], strengths: list[float]) -> None:
         missing = len(first) - len(reached)
         if missing:
             axes.plot([place], [0], "x", color="#c23b22", markersize=9)
-            axes.annotate(f"{missing} never", (place, 0), (0, -14), textcoords="offset points",
-                          ha="center", fontsize=7, color="#c23b22")
+            axes.annotate(
+                f"{missing} never",
+                (place, 0),
+                (0, -14),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7,
+                color="#c23b22",
+            )
     axes.set_xticks(range(len(strengths)), [f"{strength:g}" for strength in strengths])
     axes.set_ylim(bottom=-700)
     axes.set(xlabel="λ", ylabel="first checkpoint within 20° of the optimum")

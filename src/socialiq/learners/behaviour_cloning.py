@@ -129,9 +129,7 @@ def clone(
     return Cloned(structure, tuple(numbers), lanes.learnt.network, history)
 
 
-def negative_log_likelihood(
-    network: QNetwork, observation: Array, action: Array
-) -> Array:
+def negative_log_likelihood(network: QNetwork, observation: Array, action: Array) -> Array:
     """-E[log softmax(network(s))[a]]."""
     logits = jax.vmap(network)(observation)
     return optax.softmax_cross_entropy_with_integer_labels(logits, action).mean()

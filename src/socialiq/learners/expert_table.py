@@ -95,10 +95,9 @@ class ExpertTable(NamedTuple):
 
     def sample(self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int) -> Batch:
         """Draw transitions of one set, uniformly and with replacement."""
-        rows = jax.random.randint(
-            key, (size,), self.row_bounds[dataset], self.row_bounds[dataset + 1]
+        return self.rows(
+            draw_between(key, size, self.row_bounds[dataset], self.row_bounds[dataset + 1])
         )
-        return self.rows(rows)
 
     def sample_weighted(
         self, key: PRNGKeyArray, cumulative: Float[Array, " transition"], size: int
@@ -112,11 +111,23 @@ class ExpertTable(NamedTuple):
         self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int
     ) -> Float[Array, "batch feature"]:
         """Draw true initial states of one set: its episodes' first observations."""
-        episodes = jax.random.randint(
-            key, (size,), self.start_bounds[dataset], self.start_bounds[dataset + 1]
+        episodes = draw_between(
+            key, size, self.start_bounds[dataset], self.start_bounds[dataset + 1]
         )
         return self.columns.observation[self.starts[episodes]]
 
     def rows(self, rows: Int[Array, " batch"]) -> Batch:
         """Take the given rows."""
         return jax.tree.map(lambda column: column[rows], self.columns)
+
+
+def draw_between(
+    key: PRNGKeyArray, size: int, first: Int[Array, ""] | int, end: Int[Array, ""]
+) -> Int[Array, " batch"]:
+    """Draw integers in [first, end), uniformly to one part in 2^24 and with replacement.
+
+    Half the random bits of `jax.random.randint`, and half its time to compile.
+    """
+    share = jax.random.uniform(key, (size,))
+    drawn = first + jnp.floor(share * (end - first)).astype(jnp.int32)
+    return jnp.minimum(drawn, end - 1)

@@ -29,6 +29,9 @@ from jaxtyping import Array, Int
 from socialiq.errors import UserError
 from socialiq.learners import checkpoint
 
+# Initialisation runs once: optimising its code takes longer than running it.
+_COMPILE_FAST = {"xla_backend_optimization_level": 0}
+
 
 class Lanes(NamedTuple):
     """The state of all lanes; every array has a leading lane axis.
@@ -141,7 +144,8 @@ def run(
         Stopped: On Ctrl-C, after the chunk in progress.
         UserError: If a checkpoint can't be resumed.
     """
-    lanes, history = jax.jit(jax.vmap(partial(_start, initialise)))(numbers), History()
+    begin = jax.jit(jax.vmap(partial(_start, initialise)), compiler_options=_COMPILE_FAST)
+    lanes, history = begin(numbers), History()
     if outside.resume:
         lanes, history = _resume(outside.checkpoint, fingerprint, lanes)
     advance = jax.jit(
@@ -266,8 +270,9 @@ class _Clock:
     """Rates and remaining time, of this process only."""
 
     def __init__(self, done: int, total: int, lanes: int) -> None:
-        self.first, self.total, self.lanes = done, total, lanes
-        self.began = self.saved = time.monotonic()
+        self.total, self.lanes = total, lanes
+        self.saved = time.monotonic()
+        self.marks = [(done, self.saved)]
 
     def report(
         self,
@@ -276,7 +281,10 @@ class _Clock:
         monitored: dict[str, np.ndarray],
         failures: tuple[str, ...],
     ) -> Report:
-        rate = (done - self.first) / max(time.monotonic() - self.began, 1e-9)
+        # The first chunk includes compilation: the rate is counted from its end on.
+        self.marks.append((done, time.monotonic()))
+        first, began = self.marks[min(1, len(self.marks) - 2)]
+        rate = (done - first) / max(self.marks[-1][1] - began, 1e-9)
         finite = {name: value[np.isfinite(value)] for name, value in record.items()}
         terms = {name: float(v.mean()) if len(v) else float("nan") for name, v in finite.items()}
         left = (self.total - done) / rate

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
-from socialiq.learners.expert_table import Batch
+from socialiq.learners.expert_table import Batch, draw_between
 from socialiq.types import RewardPair
 
 
@@ -47,7 +47,7 @@ def add(replay: Replay, transition: Batch) -> Replay:
 def sample(replay: Replay, key: PRNGKeyArray, size: int) -> Batch:
     """Draw uniformly with replacement from what has been added."""
     filled = jnp.minimum(replay.added, replay.columns.action.shape[0])
-    rows = jax.random.randint(key, (size,), 0, filled)
+    rows = draw_between(key, size, 0, filled)
     return jax.tree.map(lambda column: column[rows], replay.columns)
 
 

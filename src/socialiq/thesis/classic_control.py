@@ -7,6 +7,7 @@ public any more, so the experts here are hand-written controllers, stated below.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -61,7 +62,7 @@ def _feedback(*gains: float) -> Controller:
 
 TASKS = {
     "CartPole": Task("CartPole-v1", _feedback(0.05, 0.1, 1.0, 0.3), 1, 20),
-    # This expert never corrects its place, so it drifts along the track: every cloned error adds up.
+    # This expert never corrects its place, so it drifts along the track and errors add up.
     "CartPole, drifting expert": Task("CartPole-v1", _feedback(0.0, 0.1, 1.0, 0.3), 1, 20),
     # Torque along the second link's motion pumps energy.
     "Acrobot": Task("Acrobot-v1", Controller(lambda o: 2 if o[5] > 0 else 0), 10, 5),
@@ -78,7 +79,7 @@ STRUCTURE = Structure(
     batch_size=32,
     updates=10_000,
 )
-NUMBERS = {"temperature": 1e-3, "learning_rate": 1e-4}
+NUMBERS = Numbers(temperature=1e-3, learning_rate=1e-4)
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
 
 
 def _iq_learn(config: Config, data: Demonstrations, on_report: Any) -> list[QPolicy]:
-    numbers = [Numbers(seed=seed, **NUMBERS) for seed in config.seeds]
+    numbers = [dataclasses.replace(NUMBERS, seed=seed) for seed in config.seeds]
     trained = train(STRUCTURE, numbers, [data], outside=Outside(on_report=on_report))
     return [trained.policy(lane) for lane in range(len(numbers))]
 

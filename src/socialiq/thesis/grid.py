@@ -246,9 +246,7 @@ def _distances(ground: Ground, headline: dict[str, list[QPolicy]]) -> list[Row]:
                     "policy": name,
                     "distance": distance if distance < 9 else "none approaching",
                     "visits": weight,
-                    "stops": float(visits[here] @ table[here, 0]) / weight
-                    if weight > 1e-9
-                    else "",
+                    "stops": float(visits[here] @ table[here, 0]) / weight if weight > 1e-9 else "",
                 }
             )
     return rows

@@ -59,8 +59,7 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
         rows += _sweep_rows(ground, config, datasets, kind, watch)
     final = [row for row in rows if row["updates"] == config.updates]
     regretted = [
-        row
-        | {"regret": ground.optimum.regret(Metrics(*(row[n] for n in Metrics._fields)), 0.0)}
+        row | {"regret": ground.optimum.regret(Metrics(*(row[n] for n in Metrics._fields)), 0.0)}
         for row in final
     ]
     tables = {
@@ -89,9 +88,7 @@ def _sweep_rows(
     ground: Ground, config: Config, datasets: list[Demonstrations], kind: str, watch: Watch
 ) -> list[Row]:
     structure = dataclasses.replace(presets.SWEEP, target_kind=kind, updates=config.updates)
-    numbers = grid_of(
-        [TARGET_ANGLE], config.strengths, config.seeds, presets.TABLE_C1_NUMBERS
-    )
+    numbers = grid_of([TARGET_ANGLE], config.strengths, config.seeds, presets.TABLE_C1_NUMBERS)
     report = watch(f"λ sweep, {kind}")
     trained = train_lanes(
         ground, structure, numbers, datasets, report, config.checkpoint_every, monitored=True
@@ -153,11 +150,7 @@ def _summary(tables: dict[str, list[Row]], config: Config, goal_angle: float) ->
     """By reading, readout and λ: pooled metrics and the number of seeds that adapted."""
     found: dict[str, dict] = {}
     for row in tables["pooled"]:
-        lanes = [
-            one
-            for one in tables["adaptation"]
-            if all(one[key] == row[key] for key in KEYS)
-        ]
+        lanes = [one for one in tables["adaptation"] if all(one[key] == row[key] for key in KEYS)]
         first = [one["first_update_within"] for one in lanes if one["first_update_within"] != ""]
         entry = {key: value for key, value in row.items() if key not in KEYS}
         entry |= {

@@ -13,9 +13,11 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
 from socialiq.learners.iq_learn.config import Structure
+from socialiq.learners.iq_learn.train import Trained
+from socialiq.social.returns import TARGET_KINDS
 from socialiq.thesis import presets
 from socialiq.thesis.experts import MODES, expert_pools
-from socialiq.thesis.lanes import Ground, Watch, grid_of, silent, train_lanes
+from socialiq.thesis.lanes import Ground, Watch, silent, train_lanes
 from socialiq.thesis.store import Results, Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.experts import expert_policy
@@ -53,20 +55,20 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
     config = config or Config()
     ground = Ground.of("crossing5")
     data = equal_trajectories(expert_pools(ground.table, dict.fromkeys(MODES, 1), 0), 1, 0)
-    structures = [dataclasses.replace(presets.POC, updates=config.updates)]
-    if config.readings:
-        structures = [
-            dataclasses.replace(structures[0], target_kind=kind, next_value=value)
-            for kind in ("running", "to_go", "trajectory", "instantaneous")
-            for value in ("online", "target")
-        ]
-    rows = [row for one in structures for row in _rows(ground, one, config, data, watch)]
+    first = dataclasses.replace(presets.POC, updates=config.updates)
+    rows: list[Row] = []
+    for value in ("online", "target") if config.readings else ("online",):
+        structure = dataclasses.replace(first, next_value=value)
+        rows += _baseline_rows(ground, structure, config, data, watch)
+        for kind in TARGET_KINDS if config.readings else ("running",):
+            one = dataclasses.replace(structure, target_kind=kind)
+            rows += _target_rows(ground, one, config, data, watch)
     tables = {
         "experts": _expert_rows(ground.table),
         "sequences": rows,
         "agreement": _agreement(rows),
     }
-    return Results.of(STUDY, config, tables, _summary(tables, structures[0]))
+    return Results.of(STUDY, config, tables, _summary(tables))
 
 
 def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
@@ -82,39 +84,46 @@ def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
     return letters
 
 
-def _rows(
+def _baseline_rows(
     ground: Ground, structure: Structure, config: Config, data: Demonstrations, watch: Watch
 ) -> list[Row]:
-    """Baseline and targets of one reading; every seed learns from the one data set there is."""
-    name = f"5x5 {structure.target_kind}, V(s') {structure.next_value}"
-    lanes = {
-        "baseline": (presets.baseline(structure), [0.0]),
-        "targets": (structure, list(MODES.values())),
+    """The regularizer off; every seed learns from the one data set there is."""
+    numbers = [dataclasses.replace(presets.TABLE_C1_NUMBERS, seed=seed) for seed in config.seeds]
+    report = watch(f"5x5 baseline, V(s') {structure.next_value}")
+    trained = train_lanes(ground, presets.baseline(structure), numbers, [data], report)
+    label = {"target_kind": "none", "next_value": structure.next_value}
+    return [_row(ground, trained, lane, "baseline", label) for lane in range(len(numbers))]
+
+
+def _target_rows(
+    ground: Ground, structure: Structure, config: Config, data: Demonstrations, watch: Watch
+) -> list[Row]:
+    """The three targets under one reading."""
+    numbers = [
+        dataclasses.replace(
+            presets.TABLE_C1_NUMBERS, angle=angle, strength=config.strength, seed=seed
+        )
+        for angle in MODES.values()
+        for seed in config.seeds
+    ]
+    report = watch(f"5x5 targets, {structure.target_kind}, V(s') {structure.next_value}")
+    trained = train_lanes(ground, structure, numbers, [data], report)
+    label = {"target_kind": structure.target_kind, "next_value": structure.next_value}
+    modes = [mode for mode in MODES for _ in config.seeds]
+    return [_row(ground, trained, lane, mode, label) for lane, mode in enumerate(modes)]
+
+
+def _row(ground: Ground, trained: Trained, lane: int, mode: str, label: Row) -> Row:
+    policy = action_table(trained.policy(lane), ground.table, "greedy")
+    found = sequence(ground.table, policy)
+    return {
+        "policy": mode,
+        **label,
+        "seed": trained.numbers[lane].seed,
+        "sequence": found,
+        "thesis": THESIS[mode],
+        "equal": int(found == THESIS[mode]),
     }
-    rows = []
-    for stage, (one, angles) in lanes.items():
-        numbers = [
-            dataclasses.replace(each, dataset=0)
-            for each in grid_of(angles, [config.strength], config.seeds, presets.TABLE_C1_NUMBERS)
-        ]
-        trained = train_lanes(ground, one, numbers, [data], watch(f"{name}, {stage}"))
-        modes = ["baseline"] if stage == "baseline" else list(MODES)
-        for lane, each in enumerate(numbers):
-            policy = action_table(trained.policy(lane), ground.table, "greedy")
-            mode = modes[lane // len(config.seeds)]
-            found = sequence(ground.table, policy)
-            rows.append(
-                {
-                    "policy": mode,
-                    "target_kind": structure.target_kind,
-                    "next_value": structure.next_value,
-                    "seed": each.seed,
-                    "sequence": found,
-                    "thesis": THESIS[mode],
-                    "equal": int(found == THESIS[mode]),
-                }
-            )
-    return rows
 
 
 def _expert_rows(table: Table) -> list[Row]:
@@ -146,20 +155,17 @@ def _agreement(rows: list[Row]) -> list[Row]:
     return table
 
 
-def _summary(tables: dict[str, list[Row]], structure: Structure) -> dict:
+def _summary(tables: dict[str, list[Row]]) -> dict:
     """The figure's reading by policy, and how many seeds show all four sequences together."""
-    kind, value = structure.target_kind, structure.next_value
-    chosen = [
-        row
-        for row in tables["agreement"]
-        if (row["target_kind"], row["next_value"]) == (kind, value)
-    ]
+
+    def of_figure(row: Row) -> bool:
+        return row["next_value"] == "online" and row["target_kind"] in ("none", "running")
+
     together: dict[int, list[int]] = {}
-    for row in tables["sequences"]:
-        if (row["target_kind"], row["next_value"]) == (kind, value):
-            together.setdefault(row["seed"], []).append(row["equal"])
+    for row in filter(of_figure, tables["sequences"]):
+        together.setdefault(row["seed"], []).append(row["equal"])
     return {
-        "policies": {row["policy"]: row for row in chosen},
+        "policies": {row["policy"]: row for row in filter(of_figure, tables["agreement"])},
         "experts": {row["mode"]: row["sequence"] for row in tables["experts"]},
         "seeds": len(together),
         "all_four": sum(all(equal) for equal in together.values()),

@@ -86,7 +86,10 @@ def _tie_rows() -> list[Row]:
     rows: list[Row] = []
     for trigonometry, pair in (("cos 90 = 6e-17", weights), ("cos 90 = 0", exact_weights)):
         for prefer in ("first", "last"):
-            row: Row = {"trigonometry": trigonometry, "ties_to": {"first": "Wait"}.get(prefer, "Go")}
+            row: Row = {
+                "trigonometry": trigonometry,
+                "ties_to": {"first": "Wait"}.get(prefer, "Go"),
+            }
             for mode, angle in MODES.items():
                 reward = score(pair(angle), table.mdp.rewards)
                 q = value_iteration(table.mdp, reward, 0.99).q
@@ -189,7 +192,9 @@ def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
                 f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
             },
             "largest_collision": max(
-                row[f"{mode}_collision"] for row in tables["crossing7_readings"][:1] for mode in MODES
+                row[f"{mode}_collision"]
+                for row in tables["crossing7_readings"][:1]
+                for mode in MODES
             ),
             "separability": {
                 f"{row['first']}_{row['second']}": {"env": row["d_env"], "social": row["d_social"]}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -123,17 +123,23 @@ class GridWorld:
     def reset(self, key: Any) -> tuple[Episode, Float[Array, " feature"]]:
         """Draw an initial state."""
         states = jnp.array([state for state, _ in self.start])
-        probabilities = jnp.array([probability for _, probability in self.start])
-        state = states[jax.random.choice(key, len(self.start), p=probabilities)]
+        state = states[_draw(key, [probability for _, probability in self.start])]
         return Episode(state, jnp.zeros((), jnp.int32)), state.astype(jnp.float32)
 
     def advance(self, key: Any, episode: Episode, action: Any) -> tuple[Episode, Step]:
         """Take one step; an episode that reaches the horizon ends by TIMEOUT."""
-        drawn = jax.random.choice(key, len(self.chance), p=jnp.array(self.chance))
-        outcome = self.rules(episode.state, action, drawn)
+        outcome = self.rules(episode.state, action, _draw(key, self.chance))
         time = episode.time + 1
         out_of_time = (outcome.ending == Ending.NONE) & (time >= self.horizon)
         ending = jnp.where(out_of_time, int(Ending.TIMEOUT), outcome.ending)
         rewards = self.rewards(outcome.signals)
         step = Step(outcome.state.astype(jnp.float32), rewards, ending)
         return Episode(outcome.state, time), step
+
+
+def _draw(key: Any, probabilities: Sequence[float]) -> Any:
+    """Draw an index; what is certain costs no random number, which also compiles faster."""
+    if len(probabilities) == 1:
+        return 0
+    bounds = jnp.cumsum(jnp.array(probabilities))[:-1]
+    return (jax.random.uniform(key) >= bounds).sum()

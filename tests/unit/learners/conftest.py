@@ -1,4 +1,4 @@
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -8,22 +8,6 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.types import Ending, RewardPair
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compile_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Runs of one structure compile once: the learners build their programs anew each time."""
-    settings = {
-        "jax_compilation_cache_dir": str(tmp_path_factory.mktemp("jax")),
-        "jax_persistent_cache_min_compile_time_secs": 0,
-        "jax_persistent_cache_min_entry_size_bytes": -1,
-    }
-    before = {name: getattr(jax.config, name) for name in settings}
-    for name, value in settings.items():
-        jax.config.update(name, value)
-    yield
-    for name, value in before.items():
-        jax.config.update(name, value)
 
 
 @pytest.fixture
@@ -41,7 +25,9 @@ def demonstrations(
     observation = rng.integers(0, 3, (rows, n_features)).astype(np.float32)
     observation[:, 0] = np.arange(rows)
     ending = np.zeros((episodes, length), np.int8)
-    ending[:, -1] = [(Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT)[i % 3] for i in range(episodes)]
+    ending[:, -1] = [
+        (Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT)[i % 3] for i in range(episodes)
+    ]
     ending = ending.ravel()
     return Demonstrations(
         observation=observation,

@@ -9,10 +9,11 @@ from socialiq.learners import loop
 from socialiq.learners.collect import GymCollector
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Numbers, Structure
-from socialiq.learners.iq_learn.train import initialise, train, traced
+from socialiq.learners.iq_learn.train import initialise, traced, train
 from socialiq.types import Ending
 from socialiq.worlds import registry
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
 STRUCTURE = Structure(hidden=(8,), batch_size=8, updates=40, replay_capacity=80)
 RUNS = [Numbers(seed=3), Numbers(seed=4)]
 STEPS = 60
@@ -45,7 +46,9 @@ def test_the_ring_holds_what_the_world_did(filled) -> None:
     assert ring.added.tolist() == [STEPS, STEPS]
     rules = jax.jit(jax.vmap(world.rules, in_axes=(0, 0, None)))
     for lane in range(2):
-        rows = jax.tree.map(lambda column, lane=lane: np.asarray(column[lane][:STEPS]), ring.columns)
+        rows = jax.tree.map(
+            lambda column, lane=lane: np.asarray(column[lane][:STEPS]), ring.columns
+        )
         possible = []
         for chance in range(2):
             outcome = rules(rows.observation.astype(np.int32), rows.action, chance)

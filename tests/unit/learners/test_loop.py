@@ -16,6 +16,7 @@ from socialiq.errors import UserError
 from socialiq.learners import loop
 from socialiq.learners.loop import History, Lanes, Outside, Report, Stopped
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
 TOTAL, NEVER = 40, 10_000
 
 
@@ -125,8 +126,10 @@ def test_a_lane_that_breaks_keeps_its_last_sound_state(
     assert_same(lanes.learnt["x"][0], before.learnt["x"][0])
     assert_same(lanes.learnt["x"][1], whole[0].learnt["x"][1])
     assert [len(report.failures) for report in reports] == [0, 0, 1, 1]
-    assert reports[-1].failures[0].startswith(
-        f"first stopped at update 20: {term} is not finite; lower learning_rate"
+    assert (
+        reports[-1]
+        .failures[0]
+        .startswith(f"first stopped at update 20: {term} is not finite; lower learning_rate")
     )
 
 
@@ -165,13 +168,30 @@ def test_reports_tell_progress_terms_and_what_the_monitor_saw() -> None:
         on_report=reports.append,
         monitor=lambda learnt: {"x": np.asarray(learnt["x"][:, 0])},
     )
-    assert [(report.done, report.total) for report in reports] == [(n, 40) for n in (10, 20, 30, 40)]
+    assert [(report.done, report.total) for report in reports] == [
+        (n, 40) for n in (10, 20, 30, 40)
+    ]
     assert all(report.rate > 0 for report in reports)
     assert reports[0].seconds_left > reports[-1].seconds_left == 0
     assert reports[1].terms["square"] == pytest.approx(history.array("square")[1].mean())
     assert set(reports[1].terms) == {"square", "noise"}
     np.testing.assert_array_equal(reports[-1].monitored["x"], lanes.learnt["x"][:, 0])
     np.testing.assert_array_equal(history.array("x")[-1], lanes.learnt["x"][:, 0])
+
+
+def test_the_rate_leaves_out_the_first_chunk_which_compiles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now, reports = [0.0], []
+    monkeypatch.setattr(loop.time, "monotonic", lambda: now[0])
+
+    def monitor(learnt: Any) -> dict[str, np.ndarray]:
+        now[0] += 2.0 if now[0] else 50.0
+        return {}
+
+    train(toys(1.0, 5.0), on_report=reports.append, monitor=monitor)
+    assert [report.rate for report in reports] == [0.4, 10.0, 10.0, 10.0]  # of both lanes
+    assert [report.seconds_left for report in reports] == [150.0, 4.0, 2.0, 0.0]
 
 
 @pytest.mark.parametrize("stops", [[10], [30], [10, 30]])
@@ -245,9 +265,7 @@ def test_stopping_without_a_checkpoint_says_that_nothing_was_saved() -> None:
         train(toys(1.0, 5.0), on_report=interrupt_after(20))
 
 
-def test_a_stop_in_the_last_chunk_is_the_end_of_the_run(
-    whole, assert_same, tmp_path: Path
-) -> None:
+def test_a_stop_in_the_last_chunk_is_the_end_of_the_run(whole, assert_same, tmp_path: Path) -> None:
     path = tmp_path / "state"
     lanes, _ = train(toys(1.0, 5.0), on_report=interrupt_after(40), checkpoint=path)
     assert_same(lanes, whole[0])

@@ -144,3 +144,21 @@ def test_first_states_have_their_probabilities(tabulated):
 
 def test_time_is_no_ending_of_the_table(table7):
     assert set(np.unique(table7.mdp.ending)) == {Ending.NONE, Ending.ARRIVAL}
+
+
+def test_batched_resets_draw_the_first_states_by_their_probabilities(tabulated):
+    table = tabulated("crossing7", second_slot_at_start="random")
+    keys = jax.random.split(jax.random.key(5), 4000)
+    episodes, observations = jax.device_get(jax.jit(jax.vmap(table.world.reset))(keys))
+    np.testing.assert_array_equal(observations, episodes.state)
+    assert (table.mdp.initial[table.world.index(episodes.state)] > 0.0).all()
+    filled = (episodes.state[:, 4] == 0).mean()
+    assert filled == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / 4000))
+
+
+@pytest.mark.parametrize(("p", "second"), [(0.0, (-1, 0)), (1.0, (0, 2))])
+def test_certain_spawns_are_certain_in_the_batched_step(p, second, tabulated):
+    table = tabulated("crossing7", spawn_probability=p)
+    start = table.world.index(table.world.start[0][0])
+    after, _, _ = simulated(table.world, table.states[[start]])
+    assert (after[..., 4:] == second).all()

@@ -34,9 +34,7 @@ DIVERGENCES: dict[str, Divergence] = {
     "kl": Divergence(lambda x: -jnp.exp(-x - 1), lambda x: jnp.exp(-x - 1), -10.0),
     "reverse_kl": Divergence(lambda x: 1 + jnp.log(x), lambda x: 1 / x, 0.1),
     "hellinger": Divergence(lambda x: x / (1 + x), lambda x: 1 / (1 + x) ** 2, -0.9),
-    "js": Divergence(
-        lambda x: jnp.log(2 - jnp.exp(-x)), lambda x: 1 / (2 * jnp.exp(x) - 1), -0.6
-    ),
+    "js": Divergence(lambda x: jnp.log(2 - jnp.exp(-x)), lambda x: 1 / (2 * jnp.exp(x) - 1), -0.6),
 }
 
 

@@ -81,9 +81,7 @@ def value_term(
     return jnp.mean(value - discount * continuation)
 
 
-def initial_value_term(
-    initial_value: Float[Array, " batch"], discount: Scalar | float
-) -> Scalar:
+def initial_value_term(initial_value: Float[Array, " batch"], discount: Scalar | float) -> Scalar:
     """(1 - γ) E_p0[V(s_0)]: what term 2 equals over true initial states (IQ-Learn Cor. 2.1)."""
     return (1.0 - discount) * jnp.mean(initial_value)
 

@@ -93,9 +93,7 @@ def _continuation(
     )
 
 
-def _expert_term(
-    reward: Array, target: Array, numbers: Traced, structure: Structure
-) -> Scalar:
+def _expert_term(reward: Array, target: Array, numbers: Traced, structure: Structure) -> Scalar:
     if structure.prior == "bellman_shift":
         reward = priors.bellman_shift(reward, target, numbers.strength)
     return losses.expert_term(structure.divergence, reward)

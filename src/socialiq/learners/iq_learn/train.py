@@ -202,9 +202,7 @@ def update(
     network = jax.tree.map(
         lambda weight, step: weight - numbers.learning_rate * step, learnt.network, direction
     )
-    slow = jax.tree.map(
-        lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network
-    )
+    slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
     return Learnt(network, slow, adam), surroundings, terms
 
 
@@ -238,28 +236,26 @@ def _act(
     key: Array,
 ) -> Surroundings:
     """Take steps in the world with the soft policy, into the replay."""
-    assert surroundings.replay is not None
+    ring, observation, episode = (
+        surroundings.replay,
+        surroundings.observation,
+        surroundings.episode,
+    )
+    assert ring is not None and observation is not None  # `_check` asks for online training
     for one in jax.random.split(key, structure.env_steps_per_update):
         for_action, for_step, for_reset = jax.random.split(one, 3)
-        q = learnt.network(surroundings.observation)
+        q = learnt.network(observation)
         action = jax.random.categorical(for_action, q / numbers.temperature)
-        episode, step = simulator.advance(for_step, surroundings.episode, action)
-        transition = Batch(
-            surroundings.observation, action, step.observation, step.ending, step.rewards
-        )
-        fresh = simulator.reset(for_reset)
+        follows, step = simulator.advance(for_step, episode, action)
+        transition = Batch(observation, action, step.observation, step.ending, step.rewards)
+        ring = replay.add(ring, transition)
         ended = step.ending != int(Ending.NONE)
         episode, observation = jax.tree.map(
             lambda new, old, ended=ended: jnp.where(ended, new, old),
-            fresh,
-            (episode, step.observation),
+            simulator.reset(for_reset),
+            (follows, step.observation),
         )
-        surroundings = surroundings._replace(
-            replay=replay.add(surroundings.replay, transition),
-            episode=episode,
-            observation=observation,
-        )
-    return surroundings
+    return surroundings._replace(replay=ring, episode=episode, observation=observation)
 
 
 def _check(

@@ -114,8 +114,15 @@ def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     "fields",
-    [{"angle": 0.0}, {"angle": 359.9}, {"strength": 0.0}, {"prior_weight": 0.0}]
-    + [{"discount": 0.0}, {"polyak": 1.0}, {"seed": 2**32 - 1}],
+    [
+        {"angle": 0.0},
+        {"angle": 359.9},
+        {"strength": 0.0},
+        {"prior_weight": 0.0},
+        {"discount": 0.0},
+        {"polyak": 1.0},
+        {"seed": 2**32 - 1},
+    ],
     ids=str,
 )
 def test_a_number_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from socialiq.learners.loop import Outside, Report, Stopped
 from socialiq.worlds import registry
 
 ONLINE = Structure(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
+pytestmark = pytest.mark.usefixtures("quick_compiler")
 OFFLINE = dataclasses.replace(ONLINE, online=False, value_term="value_expert")
 RUNS = (Numbers(seed=0, angle=45.0), Numbers(seed=1, angle=45.0))
 CROSSING7 = registry.make("crossing7")
@@ -107,70 +108,43 @@ def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None
     assert policy.provenance["structure"]["hidden"] == (8,)
 
 
-# Together these runs have every value of every choice.
+# Together these runs, ONLINE and OFFLINE have every value of every choice; each compiles anew.
 VARIANTS: dict[str, tuple[dict[str, Any], Numbers]] = {
-    "reweighting": (
-        {"prior": "reweighting", "chi2_on": "mixture", "env_steps_per_update": 2}
-        | {"endings": Endings(timeout="bootstrap", collision="absorbing")},
-        Numbers(reweight_temperature=0.5),
+    "shifted_chi2": (
+        {"prior": "shifted_chi2", "target_kind": "instantaneous", "chi2_on": "mixture"}
+        | {"endings": Endings(collision="absorbing", timeout="bootstrap")}
+        | {"online": True, "value_term": "value", "env_steps_per_update": 2},
+        Numbers(angle=90.0),
     ),
     "bellman_shift": (
         {"prior": "bellman_shift", "shift_term_3": True, "target_kind": "to_go"}
         | {"value_term": "v0", "next_value": "online"},
         Numbers(),
     ),
-    "shifted_chi2": (
-        {"prior": "shifted_chi2", "target_kind": "instantaneous", "chi2_on": "mixture"},
-        Numbers(angle=90.0),
-    ),
     "kl": (
-        {"divergence": "kl", "prior": "none", "online": False, "value_term": "v0"},
+        {"divergence": "kl", "prior": "none", "value_term": "v0", "activation": "elu"},
         Numbers(),
     ),
     "reverse_kl": (
-        {"divergence": "reverse_kl", "online": False, "value_term": "value_expert"}
-        | {"target_kind": "trajectory"},
-        Numbers(),
+        {"divergence": "reverse_kl", "prior": "reweighting", "next_value": "online"},
+        Numbers(reweight_temperature=0.5),
     ),
-    "hellinger": (
-        {"divergence": "hellinger", "prior": "bellman_shift", "online": False}
-        | {"value_term": "value_expert", "activation": "elu"},
-        Numbers(),
-    ),
-    "js": ({"divergence": "js", "online": False, "value_term": "value_expert"}, Numbers()),
+    "hellinger": ({"divergence": "hellinger", "prior": "bellman_shift"}, Numbers()),
+    "js": ({"divergence": "js", "target_kind": "trajectory"}, Numbers()),
 }
 
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant_trains_with_finite_terms(name: str, data) -> None:
     choices, numbers = VARIANTS[name]
-    structure = dataclasses.replace(ONLINE, updates=20, **choices)
-    found = train(structure, [numbers], [data], CROSSING7 if structure.online else None, chunk=20)
+    structure = dataclasses.replace(OFFLINE, updates=20, **choices)
+    still = dataclasses.replace(numbers, learning_rate=1e-30)  # keeps the network it drew
+    world = CROSSING7 if structure.online else None
+    found = train(structure, [numbers, still], [data], world, chunk=20)
     assert found.failures == ()
     assert all(np.isfinite(found.history.array(term)).all() for term in found.history.values)
-    drawn = train(
-        dataclasses.replace(structure, updates=1),
-        [dataclasses.replace(numbers, learning_rate=1e-30)],
-        [data],
-        CROSSING7 if structure.online else None,
-        chunk=20,
-    )
-    moved = found.policy(0).q_values(observations(data)) - drawn.policy(0).q_values(
-        observations(data)
-    )
-    assert np.abs(moved).max() > 1e-4
-
-
-def test_each_lane_learns_from_its_own_set(data, demonstrations) -> None:
-    """A set that only knows action 2 is told from one that only knows action 0."""
-    sets = [
-        dataclasses.replace(data, action=np.full_like(data.action, action)) for action in (0, 2)
-    ]
-    numbers = [Numbers(dataset=index, learning_rate=0.01, prior_weight=0.0) for index in (0, 1)]
-    found = train(dataclasses.replace(OFFLINE, updates=200), numbers, sets, chunk=200)
-    for lane, action in ((0, 0), (1, 2)):
-        chosen = found.policy(lane).probabilities(data.observation)[:, action]
-        assert chosen.mean() > 0.6
+    q, drawn = (found.policy(lane).q_values(observations(data)) for lane in (0, 1))
+    assert np.abs(q - drawn).max() > 1e-3
 
 
 @pytest.mark.parametrize(

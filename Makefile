@@ -1,0 +1,38 @@
+# Two commands do it all on a fresh machine with Python >= 3.11: `make demo` and `make test`.
+PYTHON ?= python3
+BIN := .venv/bin
+# One thread a library: the tests run side by side, and torch is slower with more.
+export OMP_NUM_THREADS := 1
+
+.PHONY: demo test check tests install clean
+
+demo: .venv/installed  ## set up, train the 7x7 trio and the baseline, print and draw
+	$(BIN)/socialiq demo
+
+test: check tests  ## everything that a change must pass
+
+check: .venv/installed-dev  ## lint, types, layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+tests: .venv/installed-dev  ## the tests, shapes checked at run time, warnings as errors
+	$(BIN)/pytest -n 2 --dist loadscope
+
+install: .venv/installed
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --upgrade pip
+
+.venv/installed: .venv/bin/python pyproject.toml constraints.txt
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+.venv/installed-dev: .venv/bin/python pyproject.toml constraints.txt
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@ .venv/installed
+
+clean:
+	rm -rf .venv

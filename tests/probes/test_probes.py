@@ -1,0 +1,170 @@
+"""Worlds so small that the trained policy can be said beforehand; what fails tells what is wrong.
+
+In the spirit of Andy Jones' probe environments: each adds one thing that can break.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import expit
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
+from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.types import Ending, RewardPair
+
+TABULAR = Structure(
+    online=False,
+    value_term="value_expert",
+    target_kind="instantaneous",
+    hidden=(),
+    batch_size=128,
+    updates=6000,
+)
+ONLY_STATE = np.ones((1, 1), np.float32)
+
+
+def table(
+    rows: Sequence[tuple[int, int, int, Ending, float, float]], n_states: int, n_actions: int
+) -> Demonstrations:
+    """Demonstrations of rows (s, a, s', ending, r_env, r_social), states one-hot."""
+    state, action, after, ending, env, social = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
+    states = np.eye(n_states, dtype=np.float32)
+    ended = ending != Ending.NONE
+    return Demonstrations(
+        observation=states[state],
+        action=action.astype(np.int32),
+        next_observation=states[after],
+        terminated=ended & (ending != Ending.TIMEOUT),
+        truncated=ending == Ending.TIMEOUT,
+        ending=ending.astype(np.int8),
+        rewards=RewardPair(env.astype(np.float64), social.astype(np.float64)),
+        mode=np.zeros(len(rows), np.int8),
+        episode=np.concatenate([[0], np.cumsum(ended)[:-1]]).astype(np.int32),
+        mode_names=("probe",),
+        n_actions=n_actions,
+        source={},
+    )
+
+
+def bandit(counts: tuple[int, int]) -> Demonstrations:
+    """One state; action 0 pays the ego (1, 0), action 1 the neighbour (0, 1)."""
+    egoist, altruist = (0, 0, 0, Ending.OTHER, 1.0, 0.0), (0, 1, 0, Ending.OTHER, 0.0, 1.0)
+    return table([egoist] * counts[0] + [altruist] * counts[1], 1, 2)
+
+
+def solve(
+    structure: Structure, numbers: Sequence[Numbers], datasets: Sequence[Demonstrations]
+) -> Trained:
+    trained = train(structure, numbers, datasets, chunk=structure.updates)
+    assert trained.failures == ()
+    return trained
+
+
+ALIKE, EQUAL, UNEQUAL = range(3)
+COUNTS = [(0, 10), (10, 10), (7, 3)]
+RATE = 6e-4
+BANDITS = {
+    "alike": Numbers(0.0, prior_weight=0.0, learning_rate=0.01, dataset=ALIKE),
+    "egoist": Numbers(0.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "altruist": Numbers(90.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "between": Numbers(45.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "baseline": Numbers(prior_weight=0.0, learning_rate=RATE, dataset=EQUAL),
+    "unequal": Numbers(prior_weight=0.0, learning_rate=RATE, dataset=UNEQUAL),
+    "as in the thesis": Numbers(90.0, 1.0, 1.0, learning_rate=RATE, dataset=UNEQUAL),
+    "strong": Numbers(45.0, 2.0, 0.5, temperature=0.3, learning_rate=RATE, dataset=UNEQUAL),
+    "against": Numbers(
+        180.0, 0.5, chi2_alpha=0.25, temperature=2.0, learning_rate=RATE, dataset=UNEQUAL
+    ),
+    "strength zero": Numbers(90.0, 0.0, learning_rate=RATE, dataset=UNEQUAL),
+}
+
+
+@pytest.fixture(name="bandits", scope="module")
+def trained_bandits() -> Trained:
+    return solve(TABULAR, list(BANDITS.values()), [bandit(counts) for counts in COUNTS])
+
+
+def chance_of_0(trained: Trained, name: str) -> float:
+    policy = trained.policy(list(BANDITS).index(name))
+    return float(policy.probabilities(ONLY_STATE)[0, 0])
+
+
+def test_what_every_demonstrator_does_is_imitated(bandits: Trained) -> None:
+    assert chance_of_0(bandits, "alike") < 0.1
+
+
+def test_the_angle_decides_between_equally_frequent_modes(bandits: Trained) -> None:
+    assert chance_of_0(bandits, "egoist") > 0.7
+    assert chance_of_0(bandits, "altruist") < 0.3
+    assert chance_of_0(bandits, "between") == pytest.approx(0.5, abs=0.02)
+
+
+def test_without_a_prior_equally_frequent_modes_stay_equal(bandits: Trained) -> None:
+    assert chance_of_0(bandits, "baseline") == pytest.approx(0.5, abs=0.02)
+    assert 0.5 < chance_of_0(bandits, "unequal") < 0.7  # the entropy draws 0.7 towards 0.5
+
+
+def minimiser(share: float, numbers: Numbers) -> np.ndarray:
+    """Q of the stationary point of L_total where every transition ends its episode.
+
+    Then r̂ = Q and term 2 is V, and dL/dQ_a = 0 reads
+    Q_a = (1 - π_a / p_a + 2 w λ R_a) / (2 (c + w)): theory's Theorem 1. π = softmax(Q/τ) leaves
+    one equation for π_0.
+    """
+    radians = np.deg2rad(numbers.angle)
+    score, p = np.array([np.cos(radians), np.sin(radians)]), np.array([share, 1 - share])
+    kappa = 1 / (4 * numbers.chi2_alpha) + numbers.prior_weight
+    pull = 2 * numbers.prior_weight * numbers.strength * score
+
+    def q(chance: float) -> np.ndarray:
+        return (1 - np.array([chance, 1 - chance]) / p + pull) / (2 * kappa)
+
+    def gap(chance: float) -> float:
+        return chance - expit((q(chance)[0] - q(chance)[1]) / numbers.temperature)
+
+    return q(brentq(gap, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("name", [name for name in BANDITS if name != "alike"])
+def test_long_training_reaches_the_minimiser_in_closed_form(bandits: Trained, name: str) -> None:
+    numbers = BANDITS[name]
+    egoist, altruist = COUNTS[numbers.dataset]
+    q = bandits.policy(list(BANDITS).index(name)).q_values(ONLY_STATE)[0]
+    expected = minimiser(egoist / (egoist + altruist), numbers)
+    np.testing.assert_allclose(q, expected, atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("choices", "worth"),
+    [
+        ({"next_value": "target"}, 2.0),
+        ({"next_value": "online", "endings": Endings(timeout="bootstrap")}, 4.0),
+    ],
+)
+def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: float) -> None:
+    """One action only: V = Q and term 1 cancels term 2, so r̂ is the centre w λ R / (c + w) = 2.
+
+    A road of two steps is worth γ 2 at its start. A state that repeats and pays each time is
+    worth 2, or 2 / (1 - γ) where its timeouts are cuts.
+    """
+    road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
+    loop = [(0, 0, 0, Ending.TIMEOUT, 3.0, 0.0)]
+    shared = {"learning_rate": 3e-3, "polyak": 0.1}
+    numbers = [
+        Numbers(discount=0.9, **shared),
+        Numbers(discount=0.5, **shared),
+        Numbers(discount=0.5, dataset=1, **shared),
+    ]
+    structure = dataclasses.replace(TABULAR, updates=3000, **choices)
+    found = solve(structure, numbers, [table(rows * 4, 2, 1) for rows in (road, loop)])
+    far, near, repeating = (found.policy(lane).q_values(np.eye(2))[:, 0] for lane in range(3))
+    np.testing.assert_allclose(far, [1.8, 2.0], atol=0.02)
+    np.testing.assert_allclose(near, [1.0, 2.0], atol=0.02)
+    assert repeating[0] == pytest.approx(worth, abs=0.02)

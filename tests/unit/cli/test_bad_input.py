@@ -1,0 +1,179 @@
+"""Every mistake: one line on standard error that names the mend, status 2, nothing half-written."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from socialiq.cli.main import main
+from socialiq.demonstrations import files
+from socialiq.nn.q_policy import QPolicy
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data") / "mixed.safetensors"
+    assert main(["collect", "crossing7", "--episodes", "2", "--out", str(path)]) == 0
+    return path
+
+
+def refused(capsys, *arguments):
+    """Run a command that must be refused; returns its line."""
+    assert main([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("socialiq: ") and captured.err.count("\n") == 1
+    return captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "mend"),
+    [
+        (["solve", "crossing9"], "choose one of crossing5, crossing7"),
+        (["solve", "crossing7", "--angle", "400"], "outside [0, 360) degrees"),
+        (["solve", "crossing7", "--angle", "-1"], "outside [0, 360) degrees"),
+        (["solve", "crossing7", "--angle", "nan"], "outside [0, 360) degrees"),
+        (["solve", "crossing7", "--angle", "east"], "could not convert string to float"),
+        (["solve"], "socialiq solve --help"),
+        (["sovle", "crossing7"], "Available subcommands"),
+        (["reproduce", "fig7"], "choose one of worlds, poc, grid"),
+        (["claims", "--verdict", "maybe"], "choose one of reproduced, partly, not, untested"),
+        (["bench", "cars"], "choose one of learners"),
+        (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
+        (["train", "nowhere.safetensors", "--out", "x"], "no such file: nowhere.safetensors"),
+    ],
+)
+def test_unknown_names_and_numbers(capsys, tmp_path, monkeypatch, arguments, mend):
+    monkeypatch.chdir(tmp_path)
+    assert mend in refused(capsys, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "mend"),
+    [
+        (["--world", "crossing9"], "choose one of crossing5, crossing7"),
+        (["--world", "crossing5"], "they belong to another world"),
+        (["--world", "crossing7", "--preset", "best"], "choose one of table-c1"),
+        (["--world", "crossing7", "--target-kind", "sum"], "choose one of running, to_go"),
+        (["--world", "crossing7", "--prior", "social"], "choose one of none, reward"),
+        (["--world", "crossing7", "--divergence", "tv"], "choose one of chi2, kl"),
+        (["--world", "crossing7", "--strength", "-1"], "strength must be 0 or more"),
+        (["--world", "crossing7", "--strength", "nan"], "strength must be 0 or more"),
+        (["--world", "crossing7", "--angle", "361"], "outside [0, 360) degrees"),
+        (["--world", "crossing7", "--temperature", "0"], "temperature must be above 0"),
+        (["--world", "crossing7", "--discount", "1"], "discount must lie in [0, 1)"),
+        (["--world", "crossing7", "--updates", "0"], "updates must be at least 1"),
+        ([], "train online, or choose value_expert or v0"),
+        (["--resume", "--world", "crossing7"], "no such file"),
+    ],
+)
+def test_settings_that_make_no_run(capsys, tmp_path, data, options, mend):
+    out = tmp_path / "run"
+    assert mend in refused(capsys, "train", data, "--out", out, *options)
+    assert not out.exists()
+
+
+def test_an_output_folder_that_exists(capsys, tmp_path, data):
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "mine.txt").write_text("keep me")
+    line = refused(capsys, "train", data, "--world", "crossing7", "--out", out)
+    assert "exists already: name a new folder" in line
+    assert (out / "mine.txt").read_text() == "keep me"
+    line = refused(capsys, "reproduce", "worlds", "--out", out)
+    assert "exists already" in line
+    line = refused(capsys, "reproduce", "worlds", "--out", out, "--replace")
+    assert "is not a results folder" in line
+    assert (out / "mine.txt").read_text() == "keep me"
+
+
+def test_an_output_place_that_cannot_be_written(capsys, tmp_path, data):
+    file = tmp_path / "file"
+    file.write_text("")
+    line = refused(capsys, "train", data, "--world", "crossing7", "--out", file / "run")
+    assert "cannot make" in line
+    assert "cannot write" in refused(
+        capsys, "render", "crossing5", "--out", tmp_path / "missing" / "a.png"
+    )
+
+
+def test_an_output_file_that_exists(capsys, tmp_path):
+    out = tmp_path / "data.safetensors"
+    out.write_text("keep me")
+    assert "exists already" in refused(capsys, "collect", "crossing5", "--out", out)
+    assert out.read_text() == "keep me"
+
+
+def test_damaged_demonstrations(capsys, tmp_path, data):
+    whole = data.read_bytes()
+    cases = {
+        "truncated": whole[: len(whole) // 2],
+        "flipped": whole[:-10] + bytes([whole[-10] ^ 1]) + whole[-9:],
+        "empty": b"",
+        "text": b"observation,action\n",
+    }
+    for name, content in cases.items():
+        path = tmp_path / name
+        path.write_bytes(content)
+        line = refused(capsys, "train", path, "--world", "crossing7", "--out", tmp_path / "run")
+        assert "damaged" in line
+    assert not (tmp_path / "run").exists()
+
+
+def test_demonstrations_of_another_version(capsys, tmp_path, data, monkeypatch):
+    table = files.load(data)
+    path = tmp_path / "old.safetensors"
+    with monkeypatch.context() as patched:
+        patched.setattr(files, "SCHEMA_VERSION", 99)
+        files.save(path, table)
+    line = refused(capsys, "train", path, "--world", "crossing7", "--out", tmp_path / "run")
+    assert "version 99" in line and "make the file again" in line
+
+
+def test_a_file_of_another_kind(capsys, tmp_path, data):
+    assert "holds demonstrations, not policy" in refused(capsys, "evaluate", data)
+    foreign = tmp_path / "foreign.safetensors"
+    safetensors.numpy.save_file({"a": np.zeros(3, np.float32)}, foreign)
+    assert "not a socialiq file" in refused(capsys, "evaluate", foreign)
+
+
+def test_a_policy_for_another_world(capsys, tmp_path):
+    path = tmp_path / "policy.safetensors"
+    shapes = [(3, 9), (2, 3)]
+    policy = QPolicy(
+        tuple(np.zeros(shape, np.float32) for shape in shapes),
+        tuple(np.zeros(shape[0], np.float32) for shape in shapes),
+        "relu",
+        1.0,
+    )
+    policy.save(path)
+    assert "name the world it was trained for" in refused(capsys, "evaluate", path)
+    assert "add --episodes N" in refused(capsys, "evaluate", path, "--world", "CartPole-v1")
+    assert "this policy takes (9,)" in refused(
+        capsys, "evaluate", path, "--world", "CartPole-v1", "--episodes", "1"
+    )
+    assert "registered Gymnasium id" in refused(
+        capsys, "evaluate", path, "--world", "NoSuchWorld-v0", "--episodes", "1"
+    )
+
+
+def test_results_that_are_not_there(capsys, tmp_path):
+    assert "is not a results folder" in refused(capsys, "reproduce", "poc", "--from", tmp_path)
+    assert "no such file" in refused(capsys, "claims", "--results", tmp_path)
+
+
+def test_a_missing_extra(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    line = refused(capsys, "bench", "learners", "--repeats", "1")
+    assert "pip install 'socialiq[bench]'" in line
+
+
+def test_json_failures_keep_standard_output_empty(capsys):
+    assert main(["solve", "crossing7", "--angle", "999", "--json"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    with pytest.raises(json.JSONDecodeError):
+        json.loads(captured.err)

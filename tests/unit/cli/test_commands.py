@@ -1,0 +1,180 @@
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.demonstrations import files
+from socialiq.nn.q_policy import QPolicy
+
+TINY = ["--updates", "20", "--batch-size", "8", "--hidden", "8"]
+
+
+def json_of(capsys, *arguments):
+    """Run a command with --json; standard output must be exactly one JSON object."""
+    assert main([*arguments, "--json"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1
+    return json.loads(out)
+
+
+@pytest.fixture(scope="module")
+def demonstrations(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data") / "mixed.safetensors"
+    assert main(["collect", "crossing7", "--episodes", "3", "--out", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(demonstrations, tmp_path_factory):
+    out = tmp_path_factory.mktemp("runs") / "run"
+    arguments = ["train", str(demonstrations), "--world", "crossing7", "--angle", "0", "90"]
+    assert main([*arguments, "--seed", "1", "2", "--out", str(out), *TINY]) == 0
+    return out
+
+
+def test_solve_gives_the_exact_optimum(capsys):
+    found = json_of(capsys, "solve", "crossing7", "--angle", "45")
+    assert (found["r_env"], found["r_social"]) == (1.81, 0.32)
+    assert found["angle_hat"] == pytest.approx(10.026, abs=1e-3)
+    assert (found["states"], found["reachable_states"]) == (12096, 276)
+
+
+def test_solve_stationary_differs_where_the_clock_matters(capsys):
+    with_clock = json_of(capsys, "solve", "crossing7", "--angle", "75")
+    without = json_of(capsys, "solve", "crossing7", "--angle", "75", "--stationary")
+    assert with_clock["value"] - without["value"] == pytest.approx(0.442, abs=1e-3)
+
+
+def test_front_covers_zero_to_ninety_degrees(capsys):
+    found = json_of(capsys, "front", "crossing7")
+    intervals = [(row["optimal_from"], row["optimal_to"]) for row in found["front"]]
+    assert intervals[0][0] == 0.0 and intervals[-1][1] == 90.0
+    assert all(a[1] == pytest.approx(b[0]) for a, b in zip(intervals, intervals[1:], strict=False))
+
+
+@pytest.mark.parametrize("world", ["crossing5", "crossing7"])
+@pytest.mark.parametrize("extra", [[], ["--angle", "45"]])
+def test_render_writes_a_png(tmp_path, world, extra):
+    path = tmp_path / "picture.png"
+    assert main(["render", world, "--out", str(path), *extra]) == 0
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_collect_mixes_equal_numbers_of_episodes(demonstrations):
+    counts = files.load(demonstrations).counts()
+    assert {mode: episodes for mode, (episodes, _) in counts.items()} == {
+        "egoistic": 3,
+        "prosocial": 3,
+        "altruistic": 3,
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--mixture", "weighted", "--weights", "2", "1", "1", "--episodes", "8"], (4, 2, 2)),
+        (["--mixture", "contaminated", "--share", "0.25", "--episodes", "8"], (2, 6, 0)),
+        (["--mixture", "equal_transitions", "--transitions", "75"], (25, None, 3)),
+    ],
+)
+def test_collect_knows_every_mixture(tmp_path, capsys, options, expected):
+    found = json_of(
+        capsys, "collect", "crossing7", "--out", str(tmp_path / "data.safetensors"), *options
+    )
+    episodes = {row["mode"]: row["episodes"] for row in found["modes"]}
+    for mode, count in zip(("egoistic", "prosocial", "altruistic"), expected, strict=True):
+        assert count is None or episodes.get(mode, 0) == count
+
+
+def test_train_writes_a_policy_for_every_angle_and_seed(run):
+    record = json.loads((run / "run.json").read_text())
+    assert [(one["angle"], one["seed"]) for one in record["policies"]] == [
+        (0, 1),
+        (0, 2),
+        (90, 1),
+        (90, 2),
+    ]
+    policy = QPolicy.load(run / "policy_3.safetensors")
+    assert policy.provenance["numbers"]["angle"] == 90.0
+    assert not (run / "checkpoint.safetensors").exists()
+
+
+def test_train_records_every_chunk_and_lane_as_csv(run):
+    with (run / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4  # one chunk of 20 updates, four lanes
+    assert {"loss", "chi2", "prior", "max_q", "greedy_angle", "soft_angle"} <= set(rows[0])
+
+
+def test_evaluate_is_exact_and_agrees_with_rollouts(run, capsys):
+    policy = str(run / "policy_0.safetensors")
+    exact = json_of(capsys, "evaluate", policy, "--world", "crossing7")
+    rolled = json_of(capsys, "evaluate", policy, "--world", "crossing7", "--episodes", "2000")
+    assert rolled["angle_low"] <= exact["angle"] <= rolled["angle_high"]
+    assert exact["regret"] >= 0
+
+
+def test_evaluate_soft_differs_from_greedy(run, capsys):
+    policy = str(run / "policy_0.safetensors")
+    greedy = json_of(capsys, "evaluate", policy)
+    soft = json_of(capsys, "evaluate", policy, "--soft")
+    assert soft["r_env"] != greedy["r_env"]
+
+
+def test_offline_training_needs_no_world(demonstrations, tmp_path):
+    out = tmp_path / "offline"
+    arguments = ["train", str(demonstrations), "--value-term", "value_expert", "--out", str(out)]
+    assert main([*arguments, *TINY]) == 0
+    assert (out / "policy_0.safetensors").is_file()
+
+
+def test_any_gymnasium_environment_trains_online(tmp_path, capsys):
+    from socialiq.evaluation.rollout import rollout_env
+    from socialiq.thesis.classic_control import TASKS
+
+    import gymnasium
+
+    shown = rollout_env(gymnasium.make("CartPole-v1"), TASKS["CartPole"].expert, 1, 0)
+    data, out = tmp_path / "cartpole.safetensors", tmp_path / "run"
+    files.save(data, shown.transitions)
+    arguments = ["train", str(data), "--world", "CartPole-v1", "--prior", "none"]
+    assert main([*arguments, "--out", str(out), *TINY]) == 0
+    capsys.readouterr()
+    found = json_of(
+        capsys,
+        "evaluate",
+        str(out / "policy_0.safetensors"),
+        "--world",
+        "CartPole-v1",
+        "--episodes",
+        "2",
+    )
+    assert found["r_env"] == found["length"] > 0
+
+
+def test_a_broken_lane_is_named_and_the_status_is_1(demonstrations, tmp_path, capsys):
+    out = tmp_path / "broken"
+    arguments = ["train", str(demonstrations), "--world", "crossing7", "--out", str(out)]
+    assert main([*arguments, "--learning-rate", "1e30", *TINY]) == 1
+    assert "is not finite" in capsys.readouterr().err
+    weights = QPolicy.load(out / "policy_0.safetensors").weights
+    assert all(np.isfinite(weight).all() for weight in weights)
+
+
+def test_claims_filters_by_verdict(capsys):
+    every = json_of(capsys, "claims")
+    untested = json_of(capsys, "claims", "--verdict", "untested")
+    assert 0 < len(untested["claims"]) < len(every["claims"])
+    assert {row["verdict"] for row in untested["claims"]} == {"untested"}
+
+
+def test_help_shows_an_example_for_every_command(capsys):
+    from socialiq.cli import main as module
+
+    for command in module.Command.__args__:
+        with pytest.raises(SystemExit) as stop:
+            main([command.__metadata__[0].name, "--help"])
+        assert stop.value.code == 0
+        assert "Example: socialiq " in capsys.readouterr().out
