@@ -163,7 +163,7 @@ def test_the_environment_agrees_with_the_table(name, tabulated, random_policy):
     probabilities = random_policy(table, 3)
     expected = episode_means(rollout_table(table, probabilities, EPISODES, seed=0))
     policy = TabularPolicy(table.world, probabilities, np.random.default_rng(1))
-    rollout = rollout_env(gymnasium.make(IDS[name]), policy, 250, seed=0, deterministic=False)
+    rollout = rollout_env(gymnasium.make(IDS[name]), policy, 120, seed=0, deterministic=False)
     for metric, (mean, error) in episode_means(rollout).items():
         close = np.hypot(error, expected[metric][1])
         assert abs(mean - expected[metric][0]) <= 4 * close + 1e-12, metric

@@ -39,28 +39,29 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_table_equals_the_batched_step(case, tabulated):
-    table = table_of(tabulated, case)
-    rng = np.random.default_rng(0)
-    chosen = rng.choice(table.mdp.n_states, N_STATES)
-    after, ending, rewards = simulated(table.world, table.states[chosen])
+@pytest.fixture(scope="module", params=CASES, ids=str)
+def sampled(request, tabulated):
+    """A table, some of its states, and what the batched step made of them."""
+    table = table_of(tabulated, request.param)
+    chosen = np.random.default_rng(0).choice(table.mdp.n_states, N_STATES)
+    return table, chosen, simulated(table.world, table.states[chosen])
+
+
+def test_table_equals_the_batched_step(sampled):
+    table, chosen, (after, ending, rewards) = sampled
     index = table.world.index(after)
     mdp = table.mdp
     known = (each[chosen][:, :, None] for each in (mdp.successor, mdp.ending, mdp.probability))
     successor, kind, probability = known
     matches = (index[..., None] == successor) & (ending[..., None] == kind) & (probability > 0.0)
     assert matches.any(axis=-1).all()
-    for sampled, exact in zip(rewards, table.mdp.rewards, strict=True):
-        np.testing.assert_allclose(sampled, exact[chosen][:, :, None].repeat(N_KEYS, 2), atol=1e-6)
+    for found, exact in zip(rewards, table.mdp.rewards, strict=True):
+        np.testing.assert_allclose(found, exact[chosen][:, :, None].repeat(N_KEYS, 2), atol=1e-6)
 
 
-@pytest.mark.parametrize("case", CASES[1:], ids=str)
-def test_frequencies_of_the_batched_step_match_the_probabilities(case, tabulated):
-    table = table_of(tabulated, case)
-    rng = np.random.default_rng(2)
-    chosen = rng.choice(table.mdp.n_states, N_STATES)
-    after, _, _ = simulated(table.world, table.states[chosen])
+@pytest.mark.parametrize("sampled", CASES[1:], ids=str, indirect=True)
+def test_frequencies_of_the_batched_step_match_the_probabilities(sampled):
+    table, chosen, (after, _, _) = sampled
     first, second = np.moveaxis(table.mdp.successor[chosen], -1, 0)
     p = table.mdp.probability[chosen][..., 1]
     hits = (table.world.index(after) == second[..., None]).sum(axis=-1)
@@ -116,7 +117,7 @@ def test_weighted_signals_are_the_rewards(case, tabulated):
         np.testing.assert_array_equal(weighted, reward)
 
 
-@pytest.mark.parametrize("p", [0.0, 0.1, 0.3, 1 / 3, 1.0])
+@pytest.mark.parametrize("p", [0.0, 0.3, 1 / 3])
 def test_rewards_are_exact_in_float64(p, tabulated):
     rewards = tabulated("crossing7", spawn_probability=p).reachable_part().mdp.rewards
     assert set(rewards.env.ravel()) == {-0.3, 0.4 * 0.5 - 0.3, 0.4 - 0.3, 2.0}

@@ -32,7 +32,7 @@ def move(ego: Any, other: Any, action: Any) -> Move:
     """
     ego_after = jnp.minimum(ego + jnp.where(action == GO, 1, 0), LAST)
     wanted = jnp.minimum(other + 1, LAST)
-    blocked = (wanted == CONFLICT) & (other < CONFLICT) & (ego_after == CONFLICT)
+    blocked = (wanted == CONFLICT) & (ego_after == CONFLICT)
     return Move(ego, other, ego_after, jnp.where(blocked, other, wanted))
 
 

@@ -47,7 +47,7 @@ def drive(vehicle: Vehicle, ego_in_conflict: Any, options: Options) -> Vehicle:
     Vehicles don't see each other (5.1.2 gives them a reaction to the ego only), and one that is
     already in the conflict cell drives on.
     """
-    would_enter = occupies_conflict(vehicle.y, vehicle.y + FAST, options) & (vehicle.y < CONFLICT)
+    would_enter = occupies_conflict(vehicle.y, vehicle.y + FAST, options)
     safe = jnp.maximum(CONFLICT - 1 - vehicle.y, STOP)
     if options.braking == "one_level":
         safe = jnp.maximum(safe, vehicle.v - 1)

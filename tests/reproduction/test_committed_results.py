@@ -1,0 +1,77 @@
+"""A small part of the committed results, made again here and compared.
+
+Trained networks are equal bit for bit only on one kind of machine. What is compared is what every
+machine must agree on: exact facts to the last printed digit, and greedy policies, which are
+discrete, of runs whose decisions are not close calls.
+"""
+
+import pytest
+
+from socialiq.thesis import claims, grid, lambda_sweep, poc, store, worlds
+
+
+@pytest.fixture(scope="module")
+def committed():
+    folder = claims.packaged_results()
+    return {name: store.load(folder / name) for name in ("worlds", "poc", "grid", "lambda-sweep")}
+
+
+def test_exact_facts_are_equal(committed):
+    again = worlds.run()
+    for name in ("crossing5_readings", "crossing5_ties", "crossing7_readings", "crossing7_front"):
+        for ours, theirs in zip(again.tables[name], committed["worlds"].tables[name], strict=True):
+            for key, value in theirs.items():
+                expected = pytest.approx(value, abs=2e-6) if isinstance(value, float) else value
+                assert ours[key] == expected, (name, key)
+
+
+def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
+    config = grid.Config(
+        seeds=(10, 11), target_kinds=("running",), strengths=(1.0,), comparisons=False
+    )
+    again = grid.run(config)
+    wanted = {
+        (row["method"], row["target_angle"], row["seed"]): row
+        for row in committed["grid"].tables["policies"]
+        if row["mixture"] == "equal_trajectories"
+        and row["readout"] == "greedy"
+        and (row["target_kind"], row["strength"]) in (("none", 0.0), ("running", 1.0))
+        and row["method"] != "behaviour_cloning"
+    }
+    compared = 0
+    for row in again.tables["policies"]:
+        if row["readout"] != "greedy" or row["target_angle"] == 45.0:
+            continue
+        theirs = wanted[row["method"], row["target_angle"], row["seed"]]
+        assert row["angle"] == pytest.approx(theirs["angle"], abs=1e-5)
+        assert row["arrival"] == pytest.approx(theirs["arrival"], abs=1e-5)
+        compared += 1
+    assert compared == 8  # two seeds; baseline and targets, each at 0 and 90 degrees
+
+
+def test_the_five_by_five_egoist_is_equal(committed):
+    again = poc.run(poc.Config(seeds=(10, 11), readings=False))
+    found = {row["seed"]: row for row in again.tables["sequences"] if row["policy"] == "egoistic"}
+    for row in committed["poc"].tables["sequences"]:
+        if (row["policy"], row["target_kind"], row["next_value"]) == (
+            "egoistic",
+            "running",
+            "online",
+        ) and row["seed"] in found:
+            assert found[row["seed"]]["sequence"] == row["sequence"]
+
+
+def test_the_ends_of_the_sweep_are_equal(committed):
+    config = lambda_sweep.Config(
+        seeds=(10,), strengths=(0.0, 5.0), target_kinds=("instantaneous",), checkpoint_every=3000
+    )
+    again = lambda_sweep.run(config)
+    theirs = {
+        (row["target_kind"], row["strength"]): row
+        for row in committed["lambda-sweep"].tables["final"]
+        if row["seed"] == 10 and row["readout"] == "greedy"
+    }
+    for row in again.tables["final"]:
+        if row["readout"] == "greedy":
+            key = (row["target_kind"], row["strength"])
+            assert row["angle"] == pytest.approx(theirs[key]["angle"], abs=1e-5)

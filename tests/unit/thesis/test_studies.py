@@ -1,0 +1,63 @@
+"""Each study runs end to end at a tiny size: the tables, the summary, and the figures from them."""
+
+import importlib
+
+import pytest
+
+from socialiq.cli.studies import STUDIES
+from socialiq.figures.style import png
+from socialiq.thesis import store
+
+TINY = {
+    "worlds": {"episodes": 20},
+    "poc": {"seeds": (0,), "updates": 20, "readings": False},
+    "grid": {
+        "seeds": (0, 1),
+        "updates": 20,
+        "episodes_each": 3,
+        "transitions_each": 30,
+        "target_kinds": ("running",),
+        "strengths": (2.0,),
+    },
+    "lambda-sweep": {
+        "seeds": (0, 1),
+        "updates": 20,
+        "checkpoint_every": 10,
+        "episodes_each": 3,
+        "strengths": (0.0, 5.0),
+        "target_kinds": ("instantaneous",),
+    },
+    "alternatives": {"seeds": (0,), "updates": 10, "episodes_each": 3, "strengths": (1.0,)},
+    "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
+}
+
+
+@pytest.fixture(scope="module", params=list(TINY))
+def study(request):
+    if request.param == "classic-control":
+        import dataclasses
+
+        module = importlib.import_module("socialiq.thesis.classic_control")
+        module.STRUCTURE = dataclasses.replace(module.STRUCTURE, updates=20)
+    module = STUDIES[request.param].module
+    return request.param, module.run(module.Config(**TINY[request.param]))
+
+
+def test_results_are_saved_and_read_back(study, tmp_path):
+    name, results = study
+    store.save(results, tmp_path / name, png(STUDIES[name].draw(results)), replace=False)
+    read = store.load(tmp_path / name)
+    assert read.summary == results.summary
+    assert read.tables.keys() == results.tables.keys()
+
+
+def test_figures_come_from_the_csv_alone(study, tmp_path):
+    name, results = study
+    store.save(results, tmp_path / name, {}, replace=False)
+    drawn = png(STUDIES[name].draw(store.load(tmp_path / name)))
+    assert drawn and all(picture.startswith(b"\x89PNG") for picture in drawn.values())
+
+
+def test_the_printed_table_exists(study):
+    name, results = study
+    assert results.tables[STUDIES[name].main_table]
