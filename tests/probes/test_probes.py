@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import expit
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.rollout import steps_of
 from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, train
 from socialiq.types import Ending, RewardPair
@@ -47,6 +48,7 @@ def table(
         rewards=RewardPair(env.astype(np.float64), social.astype(np.float64)),
         mode=np.zeros(len(rows), np.int8),
         episode=np.concatenate([[0], np.cumsum(ended)[:-1]]).astype(np.int32),
+        step=steps_of(np.concatenate([[0], np.cumsum(ended)[:-1]])),
         mode_names=("probe",),
         n_actions=n_actions,
         source={},

@@ -27,6 +27,7 @@ LAYOUT: dict[str, tuple[type[np.generic], int]] = {
     "r_social": (np.float64, 1),
     "mode": (np.int8, 1),
     "episode": (np.int32, 1),
+    "step": (np.int32, 1),
 }
 
 
@@ -49,6 +50,7 @@ def check(columns: Mapping[str, Any], n_actions: Any, mode_names: Any) -> None:
     _check_episodes(columns["episode"])
     _check_endings(columns)
     _check_within_episodes(columns)
+    _check_steps(columns)
 
 
 def json_able(source: Any) -> dict[str, Any]:
@@ -179,4 +181,14 @@ def _check_within_episodes(columns: Mapping[str, Any]) -> None:
         "mode",
         same_episode & other_mode,
         "changes inside an episode: give all its rows one demonstrator",
+    )
+
+
+def _check_steps(columns: Mapping[str, Any]) -> None:
+    step, same_episode = columns["step"], np.diff(columns["episode"], prepend=-1) == 0
+    _refuse("step", step < 0, "negative: number the steps of an episode from 0")
+    _refuse(
+        "step",
+        same_episode & (np.diff(step, prepend=-1) <= 0),
+        "does not increase within its episode: keep an episode's rows in order",
     )

@@ -41,6 +41,7 @@ class Demonstrations:
         rewards: (r_env, r_social), each (transition,), float64.
         mode: Index into `mode_names` of the demonstrator; one per episode.
         episode: Number of the episode, from 0 without gaps.
+        step: Number of the step within its episode, from 0; it skips where rows were left out.
         mode_names: Names of the demonstrators' modes; some may be without episodes.
         n_actions: Number of discrete actions of the world.
         source: What made the data (world, options, seeds), kept as JSON would give it back.
@@ -58,6 +59,7 @@ class Demonstrations:
     rewards: RewardPair
     mode: Int8[np.ndarray, " transition"]
     episode: Int32[np.ndarray, " transition"]
+    step: Int32[np.ndarray, " transition"]
     mode_names: tuple[str, ...]
     n_actions: int
     source: dict[str, Any]
@@ -134,21 +136,25 @@ class Demonstrations:
     def returns(self, kind: str, discount: float) -> RewardPair:
         """(G_env, G_social) of every transition, each (transition,), float64 (thesis 5.3.1).
 
-        They accumulate over the rows that are here: take them before `subsample`, whose missing
-        rows neither count nor discount.
-
         Args:
             kind: Reading of "cumulative", one of `social.returns.TARGET_KINDS`.
             discount: γ_svo of Table C.1.
 
         Raises:
-            UserError: If the kind is unknown.
+            UserError: If the kind is unknown, or needs steps that are not here any more.
         """
+        if kind != "instantaneous":
+            self._check_whole()
         env, social = (cumulative(kind, r, self.episode, discount) for r in self.rewards)
         return RewardPair(env, social)
 
     def totals(self) -> RewardPair:
-        """Undiscounted sums of r_env and r_social over each episode, each (episode,)."""
+        """Undiscounted sums of r_env and r_social over each episode, each (episode,).
+
+        Raises:
+            UserError: If steps of an episode are not here any more.
+        """
+        self._check_whole()
         starts = self.episode_starts
         return RewardPair(*(np.add.reduceat(r, starts) for r in self.rewards))
 
@@ -217,6 +223,16 @@ class Demonstrations:
         """One line: how many episodes and transitions, in all and of each mode."""
         modes = ", ".join(f"{name} {e}/{t}" for name, (e, t) in self.counts().items())
         return f"{self.n_episodes} episodes, {self.n_transitions} transitions ({modes})"
+
+    def _check_whole(self) -> None:
+        """Refuse to sum over episodes that miss steps: the sum would be wrong and look right."""
+        within = np.arange(self.n_transitions) - self.episode_starts[self.episode]
+        gaps = self.step != within
+        if gaps.any():
+            raise UserError(
+                f"episode {self.episode[np.argmax(gaps)]} misses steps, so its returns are not "
+                "known: use the target kind instantaneous, or demonstrations before subsampling"
+            )
 
     def _columns(self) -> dict[str, Any]:
         # What `arrays` returns, before it is known to be arrays.

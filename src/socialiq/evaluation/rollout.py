@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int, Int32
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -101,6 +101,7 @@ def rollout_table(
         rewards=RewardPair(mdp.rewards.env[state, action], mdp.rewards.social[state, action]),
         mode=np.zeros(len(action), np.int8),
         episode=episode.astype(np.int32),
+        step=steps_of(episode),
         mode_names=(mode,),
         n_actions=mdp.n_actions,
         source={"world": table.world.name, "seed": seed, **(source or {})},
@@ -169,6 +170,7 @@ def _table(
         rewards=RewardPair(np.array(env, np.float64), np.array(social, np.float64)),
         mode=np.zeros(len(action), np.int8),
         episode=np.array(episode, np.int32),
+        step=steps_of(np.array(episode)),
         mode_names=(mode,),
         n_actions=n_actions,
         source=source,
@@ -179,3 +181,9 @@ def _table(
 def _check_episodes(episodes: int) -> None:
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
+
+
+def steps_of(episode: Int[np.ndarray, " transition"]) -> Int32[np.ndarray, " transition"]:
+    """Number the rows of each episode from 0; its rows are adjacent and complete."""
+    starts = np.flatnonzero(np.diff(episode, prepend=-1))
+    return (np.arange(len(episode)) - starts[episode]).astype(np.int32)

@@ -35,6 +35,7 @@ def make(
         rewards=RewardPair(rng.standard_normal(rows), rng.standard_normal(rows)),
         mode=np.repeat(mode, lengths).astype(np.int8),
         episode=np.repeat(np.arange(len(lengths)), lengths).astype(np.int32),
+        step=np.concatenate([np.arange(length) for length in lengths]).astype(np.int32),
         mode_names=mode_names,
         n_actions=n_actions,
         source={"seed": seed},

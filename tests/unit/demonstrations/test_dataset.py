@@ -225,3 +225,22 @@ def test_mode_names_can_be_reordered_and_widened(make: Make) -> None:
     assert renamed.counts() == {"altruistic": (1, 2), "malicious": (0, 0), "egoistic": (1, 1)}
     with pytest.raises(UserError, match="mode 'altruistic' has episodes: keep it"):
         table.with_mode_names(("egoistic", "prosocial"))
+
+
+def test_returns_of_a_subsampled_table_are_refused_but_its_rewards_are_not(make):
+    whole = make([5, 4])
+    thinned = whole.subsample(2)
+    assert thinned.step.tolist() == [0, 2, 4, 0, 2]
+    for sums in (lambda: thinned.returns("to_go", 0.9), thinned.totals):
+        with pytest.raises(UserError, match="episode 0 misses steps"):
+            sums()
+    assert (thinned.returns("instantaneous", 0.9).env == thinned.rewards.env).all()
+    assert (whole.subsample(1).totals().env == whole.totals().env).all()
+
+
+@pytest.mark.parametrize("step", [[0, 1, 1], [0, 2, 1], [-1, 0, 1]])
+def test_steps_must_increase_from_zero(make, step):
+    import dataclasses
+
+    with pytest.raises(UserError, match="column step, row"):
+        dataclasses.replace(make([3]), step=np.array(step, np.int32))

@@ -39,6 +39,7 @@ def demonstrations(
         rewards=RewardPair(rng.normal(size=rows), rng.normal(size=rows)),
         mode=np.zeros(rows, np.int8),
         episode=np.repeat(np.arange(episodes, dtype=np.int32), length),
+        step=np.tile(np.arange(length, dtype=np.int32), episodes),
         mode_names=("random",),
         n_actions=n_actions,
         source={},

@@ -33,6 +33,7 @@ def counted(counts: np.ndarray) -> Demonstrations:
         rewards=RewardPair(np.zeros(rows), np.zeros(rows)),
         mode=np.zeros(rows, np.int8),
         episode=np.arange(rows, dtype=np.int32),
+        step=np.zeros(rows, np.int32),
         mode_names=("counted",),
         n_actions=3,
         source={},

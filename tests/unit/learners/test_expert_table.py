@@ -69,6 +69,16 @@ def test_rounding_of_the_cumulative_weights_never_draws_a_row_of_weight_zero(tab
     assert set(batch.observation[:, 0].tolist()) == {3.0, 10.0}
 
 
+def test_draws_on_the_very_bounds_take_a_row_with_weight(
+    table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weights = np.zeros(55)
+    weights[[3, 10]] = 0.5
+    monkeypatch.setattr(jax.random, "uniform", lambda key, shape: jnp.array([0.0, 0.5]))
+    batch = table.sample_weighted(KEY, jnp.asarray(weights.cumsum(), jnp.float32), 2)
+    assert batch.observation[:, 0].tolist() == [3.0, 10.0]
+
+
 def test_sets_that_cannot_stand_together_are_refused(demonstrations) -> None:
     with pytest.raises(UserError, match="no demonstrations"):
         ExpertTable.of([], "to_go", 0.9)

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
-from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.learners.iq_learn.objective import Traced
+from socialiq.learners.iq_learn.train import Trained, initialise, traced, train, update
 from socialiq.learners.loop import Outside, Report, Stopped
+from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
 
 ONLINE = Structure(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
@@ -106,6 +109,43 @@ def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None
     assert policy.provenance["learner"] == "iq_learn"
     assert Numbers(**policy.provenance["numbers"]) == RUNS[1]
     assert policy.provenance["structure"]["hidden"] == (8,)
+
+
+def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data) -> None:
+    """Two lanes that never learn: one so hot that it acts evenly, one so cold that it is greedy."""
+    steps = 400
+    structure = dataclasses.replace(ONLINE, batch_size=1, replay_capacity=steps)
+    table = ExpertTable.of([data], "running", 0.99)
+    numbers = traced([Numbers(temperature=tau, learning_rate=1e-30) for tau in (1e6, 1e-6)])
+
+    def live(one: Traced) -> tuple[Any, Any]:
+        start = initialise(structure, table, CROSSING7, (6, 3), one)
+        return jax.lax.scan(
+            lambda state, _: (update(structure, table, CROSSING7, one, *state)[:2], None),
+            start,
+            length=steps,
+        )[0]
+
+    learnt, surroundings = jax.jit(jax.vmap(live))(numbers)
+    hot, cold = (
+        jax.tree.map(
+            lambda column, lane=lane: np.asarray(column[lane]), surroundings.replay.columns
+        )
+        for lane in (0, 1)
+    )
+    np.testing.assert_allclose(np.bincount(hot.action) / steps, [1 / 3] * 3, atol=0.08)
+    q = jax.vmap(network_of(learnt.network, 1))(cold.observation)
+    np.testing.assert_array_equal(cold.action, q.argmax(axis=1))
+    for rows in (hot, cold):
+        ended = rows.ending[:-1] > 0
+        assert 0 < ended.sum() < steps / 2
+        np.testing.assert_array_equal(
+            rows.observation[1:][~ended], rows.next_observation[:-1][~ended]
+        )
+        starts = [state for state, _ in CROSSING7.start]
+        assert {tuple(row) for row in rows.observation[1:][ended].astype(int).tolist()} <= set(
+            starts
+        )
 
 
 # Together these runs, ONLINE and OFFLINE have every value of every choice; each compiles anew.
