@@ -97,7 +97,7 @@ def training_seconds(
     structure: Structure, numbers: list[Numbers], data: list[Any], table: Table
 ) -> float:
     """Seconds of a training run after its first, compiling chunk, scaled to all its updates."""
-    from socialiq.learners.loop import Outside
+    from socialiq.learners.outside import Outside
 
     stamps: list[tuple[int, float]] = []
     outside = Outside(on_report=lambda report: stamps.append((report.done, time.perf_counter())))

@@ -17,7 +17,7 @@ from socialiq.cli.solve import Front, Render, Solve
 from socialiq.cli.studies import Claims, Demo, Reproduce
 from socialiq.cli.train import Train
 from socialiq.errors import UserError
-from socialiq.learners.loop import Stopped
+from socialiq.learners.outside import Stopped
 
 _name = tyro.conf.subcommand
 Command = (

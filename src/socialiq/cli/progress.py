@@ -9,7 +9,7 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from socialiq.learners.loop import Report
+from socialiq.learners.outside import Report
 from socialiq.social.angle import angle_of
 
 _PLAIN_SECONDS = 10.0  # between two plain lines of one stage

@@ -76,7 +76,7 @@ def action_table(
 def exact_monitor(
     table: Table, temperatures: Sequence[float]
 ) -> Callable[[Any], dict[str, np.ndarray]]:
-    """A monitor for `learners.loop.Outside`: every metric of every lane, greedy and soft.
+    """A monitor for `learners.Outside`: every metric of every lane, greedy and soft.
 
     Args:
         table: The world, or better its reachable part.

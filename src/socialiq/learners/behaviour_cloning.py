@@ -17,6 +17,7 @@ from jaxtyping import Array
 from socialiq.errors import UserError, one_of
 from socialiq.learners import loop
 from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.outside import Outside
 from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Transitions
@@ -92,7 +93,7 @@ def clone(
     structure: Structure,
     numbers: Sequence[Numbers],
     datasets: Sequence[Transitions],
-    outside: loop.Outside | None = None,
+    outside: Outside | None = None,
     chunk: int = 500,
 ) -> Cloned:
     """Clone one lane for each of `numbers`, all in one compiled program.
@@ -106,7 +107,7 @@ def clone(
 
     Raises:
         UserError: If there is no run, or no such set of demonstrations.
-        loop.Stopped: On Ctrl-C.
+        Stopped: On Ctrl-C.
     """
     if not numbers or max(one.dataset for one in numbers) >= len(datasets):
         raise UserError("pass at least one run, and the demonstrations that each run names")
@@ -124,7 +125,7 @@ def clone(
         total=structure.updates,
         chunk=chunk,
         fingerprint=loop.fingerprint(table, structure, *numbers),
-        outside=outside or loop.Outside(),
+        outside=outside or Outside(),
     )
     return Cloned(structure, tuple(numbers), lanes.learnt.network, history)
 

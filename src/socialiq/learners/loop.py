@@ -11,11 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import signal
-import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -28,6 +24,7 @@ from jaxtyping import Array, Int
 
 from socialiq.errors import UserError
 from socialiq.learners import checkpoint
+from socialiq.learners.outside import Clock, Outside, Stopped, stop_line, stop_requests
 
 # Initialisation runs once: optimising its code takes longer than running it.
 _COMPILE_FAST = {"xla_backend_optimization_level": 0}
@@ -51,47 +48,6 @@ class Lanes(NamedTuple):
     failed_term: Int[Array, " lane"]
 
 
-class Report(NamedTuple):
-    """What a progress display is told after each chunk.
-
-    Attributes:
-        done: Updates done, of each lane.
-        total: Updates to do.
-        rate: Updates per second, summed over lanes, since this process started.
-        seconds_left: Estimated.
-        terms: Mean of each named term over the chunk and over sound lanes.
-        monitored: What the monitor returned, each (lanes,).
-        failures: One line for each lane that has stopped.
-    """
-
-    done: int
-    total: int
-    rate: float
-    seconds_left: float
-    terms: dict[str, float]
-    monitored: dict[str, np.ndarray]
-    failures: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Outside:
-    """What surrounds a run and never changes its result.
-
-    Attributes:
-        on_report: Called after each chunk.
-        monitor: Given the `learnt` of all lanes, returns named values, each (lanes,).
-        checkpoint: File of the resumable state; written when stopped and about once a minute.
-        resume: Whether to go on from that file.
-        lane_names: How failure messages call the lanes.
-    """
-
-    on_report: Callable[[Report], None] | None = None
-    monitor: Callable[[Any], dict[str, np.ndarray]] | None = None
-    checkpoint: Path | None = None
-    resume: bool = False
-    lane_names: tuple[str, ...] = ()
-
-
 @dataclass
 class History:
     """What was recorded at the end of each chunk; arrays are (chunks, lanes)."""
@@ -108,10 +64,6 @@ class History:
     def array(self, name: str) -> np.ndarray:
         """One recorded quantity, (chunks, lanes)."""
         return np.stack(self.values[name])
-
-
-class Stopped(UserError):
-    """Ctrl-C: the run stopped between two chunks, and its state was saved if it has a file."""
 
 
 def run(
@@ -155,8 +107,8 @@ def run(
     )
     names = term_names(update, numbers, lanes)
     done = history.updates[-1] if history.updates else 0
-    clock = _Clock(done, total, len(jax.tree.leaves(numbers)[0]))
-    with _stop_requests() as stop:
+    clock = Clock(done, total, len(jax.tree.leaves(numbers)[0]))
+    with stop_requests() as stop:
         while done < total:
             if before_chunk is not None:
                 lanes = before_chunk(lanes, done)
@@ -172,14 +124,14 @@ def run(
             if outside.checkpoint and (stop.is_set() or clock.minute_passed()):
                 checkpoint.save(outside.checkpoint, fingerprint, lanes, history)
             if stop.is_set() and done < total:
-                raise Stopped(_stop_line(done, total, outside.checkpoint))
+                raise Stopped(stop_line(done, total, outside.checkpoint))
     return lanes, history
 
 
 def term_names(update: Callable[..., Any], numbers: Any, lanes: Lanes) -> tuple[str, ...]:
     """Names of a learner's terms, in the order of `Lanes.failed_term`."""
     _, _, terms = jax.eval_shape(jax.vmap(update), numbers, lanes.learnt, lanes.surroundings)
-    return (*sorted(terms), "parameters")[: len(terms)]
+    return tuple(sorted(terms))
 
 
 def failure_lines(
@@ -258,60 +210,3 @@ def _resume(path: Path | None, fingerprint: str, like: Lanes) -> tuple[Lanes, Hi
         raise UserError("nothing to resume from: name the run's folder")
     lanes, updates, values = checkpoint.load(path, fingerprint, like)
     return lanes, History(updates, values)
-
-
-def _stop_line(done: int, total: int, path: Path | None) -> str:
-    if path is None:
-        return f"stopped after {done} of {total} updates; nothing was saved"
-    return f"stopped after {done} of {total} updates: go on with --resume"
-
-
-class _Clock:
-    """Rates and remaining time, of this process only."""
-
-    def __init__(self, done: int, total: int, lanes: int) -> None:
-        self.total, self.lanes = total, lanes
-        self.saved = time.monotonic()
-        self.marks = [(done, self.saved)]
-
-    def report(
-        self,
-        done: int,
-        record: dict[str, np.ndarray],
-        monitored: dict[str, np.ndarray],
-        failures: tuple[str, ...],
-    ) -> Report:
-        # The first chunk includes compilation: the rate is counted from its end on.
-        self.marks.append((done, time.monotonic()))
-        first, began = self.marks[min(1, len(self.marks) - 2)]
-        rate = (done - first) / max(self.marks[-1][1] - began, 1e-9)
-        finite = {name: value[np.isfinite(value)] for name, value in record.items()}
-        terms = {name: float(v.mean()) if len(v) else float("nan") for name, v in finite.items()}
-        left = (self.total - done) / rate
-        return Report(done, self.total, rate * self.lanes, left, terms, monitored, failures)
-
-    def minute_passed(self) -> bool:
-        if time.monotonic() - self.saved < 60.0:
-            return False
-        self.saved = time.monotonic()
-        return True
-
-
-@contextmanager
-def _stop_requests() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into a request; a second one interrupts at once."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    before = signal.getsignal(signal.SIGINT)
-
-    def request(_number: int, _frame: Any) -> None:
-        stop.set()
-        signal.signal(signal.SIGINT, before)
-
-    signal.signal(signal.SIGINT, request)
-    try:
-        yield stop
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -20,7 +20,7 @@ from socialiq.evaluation.rollout import rollout_env
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import train
-from socialiq.learners.loop import Outside
+from socialiq.learners.outside import Outside
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.store import Results, Row

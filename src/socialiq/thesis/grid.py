@@ -10,7 +10,7 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import Readout, action_table, evaluate_exactly
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.loop import Outside
+from socialiq.learners.outside import Outside
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis import presets

@@ -20,7 +20,7 @@ from socialiq.evaluation.exact import (
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, train
-from socialiq.learners.loop import Outside, Report
+from socialiq.learners.outside import Outside, Report
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis.store import Row
 from socialiq.worlds.enumerate import Table, tabulate

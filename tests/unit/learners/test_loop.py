@@ -14,7 +14,9 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.learners import loop
-from socialiq.learners.loop import History, Lanes, Outside, Report, Stopped
+from socialiq.learners import outside as outside_module
+from socialiq.learners.loop import History, Lanes
+from socialiq.learners.outside import Outside, Report, Stopped
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 TOTAL, NEVER = 40, 10_000
@@ -183,7 +185,7 @@ def test_the_rate_leaves_out_the_first_chunk_which_compiles(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now, reports = [0.0], []
-    monkeypatch.setattr(loop.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(outside_module.time, "monotonic", lambda: now[0])
 
     def monitor(learnt: Any) -> dict[str, np.ndarray]:
         now[0] += 2.0 if now[0] else 50.0
@@ -299,7 +301,7 @@ def test_checkpoints_are_written_about_once_a_minute(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     now, path, written = [0.0], tmp_path / "state", []
-    monkeypatch.setattr(loop.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(outside_module.time, "monotonic", lambda: now[0])
 
     def on_report(report: Report) -> None:
         written.append(path.exists())

@@ -20,6 +20,7 @@ from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import priors
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
+from socialiq.learners.outside import Outside
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
@@ -89,7 +90,7 @@ def train(
     numbers: Sequence[Numbers],
     datasets: Sequence[Transitions],
     simulator: Simulator | None = None,
-    outside: loop.Outside | None = None,
+    outside: Outside | None = None,
     chunk: int = 500,
     before_chunk: Callable[[loop.Lanes, int], loop.Lanes] | None = None,
 ) -> Trained:
@@ -106,12 +107,12 @@ def train(
 
     Raises:
         UserError: If structure, data and world don't fit together.
-        loop.Stopped: On Ctrl-C.
+        Stopped: On Ctrl-C.
     """
     _check(structure, numbers, datasets, simulator, before_chunk is not None)
     table = ExpertTable.of(datasets, structure.target_kind, structure.social_discount)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    outside = outside or loop.Outside()
+    outside = outside or Outside()
     names = outside.lane_names or tuple(lane_name(one) for one in numbers)
     outside = dataclasses.replace(outside, lane_names=names)
     update_lane = partial(update, structure, table, simulator)

@@ -12,7 +12,7 @@ from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
 from socialiq.learners.iq_learn.objective import Traced
 from socialiq.learners.iq_learn.train import Trained, initialise, traced, train, update
-from socialiq.learners.loop import Outside, Report, Stopped
+from socialiq.learners.outside import Outside, Report, Stopped
 from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
 

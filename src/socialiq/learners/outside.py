@@ -1,0 +1,121 @@
+"""What surrounds a training run without changing its result: progress, files, Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.errors import UserError
+
+
+class Report(NamedTuple):
+    """What a progress display is told after each chunk.
+
+    Attributes:
+        done: Updates done, of each lane.
+        total: Updates to do.
+        rate: Updates per second, summed over lanes, since this process started.
+        seconds_left: Estimated.
+        terms: Mean of each named term over the chunk and over sound lanes.
+        monitored: What the monitor returned, each (lanes,).
+        failures: One line for each lane that has stopped.
+    """
+
+    done: int
+    total: int
+    rate: float
+    seconds_left: float
+    terms: dict[str, float]
+    monitored: dict[str, np.ndarray]
+    failures: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What surrounds a run and never changes its result.
+
+    Attributes:
+        on_report: Called after each chunk.
+        monitor: Given the `learnt` of all lanes, returns named values, each (lanes,).
+        checkpoint: File of the resumable state; written when stopped and about once a minute.
+        resume: Whether to go on from that file.
+        lane_names: How failure messages call the lanes.
+    """
+
+    on_report: Callable[[Report], None] | None = None
+    monitor: Callable[[Any], dict[str, np.ndarray]] | None = None
+    checkpoint: Path | None = None
+    resume: bool = False
+    lane_names: tuple[str, ...] = ()
+
+
+class Stopped(UserError):
+    """Ctrl-C: the run stopped between two chunks, and its state was saved if it has a file."""
+
+
+class Clock:
+    """Rates and remaining time, of this process only."""
+
+    def __init__(self, done: int, total: int, lanes: int) -> None:
+        self.total, self.lanes = total, lanes
+        self.saved = time.monotonic()
+        self.marks = [(done, self.saved)]
+
+    def report(
+        self,
+        done: int,
+        record: dict[str, np.ndarray],
+        monitored: dict[str, np.ndarray],
+        failures: tuple[str, ...],
+    ) -> Report:
+        """Describe the chunk that has just ended."""
+        # The first chunk includes compilation: the rate is counted from its end on.
+        self.marks.append((done, time.monotonic()))
+        first, began = self.marks[min(1, len(self.marks) - 2)]
+        rate = (done - first) / max(self.marks[-1][1] - began, 1e-9)
+        finite = {name: value[np.isfinite(value)] for name, value in record.items()}
+        terms = {name: float(v.mean()) if len(v) else float("nan") for name, v in finite.items()}
+        left = (self.total - done) / rate
+        return Report(done, self.total, rate * self.lanes, left, terms, monitored, failures)
+
+    def minute_passed(self) -> bool:
+        """Whether a minute has passed since this last was true."""
+        if time.monotonic() - self.saved < 60.0:
+            return False
+        self.saved = time.monotonic()
+        return True
+
+
+def stop_line(done: int, total: int, path: Path | None) -> str:
+    """What a stopped run tells."""
+    if path is None:
+        return f"stopped after {done} of {total} updates; nothing was saved"
+    return f"stopped after {done} of {total} updates: go on with --resume"
+
+
+@contextmanager
+def stop_requests() -> Iterator[threading.Event]:
+    """Turn the first Ctrl-C into a request; a second one interrupts at once."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def request(_number: int, _frame: Any) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, request)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
