@@ -96,6 +96,11 @@ class Simulator(Protocol):
         """Length of an observation."""
         ...
 
+    @property
+    def description(self) -> str:
+        """The world and its options in words; two worlds of one description are the same."""
+        ...
+
     def reset(self, key: Any) -> tuple[Any, Any]:
         """Start an episode: (episode state, observation)."""
         ...

@@ -37,7 +37,7 @@ class Solve:
     angle: float = 0.0
     """Social angle in degrees: 0 egoistic, 45 prosocial, 90 altruistic."""
     stationary: bool = False
-    """The thesis' expert: value iteration at discount 0.99, which doesn't know the time left."""
+    """Value iteration at discount 0.99, which doesn't know the time left, as in the thesis."""
     json: bool = False
     """Print one JSON object."""
 

@@ -179,6 +179,11 @@ def show(results: Results) -> None:
     """A study's main table."""
     if results.study == "grid":
         print_table(comparison(results), "greedy policies, means over seeds, exact")
+    elif results.study == "worlds":
+        print_table(results.tables["crossing5_readings"], "crossing5: experts by reading")
+        angles = ("reading", "egoistic_angle", "prosocial_angle", "altruistic_angle")
+        rows = [{key: row[key] for key in angles} for row in results.tables["crossing7_readings"]]
+        print_table(rows, "crossing7: angle of the optimum by reading, degrees")
     elif results.study == "lambda-sweep":
         kind = results.config["target_kinds"][0]
         rows = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import GymCollector
 from socialiq.learners.iq_learn.config import Numbers, Structure
-from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.loop import Lanes
 from socialiq.learners.outside import Outside
 from socialiq.storage import new_folder, write_atomically, write_json
@@ -96,6 +97,7 @@ class Train:
         data = files.load(self.data)
         structure, numbers = self.settings()
         simulator, before_chunk = self.surroundings(structure, numbers)
+        check_fit(structure, numbers, [data], simulator, before_chunk is not None)
         checkpoint = self.folder() / "checkpoint.safetensors"
         with Display() as display:
             trained = train(
@@ -189,7 +191,11 @@ class Train:
             "structure": dataclasses.asdict(trained.structure),
             "numbers": [dataclasses.asdict(one) for one in trained.numbers],
             "world": self.world,
-            "data": {"file": str(self.data), "transitions": data.n_transitions},
+            "data": {
+                "file": str(self.data),
+                "sha256": hashlib.sha256(self.data.read_bytes()).hexdigest(),
+                "transitions": data.n_transitions,
+            },
             "versions": versions(),
             "failures": trained.failures,
             "policies": lanes,

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float32, Int, Int8, Int32, Shaped
 from socialiq.demonstrations import columns
 from socialiq.errors import UserError
 from socialiq.social.returns import cumulative
-from socialiq.types import RewardPair
+from socialiq.types import Ending, RewardPair
 
 
 # Compared by identity: the generated comparison of arrays would raise. Two tables hold the same
@@ -29,7 +29,7 @@ class Demonstrations:
 
     An episode need not be whole: after `subsample` its rows skip steps, so a row's
     `next_observation` need not be the next row's `observation`, and the last row need not end
-    the episode. Nothing follows an end inside an episode.
+    the episode; sums over it are then refused. Nothing follows an end inside an episode.
 
     Attributes:
         observation: s.
@@ -227,11 +227,12 @@ class Demonstrations:
     def _check_whole(self) -> None:
         """Refuse to sum over episodes that miss steps: the sum would be wrong and look right."""
         within = np.arange(self.n_transitions) - self.episode_starts[self.episode]
-        gaps = self.step != within
+        last = np.diff(self.episode, append=self.n_episodes) != 0
+        gaps = (self.step != within) | (last & (self.ending == Ending.NONE))
         if gaps.any():
             raise UserError(
-                f"episode {self.episode[np.argmax(gaps)]} misses steps, so its returns are not "
-                "known: use the target kind instantaneous, or demonstrations before subsampling"
+                f"episode {self.episode[np.argmax(gaps)]} misses steps or its end, so its returns "
+                "are not known: use the target kind instantaneous, or whole episodes"
             )
 
     def _columns(self) -> dict[str, Any]:

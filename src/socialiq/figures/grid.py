@@ -51,7 +51,7 @@ def ring(results: Results) -> Figure:
 
 
 def _mark(
-    axes: Any, name: str, degrees: float, radius: float, size: float, face: str, label: str | None
+    axes: Any, name: str, degrees: float, radius: float, size: int, face: str, label: str | None
 ) -> None:
     x, y = radius * np.cos(np.radians(degrees)), radius * np.sin(np.radians(degrees))
     axes.plot(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
@@ -48,27 +50,41 @@ def adaptation(results: Results, kind: str) -> Figure:
     return drawn
 
 
-def _updates_needed(axes, rows: list[Row], strengths: list[float]) -> None:
+def _updates_needed(axes: Any, rows: list[Row], strengths: list[float]) -> None:
+    kinds = (
+        ("first_update_within", "o", "first within"),
+        ("settled_update", "_", "within for good"),
+    )
     for place, strength in enumerate(strengths):
-        first = [row["first_update_within"] for row in rows if row["strength"] == strength]
-        reached = [value for value in first if value != ""]
-        axes.plot([place] * len(reached), reached, "o", color="#2166ac", alpha=0.6)
-        missing = len(first) - len(reached)
+        here = [row for row in rows if row["strength"] == strength]
+        for column, mark, label in kinds:
+            reached = [row[column] for row in here if row[column] != ""]
+            axes.plot(
+                [place] * len(reached),
+                reached,
+                mark,
+                color="#2166ac",
+                alpha=0.6,
+                markersize=6 if mark == "o" else 14,
+                label=label if place == len(strengths) - 1 else None,
+            )
+        missing = sum(row["first_update_within"] == "" for row in here)
         if missing:
-            axes.plot([place], [0], "x", color="#c23b22", markersize=9)
+            axes.plot([place], [0], "x", color="#c23b22", markersize=8)
             axes.annotate(
-                f"{missing} never",
+                f"{missing}",
                 (place, 0),
                 (0, -14),
                 textcoords="offset points",
                 ha="center",
-                fontsize=7,
+                fontsize=8,
                 color="#c23b22",
             )
     axes.set_xticks(range(len(strengths)), [f"{strength:g}" for strength in strengths])
     axes.set_ylim(bottom=-700)
-    axes.set(xlabel="λ", ylabel="first checkpoint within 20° of the optimum")
-    axes.set_title("updates until adapted, each dot a seed", fontsize=10)
+    axes.legend(frameon=False, fontsize=8)
+    axes.set(xlabel="λ", ylabel="updates until within 20° of the optimum")
+    axes.set_title("a mark for each seed (red: number of seeds that never come)", fontsize=10)
 
 
 def metrics(results: Results, kind: str) -> Figure:

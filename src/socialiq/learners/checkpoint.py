@@ -61,8 +61,8 @@ def load(
         value = jnp.asarray(arrays[f"leaf_{number:03d}"])
         restored.append(jax.random.wrap_key_data(value) if _is_key(leaf) else value)
     values = {
-        name.removeprefix("history_"): list(array)
-        for name, array in arrays.items()
+        name.removeprefix("history_"): list(arrays[name])
+        for name in sorted(arrays)
         if name.startswith("history_")
     }
     return jax.tree.unflatten(shape, restored), arrays["history.updates"].tolist(), values

@@ -26,6 +26,9 @@ from socialiq.errors import UserError
 from socialiq.learners import checkpoint
 from socialiq.learners.outside import Clock, Outside, Stopped, stop_line, stop_requests
 
+# A parameter of this size is finite, but the next product of two layers is not.
+_OVERFLOWS = 1e15
+
 # Initialisation runs once: optimising its code takes longer than running it.
 _COMPILE_FAST = {"xla_backend_optimization_level": 0}
 
@@ -58,8 +61,8 @@ class History:
     def add(self, updates: int, values: dict[str, np.ndarray]) -> None:
         """Record one chunk."""
         self.updates.append(updates)
-        for name, value in values.items():
-            self.values.setdefault(name, []).append(np.asarray(value, np.float64))
+        for name in sorted(values):  # the order in which a checkpoint gives them back
+            self.values.setdefault(name, []).append(np.asarray(values[name], np.float64))
 
     def array(self, name: str) -> np.ndarray:
         """One recorded quantity, (chunks, lanes)."""
@@ -157,10 +160,10 @@ def fingerprint(table: Any, *settings: Any) -> str:
 
     Args:
         table: Pytree of the run's data.
-        settings: Its settings, dataclasses of JSON-able fields.
+        settings: Its settings: dataclasses of JSON-able fields, strings or numbers.
     """
-    described = [dataclasses.asdict(one) for one in settings]
-    digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode())
+    described = json.dumps(settings, sort_keys=True, default=dataclasses.asdict)
+    digest = hashlib.sha256(described.encode())
     for column in jax.tree.leaves(table):
         digest.update(np.asarray(column).tobytes())
     return digest.hexdigest()
@@ -198,7 +201,7 @@ def _advance(
 
 def _all_finite(tree: Any) -> Array:
     leaves = [leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)]
-    return jnp.stack([jnp.isfinite(leaf).all() for leaf in leaves]).all()
+    return jnp.stack([(jnp.abs(leaf) < _OVERFLOWS).all() for leaf in leaves]).all()
 
 
 def _choose(condition: Array, yes: Any, no: Any) -> Any:

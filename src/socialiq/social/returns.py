@@ -34,7 +34,7 @@ def trajectory(rewards: Rewards, discount: float) -> Rewards:
 
 
 def instantaneous(rewards: Rewards, discount: float) -> Rewards:  # noqa: ARG001
-    """G_t = r_t: not cumulative. By shaping invariance the policy-relevant part of `to_go`."""
+    """G_t = r_t: not cumulative. It gives the policies of the advantage (docs/theory.md)."""
     return np.array(rewards)
 
 

@@ -72,7 +72,6 @@ TASKS = {
 # expert, `value_expert`, the gradient through V(s').
 STRUCTURE = Structure(
     prior="none",
-    target_kind="instantaneous",  # not used without a prior; returns need whole episodes
     value_term="value_expert",
     next_value="online",
     online=False,

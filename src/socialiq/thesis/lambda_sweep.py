@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.exact import READOUTS
+from socialiq.evaluation.exact import READOUTS, exact_monitor
 from socialiq.evaluation.metrics import Metrics
 from socialiq.learners.iq_learn.config import Numbers
 from socialiq.learners.iq_learn.train import Trained
@@ -78,8 +78,9 @@ def _baseline_rows(
     structure = dataclasses.replace(presets.baseline(presets.SWEEP), updates=config.updates)
     numbers = grid_of([TARGET_ANGLE], [0.0], config.seeds, presets.TABLE_C1_NUMBERS)
     report = watch("λ sweep, baseline")
+    monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
     trained = train_lanes(
-        ground, structure, numbers, datasets, report, config.checkpoint_every, monitored=True
+        ground, structure, numbers, datasets, report, config.checkpoint_every, monitor
     )
     return _checkpoint_rows(trained, numbers, "baseline")
 
@@ -90,8 +91,9 @@ def _sweep_rows(
     structure = dataclasses.replace(presets.SWEEP, target_kind=kind, updates=config.updates)
     numbers = grid_of([TARGET_ANGLE], config.strengths, config.seeds, presets.TABLE_C1_NUMBERS)
     report = watch(f"λ sweep, {kind}")
+    monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
     trained = train_lanes(
-        ground, structure, numbers, datasets, report, config.checkpoint_every, monitored=True
+        ground, structure, numbers, datasets, report, config.checkpoint_every, monitor
     )
     return _checkpoint_rows(trained, numbers, kind)
 
@@ -120,10 +122,11 @@ def _checkpoint_rows(trained: Trained, numbers: list[Numbers], kind: str) -> lis
 
 
 def _adaptation(rows: list[Row], goal_angle: float) -> list[Row]:
-    """For each lane: the first checkpoint within 20 degrees of the optimum's angle, if any.
+    """For each lane: when it first came within 20 degrees of the optimum's angle, and settled.
 
     The thesis writes |α̂ - α_target| < 20 with α_target = 0 and calls -42 degrees reached, so the
-    optimum's own angle must be meant.
+    optimum's own angle must be meant. A lane may pass by early and leave again, so the checkpoint
+    from which it stays is stated too; both are empty where it never comes, or doesn't stay.
     """
     lanes: dict[tuple, list[Row]] = {}
     for row in rows:
@@ -140,10 +143,18 @@ def _adaptation(rows: list[Row], goal_angle: float) -> list[Row]:
                 "readout": readout,
                 "seed": seed,
                 "first_update_within": first,
+                "settled_update": _settled([row["updates"] for row in steps], near),
                 "within_at_end": int(near[-1]),
             }
         )
     return table
+
+
+def _settled(updates: list[int], near: list[bool]) -> int | str:
+    """The checkpoint from which all are near, empty if the last isn't."""
+    away = [place for place, close in enumerate(near) if not close]
+    after = away[-1] + 1 if away else 0
+    return updates[after] if after < len(updates) else ""
 
 
 def _summary(tables: dict[str, list[Row]], config: Config, goal_angle: float) -> dict:
@@ -152,11 +163,13 @@ def _summary(tables: dict[str, list[Row]], config: Config, goal_angle: float) ->
     for row in tables["pooled"]:
         lanes = [one for one in tables["adaptation"] if all(one[key] == row[key] for key in KEYS)]
         first = [one["first_update_within"] for one in lanes if one["first_update_within"] != ""]
+        settled = [one["settled_update"] for one in lanes if one["settled_update"] != ""]
         entry = {key: value for key, value in row.items() if key not in KEYS}
         entry |= {
             "adapted_at_end": sum(one["within_at_end"] for one in lanes),
             "adapted_ever": len(first),
             "mean_first_update": float(np.mean(first)) if first else None,
+            "mean_settled_update": float(np.mean(settled)) if settled else None,
         }
         reading = found.setdefault(row["target_kind"], {}).setdefault(row["readout"], {})
         reading[f"{row['strength']:g}"] = entry

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from socialiq.evaluation.exact import (
     Readout,
     action_table,
     evaluate_exactly,
-    exact_monitor,
 )
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.learners.iq_learn.config import Numbers, Structure
@@ -28,6 +27,10 @@ from socialiq.worlds.registry import make
 
 Watch = Callable[[str], Callable[[Report], None] | None]
 """Given the name of a stage, what shows its progress."""
+
+
+Monitor = Callable[[Any], dict[str, np.ndarray]]
+"""Given what all lanes have learnt, named values, each (lanes,)."""
 
 
 def silent(_stage: str) -> None:
@@ -74,11 +77,10 @@ def train_lanes(
     datasets: Sequence[Demonstrations],
     on_report: Callable[[Report], None] | None,
     chunk: int = 500,
-    monitored: bool = False,
+    monitor: Monitor | None = None,
 ) -> Trained:
-    """Train in the ground's world; `monitored` records exact metrics after every chunk."""
-    monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
-    outside = Outside(on_report=on_report, monitor=monitor if monitored else None)
+    """Train in the ground's world; what the monitor returns is recorded after every chunk."""
+    outside = Outside(on_report=on_report, monitor=monitor)
     simulator = ground.table.world if structure.online else None
     return train(structure, numbers, datasets, simulator, outside, chunk)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -14,15 +15,18 @@ from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
 from socialiq.learners.iq_learn.config import Structure
 from socialiq.learners.iq_learn.train import Trained
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.thesis import presets
 from socialiq.thesis.experts import MODES, expert_pools
-from socialiq.thesis.lanes import Ground, Watch, silent, train_lanes
+from socialiq.thesis.lanes import Ground, Monitor, Watch, silent, train_lanes
 from socialiq.thesis.store import Results, Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.experts import expert_policy
 
 STUDY = "poc"
+CHUNK = 1000  # updates between two looks at the sequences
 THESIS = {
     "baseline": "WWWWGGGG",
     "egoistic": "GGGG",
@@ -35,8 +39,8 @@ THESIS = {
 class Config:
     """What the study runs; the defaults are the committed results."""
 
-    seeds: tuple[int, ...] = (10, 11, 12, 13, 14, 15, 16, 17, 18, 19)
-    """Training seeds; 0 to 9 were used in development."""
+    seeds: tuple[int, ...] = (20, 21, 22, 23, 24, 25, 26, 27, 28, 29)
+    """Training seeds; 0 to 9 were used in development, 10 to 19 in a first run at 6,000."""
     strength: float = presets.POC_STRENGTH
     """λ."""
     updates: int = presets.POC.updates
@@ -67,6 +71,7 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
         "experts": _expert_rows(ground.table),
         "sequences": rows,
         "agreement": _agreement(rows),
+        "agreement_by_updates": _by_updates(rows, config.updates),
     }
     return Results.of(STUDY, config, tables, _summary(tables))
 
@@ -90,9 +95,13 @@ def _baseline_rows(
     """The regularizer off; every seed learns from the one data set there is."""
     numbers = [dataclasses.replace(presets.TABLE_C1_NUMBERS, seed=seed) for seed in config.seeds]
     report = watch(f"5x5 baseline, V(s') {structure.next_value}")
-    trained = train_lanes(ground, presets.baseline(structure), numbers, [data], report)
+    modes = ["baseline"] * len(numbers)
+    monitor = _agreement_monitor(ground, modes)
+    trained = train_lanes(
+        ground, presets.baseline(structure), numbers, [data], report, CHUNK, monitor
+    )
     label = {"target_kind": "none", "next_value": structure.next_value}
-    return [_row(ground, trained, lane, "baseline", label) for lane in range(len(numbers))]
+    return _rows(ground, trained, modes, label)
 
 
 def _target_rows(
@@ -107,23 +116,46 @@ def _target_rows(
         for seed in config.seeds
     ]
     report = watch(f"5x5 targets, {structure.target_kind}, V(s') {structure.next_value}")
-    trained = train_lanes(ground, structure, numbers, [data], report)
-    label = {"target_kind": structure.target_kind, "next_value": structure.next_value}
     modes = [mode for mode in MODES for _ in config.seeds]
-    return [_row(ground, trained, lane, mode, label) for lane, mode in enumerate(modes)]
+    monitor = _agreement_monitor(ground, modes)
+    trained = train_lanes(ground, structure, numbers, [data], report, CHUNK, monitor)
+    label = {"target_kind": structure.target_kind, "next_value": structure.next_value}
+    return _rows(ground, trained, modes, label)
 
 
-def _row(ground: Ground, trained: Trained, lane: int, mode: str, label: Row) -> Row:
-    policy = action_table(trained.policy(lane), ground.table, "greedy")
-    found = sequence(ground.table, policy)
-    return {
-        "policy": mode,
-        **label,
-        "seed": trained.numbers[lane].seed,
-        "sequence": found,
-        "thesis": THESIS[mode],
-        "equal": int(found == THESIS[mode]),
-    }
+def _rows(ground: Ground, trained: Trained, modes: list[str], label: Row) -> list[Row]:
+    """One row for each lane; `equal_at` lists the updates at which it showed the sequence."""
+    equal = trained.history.array("equal")
+    rows = []
+    for lane, mode in enumerate(modes):
+        found = sequence(ground.table, action_table(trained.policy(lane), ground.table, "greedy"))
+        at = [n for n, yes in zip(trained.history.updates, equal[:, lane], strict=True) if yes]
+        rows.append(
+            {
+                "policy": mode,
+                **label,
+                "seed": trained.numbers[lane].seed,
+                "sequence": found,
+                "thesis": THESIS[mode],
+                "equal": int(found == THESIS[mode]),
+                "equal_at": " ".join(map(str, at)),
+            }
+        )
+    return rows
+
+
+def _agreement_monitor(ground: Ground, modes: list[str]) -> Monitor:
+    """Whether each lane's greedy sequence is the thesis', after every chunk."""
+
+    def monitor(learnt: Any) -> dict[str, np.ndarray]:
+        found = []
+        for lane, mode in enumerate(modes):
+            policy = QPolicy.of(network_of(learnt.network, lane), 1.0, {})
+            greedy = action_table(policy, ground.table, "greedy")
+            found.append(sequence(ground.table, greedy) == THESIS[mode])
+        return {"equal": np.array(found, np.float64)}
+
+    return monitor
 
 
 def _expert_rows(table: Table) -> list[Row]:
@@ -153,6 +185,20 @@ def _agreement(rows: list[Row]) -> list[Row]:
             | {"commonest": commonest, "commonest_seeds": count, "thesis": group[0]["thesis"]}
         )
     return table
+
+
+def _by_updates(rows: list[Row], updates: int) -> list[Row]:
+    """How many seeds showed the thesis' sequence after so many updates."""
+    keys = ("target_kind", "next_value", "policy")
+    counts: dict[tuple, Counter] = {}
+    for row in rows:
+        counter = counts.setdefault(tuple(row[key] for key in keys), Counter())
+        counter.update(row["equal_at"].split())
+    times = [min(n, updates) for n in range(CHUNK, updates + CHUNK, CHUNK)]
+    return [
+        dict(zip(keys, values, strict=True)) | {f"at_{n}": counter[str(n)] for n in times}
+        for values, counter in counts.items()
+    ]
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict:

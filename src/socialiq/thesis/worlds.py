@@ -13,6 +13,7 @@ from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.social.angle import angle_of, exact_weights, weights
 from socialiq.social.score import score
 from socialiq.social.separability import cohens_d
+from socialiq.thesis import presets
 from socialiq.thesis.experts import MODES, expert_pools
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.poc import sequence
@@ -103,7 +104,7 @@ def _crossing7_row(reading: dict[str, str]) -> Row:
     table = tabulate(make("crossing7", **reading))
     part = table.reachable_part()
     kept = table.mdp.reachable()
-    row: Row = {"reading": _name(reading), "reachable_states": part.mdp.n_states}
+    row: Row = {"reading": _name(reading), "reachable": part.mdp.n_states}
     for mode, angle in MODES.items():
         metrics = evaluate_exactly(part, expert_policy(table, angle, "stochastic")[kept])
         row |= {
@@ -188,6 +189,14 @@ def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
             "spawn_probability": table.world.options.spawn_probability,
             "weights": {**table.world.env_weights, **table.world.social_weights},
             "experts": experts,
+            "share_of_transitions": {
+                mode: metrics["length"] / sum(one["length"] for one in experts.values())
+                for mode, metrics in experts.items()
+            },
+            "optimal_angles_by_reading": {
+                row["reading"]: {mode: row[f"{mode}_angle"] for mode in MODES}
+                for row in tables["crossing7_readings"]
+            },
             "optimum_angle_by_angle": {
                 f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
             },
@@ -203,5 +212,15 @@ def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
         },
         "options": {
             name: dataclasses.asdict(make(name).options) for name in ("crossing5", "crossing7")
+        },
+        "presets": {
+            "table_c1": dataclasses.asdict(presets.TABLE_C1_NUMBERS)
+            | dataclasses.asdict(presets.TABLE_C1),
+            "strengths_of_the_sweep": len(presets.SWEEP_STRENGTHS),
+            "target_kinds": {
+                "poc": presets.POC.target_kind,
+                "grid": presets.GRID.target_kind,
+                "lambda-sweep": presets.SWEEP.target_kind,
+            },
         },
     }

@@ -94,6 +94,11 @@ class GridWorld:
         return len(self.features)
 
     @property
+    def description(self) -> str:
+        """The world's name and its readings of the thesis."""
+        return f"{self.name} {self.options}"
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Number of values of each feature; their product is the number of states."""
         return tuple(feature.size for feature in self.features)

@@ -3,6 +3,7 @@
 import json
 import sys
 
+import jaxtyping
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -10,6 +11,14 @@ import safetensors.numpy
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.q_policy import QPolicy
+
+
+@pytest.fixture(autouse=True)
+def as_a_user_runs_it():
+    """Run-time type checks, which users don't have, would refuse some mistakes first."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture(scope="module")

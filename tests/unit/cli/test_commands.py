@@ -1,4 +1,5 @@
 import csv
+import itertools
 import json
 
 import numpy as np
@@ -51,7 +52,7 @@ def test_front_covers_zero_to_ninety_degrees(capsys):
     found = json_of(capsys, "front", "crossing7")
     intervals = [(row["optimal_from"], row["optimal_to"]) for row in found["front"]]
     assert intervals[0][0] == 0.0 and intervals[-1][1] == 90.0
-    assert all(a[1] == pytest.approx(b[0]) for a, b in zip(intervals, intervals[1:], strict=False))
+    assert all(a[1] == pytest.approx(b[0]) for a, b in itertools.pairwise(intervals))
 
 
 @pytest.mark.parametrize("world", ["crossing5", "crossing7"])

@@ -15,11 +15,11 @@ def make(
     n_features: int = 2,
     n_actions: int = 3,
 ) -> Demonstrations:
-    """Random episodes of the given lengths, most of which end in their last row."""
+    """Random episodes of the given lengths, each of which ends in its last row."""
     rng = np.random.default_rng(seed)
     rows = sum(lengths)
     ending = np.zeros(rows, np.int8)
-    ending[np.cumsum(lengths) - 1] = rng.choice(list(Ending), len(lengths))
+    ending[np.cumsum(lengths) - 1] = rng.choice([kind for kind in Ending if kind], len(lengths))
     # Where terminal, some are also truncated: the clock may run out in the same step.
     terminated = ~np.isin(ending, [Ending.NONE, Ending.TIMEOUT])
     truncated = (ending == Ending.TIMEOUT) | (terminated & (rng.random(rows) < 0.5))

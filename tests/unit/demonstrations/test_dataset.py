@@ -232,7 +232,7 @@ def test_returns_of_a_subsampled_table_are_refused_but_its_rewards_are_not(make)
     thinned = whole.subsample(2)
     assert thinned.step.tolist() == [0, 2, 4, 0, 2]
     for sums in (lambda: thinned.returns("to_go", 0.9), thinned.totals):
-        with pytest.raises(UserError, match="episode 0 misses steps"):
+        with pytest.raises(UserError, match="episode 0 misses steps or its end"):
             sums()
     assert (thinned.returns("instantaneous", 0.9).env == thinned.rewards.env).all()
     assert (whole.subsample(1).totals().env == whole.totals().env).all()
@@ -244,3 +244,10 @@ def test_steps_must_increase_from_zero(make, step):
 
     with pytest.raises(UserError, match="column step, row"):
         dataclasses.replace(make([3]), step=np.array(step, np.int32))
+
+
+def test_returns_of_an_episode_that_lost_its_end_are_refused(make):
+    headless = make([3]).subsample(5)
+    assert headless.n_transitions == 1
+    with pytest.raises(UserError, match="misses steps or its end"):
+        headless.totals()

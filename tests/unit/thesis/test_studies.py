@@ -61,3 +61,19 @@ def test_figures_come_from_the_csv_alone(study, tmp_path):
 def test_the_printed_table_exists(study):
     name, results = study
     assert results.tables[STUDIES[name].main_table]
+
+
+@pytest.mark.parametrize(
+    ("near", "settled"),
+    [
+        ([True, True, True], 10),
+        ([False, True, True], 20),
+        ([True, False, True], 30),
+        ([True, True, False], ""),
+        ([False, False, False], ""),
+    ],
+)
+def test_a_lane_settles_where_it_stays(near, settled):
+    from socialiq.thesis.lambda_sweep import _settled
+
+    assert _settled([10, 20, 30], near) == settled

@@ -109,10 +109,13 @@ def train(
         UserError: If structure, data and world don't fit together.
         Stopped: On Ctrl-C.
     """
-    _check(structure, numbers, datasets, simulator, before_chunk is not None)
-    table = ExpertTable.of(datasets, structure.target_kind, structure.social_discount)
+    check_fit(structure, numbers, datasets, simulator, before_chunk is not None)
+    # Without a prior no returns are needed, and some data have none.
+    kind = "instantaneous" if structure.prior == "none" else structure.target_kind
+    table = ExpertTable.of(datasets, kind, structure.social_discount)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
     outside = outside or Outside()
+    world = simulator.description if simulator else "offline or collected"
     names = outside.lane_names or tuple(lane_name(one) for one in numbers)
     outside = dataclasses.replace(outside, lane_names=names)
     update_lane = partial(update, structure, table, simulator)
@@ -122,7 +125,7 @@ def train(
         numbers=traced(numbers),
         total=structure.updates,
         chunk=chunk,
-        fingerprint=loop.fingerprint(table, structure, *numbers),
+        fingerprint=loop.fingerprint(table, structure, *numbers, chunk, world),
         outside=outside,
         before_chunk=before_chunk,
     )
@@ -242,7 +245,7 @@ def _act(
         surroundings.observation,
         surroundings.episode,
     )
-    assert ring is not None and observation is not None  # `_check` asks for online training
+    assert ring is not None and observation is not None  # `check_fit` asks for online training
     for one in jax.random.split(key, structure.env_steps_per_update):
         for_action, for_step, for_reset = jax.random.split(one, 3)
         q = learnt.network(observation)
@@ -259,13 +262,25 @@ def _act(
     return surroundings._replace(replay=ring, episode=episode, observation=observation)
 
 
-def _check(
+def check_fit(
     structure: Structure,
     numbers: Sequence[Numbers],
     datasets: Sequence[Transitions],
     simulator: Simulator | None,
     collects: bool,
 ) -> None:
+    """Refuse runs whose settings, data and world don't fit together, before any work is done.
+
+    Args:
+        structure: What the lanes share.
+        numbers: What they differ in.
+        datasets: Sets of demonstrations.
+        simulator: The world, if there is one.
+        collects: Whether experience comes from outside JAX.
+
+    Raises:
+        UserError: The line says what doesn't fit.
+    """
     if not numbers:
         raise UserError("no runs: pass at least one set of numbers")
     if not datasets:
@@ -274,6 +289,9 @@ def _check(
         raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
     if structure.online and simulator is None and not collects:
         raise UserError("online training needs a world: name one, or train offline")
+    if structure.prior != "none":
+        for data in datasets:  # raises where returns aren't known
+            data.returns(structure.target_kind, structure.social_discount)
     if not structure.online and (simulator is not None or collects):
         raise UserError("offline training takes no world: drop it, or train online")
     if simulator is not None:

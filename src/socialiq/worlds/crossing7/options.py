@@ -52,4 +52,5 @@ class Options:
 
     slow_yield: Literal["half", "full"] = "half"
     """Whether SLOW earns (1 - v/v_max) = 1/2 of the yielding reward as in Eq 4.2, or all of it.
-    From the cell before the conflict SLOW enters the conflict, so no optimum changes."""
+    From the cell before the conflict SLOW enters the conflict, so it matters only together with
+    `yield_zone="with_conflict"`."""
