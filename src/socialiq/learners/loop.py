@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -134,7 +134,7 @@ def run(
 def term_names(update: Callable[..., Any], numbers: Any, lanes: Lanes) -> tuple[str, ...]:
     """Names of a learner's terms, in the order of `Lanes.failed_term`."""
     _, _, terms = jax.eval_shape(jax.vmap(update), numbers, lanes.learnt, lanes.surroundings)
-    return tuple(sorted(terms))
+    return _in_order(terms)
 
 
 def failure_lines(
@@ -149,7 +149,7 @@ def failure_lines(
         if step >= 0:
             name = lane_names[lane] if lane_names else f"lane {lane}"
             lines.append(
-                f"{name} stopped at update {step}: {causes[term]} is not finite; "
+                f"{name} stopped at update {step}: {causes[term]} not finite; "
                 "lower learning_rate, strength or prior_weight"
             )
     return tuple(lines)
@@ -169,6 +169,11 @@ def fingerprint(table: Any, *settings: Any) -> str:
     return digest.hexdigest()
 
 
+def _in_order(terms: Iterable[str]) -> tuple[str, ...]:
+    """Names of terms, the loss last: if it is not finite, the term that broke it is named."""
+    return tuple(sorted(terms, key=lambda name: (name == "loss", name)))
+
+
 def _start(initialise: Callable[[Any], tuple[Any, Any]], numbers: Any) -> Lanes:
     learnt, surroundings = initialise(numbers)
     zero = jnp.zeros((), jnp.int32)
@@ -182,7 +187,7 @@ def _advance(
 
     def body(lane: Lanes, _: None) -> tuple[Lanes, Array]:
         learnt, surroundings, terms = update(numbers, lane.learnt, lane.surroundings)
-        values = jnp.stack([terms[name] for name in sorted(terms)])
+        values = jnp.stack([terms[name] for name in _in_order(terms)])
         finite = jnp.append(jnp.isfinite(values), _all_finite(learnt))
         sound = lane.failed_at < 0
         breaks = sound & ~finite.all()

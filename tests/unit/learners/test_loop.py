@@ -131,7 +131,7 @@ def test_a_lane_that_breaks_keeps_its_last_sound_state(
     assert (
         reports[-1]
         .failures[0]
-        .startswith(f"first stopped at update 20: {term} is not finite; lower learning_rate")
+        .startswith(f"first stopped at update 20: {term} not finite; lower learning_rate")
     )
 
 
