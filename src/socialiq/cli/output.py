@@ -14,6 +14,9 @@ from rich.table import Table
 from socialiq.storage import write_atomically
 from socialiq.thesis.store import rounded
 
+_PIPED_WIDTH = 160  # columns of a table that goes to a file or a pipe
+_LEAST_WIDTH = 100  # a narrower terminal breaks the lines, but no number is cut
+
 
 def print_json(value: Mapping[str, Any]) -> None:
     """One JSON object on standard output, and nothing else there."""
@@ -22,15 +25,21 @@ def print_json(value: Mapping[str, Any]) -> None:
 
 def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
     """Rows of equal keys as a table; numbers to three decimals."""
-    table = Table(header_style="bold")
+    table = Table(header_style="bold", box=None, padding=(0, 2, 0, 0))
     for name in rows[0]:
         numeric = all(isinstance(row[name], int | float) for row in rows)
-        table.add_column(str(name).replace("_", " "), justify="right" if numeric else "left")
+        table.add_column(
+            str(name).replace("_", " "),
+            justify="right" if numeric else "left",
+            no_wrap=max(len(shown(row[name])) for row in rows) <= 12,
+            overflow="fold",
+        )
     for row in rows:
         table.add_row(*(shown(value) for value in row.values()))
     if title:
         sys.stdout.write(f"{title}\n")
-    Console().print(table)
+    width = max(Console().width, _LEAST_WIDTH) if sys.stdout.isatty() else _PIPED_WIDTH
+    Console(width=width).print(table)
 
 
 def shown(value: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,7 +125,7 @@ class Demo:
         if self.json:
             print_json({"table": rows, "out": str(self.out)})
             return 0
-        print_table(rows, f"7x7 world, greedy policies, mean of {len(self.seeds)} seeds, exact")
+        print_table(rows, f"7x7: angle in degrees, greedy, {len(self.seeds)} seeds, exact")
         print(
             f"\nThe pictures are in {self.out}/: tradeoff.png first, then fig_6_2_ring.png.\n"
             "The optimum for 45 degrees itself lies at 10.0 degrees: an angle of 39 would be a\n"
@@ -164,10 +165,21 @@ class Claims:
         if self.json:
             print_json({"counts": counts, "claims": rows})
             return 0
-        if rows:
-            print_table([{key: row[key] for key in claims.SHOWN} for row in rows])
+        for row in rows:
+            print(described(row))
         print(", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
         return 0
+
+
+def described(row: Row) -> str:
+    """A claim as a short paragraph."""
+    lines = [f"[{row['verdict']}] {row['id']} ({row['place']})", row["statement"]]
+    lines += [f"thesis: {row['thesis']}"]
+    lines += [f"ours: {row['ours']}"] if row["ours"] else []
+    lines += [f"because: {row['reason']}"] if row["reason"] else []
+    lines += [f"command: {row['command']}"] if row["command"] else []
+    wrapped = [lines[0], *(textwrap.fill(line, 96) for line in lines[1:])]
+    return textwrap.indent("\n".join(wrapped), "  ")[2:] + "\n"
 
 
 def save(study: str, results: Results, folder: Path, replace: bool) -> None:
@@ -178,7 +190,7 @@ def save(study: str, results: Results, folder: Path, replace: bool) -> None:
 def show(results: Results) -> None:
     """A study's main table."""
     if results.study == "grid":
-        print_table(comparison(results), "greedy policies, means over seeds, exact")
+        print_table(comparison(results), "angle in degrees; greedy, means over seeds, exact")
     elif results.study == "worlds":
         print_table(results.tables["crossing5_readings"], "crossing5: experts by reading")
         angles = ("reading", "egoistic_angle", "prosocial_angle", "altruistic_angle")
@@ -208,8 +220,8 @@ def comparison(results: Results) -> list[Row]:
                 "policy": name,
                 "target": "none" if angle is None else f"{angle:g}",
                 "angle": entry["angle"],
-                "angle_in_thesis": grid_figures.THESIS_ANGLES[name],
-                "angle_of_optimum": expert.get("angle", ""),
+                "thesis": grid_figures.THESIS_ANGLES[name],
+                "optimum": expert.get("angle", ""),
                 "regret": "" if angle is None else entry["regret"],
                 "arrival": entry["arrival"],
                 "timeout": entry["timeout"],

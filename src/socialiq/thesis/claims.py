@@ -29,7 +29,6 @@ STUDIES = (
     "intersection",
     "none",
 )
-SHOWN = ("id", "place", "statement", "thesis", "ours", "verdict", "reason")
 
 _PLACE = re.compile(r"\{([a-z-]+):([^:}]+)(?::([^}]*))?\}")
 
