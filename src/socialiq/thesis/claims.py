@@ -95,20 +95,23 @@ class _Summaries:
         self.read: dict[str, Any] = {}
 
     def at(self, study: str, path: str) -> Any:
-        """The value at a dotted path; a key may itself hold a dot if written with a comma."""
+        """The value at a dotted path; a dot inside a key is written as a comma."""
         if study not in self.read:
             self.read[study] = read_json(self.results / study / "summary.json")
         value = self.read[study]
         for key in path.split("."):
-            name = key.replace(",", ".")
             try:
-                value = value[int(name)] if isinstance(value, list) else value[name]
+                value = value[int(key)] if isinstance(value, list) else _item(value, key)
             except (KeyError, IndexError, ValueError, TypeError) as error:
                 raise UserError(
                     f"claims.toml points at {study}:{path}, which "
                     f"{self.results / study / 'summary.json'} does not have"
                 ) from error
         return value
+
+
+def _item(mapping: dict[str, Any], key: str) -> Any:
+    return mapping[key] if key in mapping else mapping[key.replace(",", ".")]
 
 
 def _row(claim: dict[str, Any], summaries: _Summaries) -> dict[str, Any]:
