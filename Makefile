@@ -14,7 +14,7 @@ test: check tests  ## everything that a change must pass
 check: .venv/installed-dev  ## lint, types, layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright
+	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 
 tests: .venv/installed-dev  ## the tests, shapes checked at run time, warnings as errors

@@ -21,8 +21,8 @@ from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import GymCollector
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
-from socialiq.learners.loop import Lanes
 from socialiq.learners.outside import Outside
+from socialiq.learners.state import Lanes
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.thesis.presets import PRESETS
 from socialiq.thesis.store import Row, as_csv, rounded, versions

@@ -18,6 +18,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.learners import loop
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.outside import Outside
+from socialiq.learners.state import History
 from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Transitions
@@ -77,7 +78,7 @@ class Cloned:
     structure: Structure
     numbers: tuple[Numbers, ...]
     networks: QNetwork
-    history: loop.History
+    history: History
 
     def policy(self, lane: int) -> QPolicy:
         """The clone of one lane; its soft policy at τ = 1 is the fitted distribution."""

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.learners.state import History, Lanes
 from socialiq.storage import load_arrays, save_arrays
-
-if TYPE_CHECKING:
-    from socialiq.learners.loop import History, Lanes
 
 SCHEMA_VERSION = 1
 

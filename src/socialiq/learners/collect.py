@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.learners import loop, replay
+from socialiq.learners import replay
 from socialiq.learners.expert_table import Batch
+from socialiq.learners.state import Lanes
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
@@ -48,7 +49,7 @@ class GymCollector:
             raise UserError("only discrete actions are supported: wrap the environment")
         self._add = jax.jit(jax.vmap(replay.add_many))
 
-    def __call__(self, lanes: loop.Lanes, done: int) -> loop.Lanes:
+    def __call__(self, lanes: Lanes, done: int) -> Lanes:
         """Let every lane act with its present network, and store what happens."""
         batches = [
             self._collect(lane, network_of(lanes.learnt.network, lane), done)

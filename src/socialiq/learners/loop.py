@@ -12,61 +12,25 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array
 
 from socialiq.errors import UserError
 from socialiq.learners import checkpoint
 from socialiq.learners.outside import Clock, Outside, Stopped, stop_line, stop_requests
+from socialiq.learners.state import History, Lanes
 
 # A parameter of this size is finite, but the next product of two layers is not.
 _OVERFLOWS = 1e15
 
 # Initialisation runs once: optimising its code takes longer than running it.
 _COMPILE_FAST = {"xla_backend_optimization_level": 0}
-
-
-class Lanes(NamedTuple):
-    """The state of all lanes; every array has a leading lane axis.
-
-    Attributes:
-        learnt: What training changes and a non-finite loss must not touch.
-        surroundings: Random key, replay, episode: whatever else an update carries along.
-        updates: Number of updates done.
-        failed_at: Update at which the lane broke, -1 while it is sound.
-        failed_term: Index of the first term that was not finite (in the order of their names).
-    """
-
-    learnt: Any
-    surroundings: Any
-    updates: Int[Array, " lane"]
-    failed_at: Int[Array, " lane"]
-    failed_term: Int[Array, " lane"]
-
-
-@dataclass
-class History:
-    """What was recorded at the end of each chunk; arrays are (chunks, lanes)."""
-
-    updates: list[int] = field(default_factory=list)
-    values: dict[str, list[np.ndarray]] = field(default_factory=dict)
-
-    def add(self, updates: int, values: dict[str, np.ndarray]) -> None:
-        """Record one chunk."""
-        self.updates.append(updates)
-        for name in sorted(values):  # the order in which a checkpoint gives them back
-            self.values.setdefault(name, []).append(np.asarray(values[name], np.float64))
-
-    def array(self, name: str) -> np.ndarray:
-        """One recorded quantity, (chunks, lanes)."""
-        return np.stack(self.values[name])
 
 
 def run(

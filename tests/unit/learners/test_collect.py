@@ -5,11 +5,11 @@ import pytest
 
 import socialiq  # noqa: F401 - registers the worlds
 from socialiq.errors import UserError
-from socialiq.learners import loop
 from socialiq.learners.collect import GymCollector
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import initialise, traced, train
+from socialiq.learners.state import Lanes
 from socialiq.types import Ending
 from socialiq.worlds import registry
 
@@ -28,15 +28,15 @@ def collector(steps: int = STEPS) -> GymCollector:
 
 
 @pytest.fixture(name="lanes", scope="module")
-def fresh_lanes(demonstrations) -> loop.Lanes:
+def fresh_lanes(demonstrations) -> Lanes:
     table = ExpertTable.of([demonstrations()], "running", 0.99)
     start = jax.vmap(lambda one: initialise(STRUCTURE, table, None, (6, 3), one))
     zero = np.zeros(2, np.int32)
-    return loop.Lanes(*start(traced(RUNS)), zero, zero - 1, zero - 1)
+    return Lanes(*start(traced(RUNS)), zero, zero - 1, zero - 1)
 
 
 @pytest.fixture(name="filled", scope="module")
-def filled_lanes(lanes) -> loop.Lanes:
+def filled_lanes(lanes) -> Lanes:
     return collector()(lanes, 0)
 
 

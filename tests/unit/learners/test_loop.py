@@ -15,8 +15,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners import loop
 from socialiq.learners import outside as outside_module
-from socialiq.learners.loop import History, Lanes
 from socialiq.learners.outside import Outside, Report, Stopped
+from socialiq.learners.state import History, Lanes
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 TOTAL, NEVER = 40, 10_000

@@ -21,6 +21,7 @@ from socialiq.learners.iq_learn import priors
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
 from socialiq.learners.outside import Outside
+from socialiq.learners.state import History, Lanes
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
@@ -71,7 +72,7 @@ class Trained:
     structure: Structure
     numbers: tuple[Numbers, ...]
     networks: QNetwork
-    history: loop.History
+    history: History
     failures: tuple[str, ...]
 
     def policy(self, lane: int) -> QPolicy:
@@ -92,7 +93,7 @@ def train(
     simulator: Simulator | None = None,
     outside: Outside | None = None,
     chunk: int = 500,
-    before_chunk: Callable[[loop.Lanes, int], loop.Lanes] | None = None,
+    before_chunk: Callable[[Lanes, int], Lanes] | None = None,
 ) -> Trained:
     """Train one lane for each of `numbers`, all in one compiled program.
 
