@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import gymnasium
+import numpy as np
 import tyro
 
 from socialiq.cli.output import print_json, print_table
@@ -14,20 +17,25 @@ from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import check_angle
+from socialiq.social.angle import angle_of, check_angle
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import WORLDS, make
+
+Measure = Callable[[QPolicy], dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Measure a saved policy: exactly in a gridworld, or by rollouts anywhere.
+    """Measure saved policies: exactly in a gridworld, or by rollouts anywhere.
+
+    Several policies, for instance one for each training seed, are also pooled: the angle is that of
+    the mean totals.
 
     Example: socialiq evaluate run/policy_0.safetensors --world crossing7 --angle 45
     """
 
-    policy: Annotated[Path, tyro.conf.Positional]
-    """Policy file that `socialiq train` wrote."""
+    policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Policy files that `socialiq train` wrote."""
     world: str = "crossing7"
     """crossing5, crossing7, or the id of any Gymnasium environment with discrete actions."""
     angle: float = 0.0
@@ -44,57 +52,94 @@ class Evaluate:
     def run(self) -> int:
         """Evaluate and print."""
         check_angle(self.angle)
-        policy = QPolicy.load(self.policy)
-        found = self.in_gridworld(policy) if self.world in WORLDS else self.in_gym(policy)
+        loaded = [QPolicy.load(path) for path in self.policies]
+        if not loaded:
+            raise UserError("no policy: name at least one file that `socialiq train` wrote")
+        measure = self.gridworld() if self.world in WORLDS else self.gymnasium()
+        rows = [measure(policy) for policy in loaded]
         if self.json:
-            print_json(found)
+            print_json(rows[0] if len(rows) == 1 else {"policies": rows, "pooled": pool(rows)})
+        elif len(rows) == 1:
+            print_table([{"quantity": name, "value": value} for name, value in rows[0].items()])
         else:
-            print_table([{"quantity": name, "value": value} for name, value in found.items()])
+            named = [
+                {"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)
+            ]
+            shown = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "length")
+            print_table([{key: row[key] for key in shown} for row in named])
+            print_table([pool(rows)], "pooled")
         return 0
 
-    def in_gridworld(self, policy: QPolicy) -> dict[str, object]:
+    def gridworld(self) -> Measure:
         """Exact or sampled metrics, with regret against the exact optimum."""
         table = tabulate(make(self.world))
-        _check_fit(policy, table)
         part = table.reachable_part()
+        optimum = Optimum(part)
         readout = "soft" if self.soft else "greedy"
-        if self.episodes:
-            whole = action_table(policy, table, readout)
-            rollout = rollout_table(table, whole, self.episodes, self.seed)
-            metrics, found = rollout.metrics(), self.sampled(rollout)
-        else:
-            metrics = evaluate_exactly(part, action_table(policy, part, readout))
-            found = {"method": "exact", **metrics._asdict()}
-        regret = Optimum(part).regret(metrics, self.angle)
-        return {**found, "readout": readout, "target_angle": self.angle, "regret": regret}
 
-    def in_gym(self, policy: QPolicy) -> dict[str, object]:
+        def measure(policy: QPolicy) -> dict[str, Any]:
+            _check_fit(policy, table)
+            if self.episodes:
+                whole = action_table(policy, table, readout)
+                rollout = rollout_table(table, whole, self.episodes, self.seed)
+                metrics, found = rollout.metrics(), self.sampled(rollout)
+            else:
+                metrics = evaluate_exactly(part, action_table(policy, part, readout))
+                found = {"method": "exact", **metrics._asdict()}
+            regret = optimum.regret(metrics, self.angle)
+            return {**found, "readout": readout, "target_angle": self.angle, "regret": regret}
+
+        return measure
+
+    def gymnasium(self) -> Measure:
         """Sampled metrics in a registered Gymnasium environment."""
         if not self.episodes:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
-        try:
-            env = gymnasium.make(self.world)
-        except gymnasium.error.Error as error:
-            raise UserError(
-                f"unknown world '{self.world}': choose one of {', '.join(WORLDS)}, "
-                "or a registered Gymnasium id"
-            ) from error
-        return self.sampled(
-            rollout_env(env, policy, self.episodes, self.seed, deterministic=not self.soft)
-        )
+        env = make_gymnasium(self.world)
 
-    def sampled(self, rollout: Rollout) -> dict[str, object]:
+        def measure(policy: QPolicy) -> dict[str, Any]:
+            greedy = not self.soft
+            return self.sampled(
+                rollout_env(env, policy, self.episodes, self.seed, deterministic=greedy)
+            )
+
+        return measure
+
+    def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Metrics of a rollout; quantities that the environment doesn't tell are left out."""
-        metrics = {
-            name: value for name, value in rollout.metrics()._asdict().items() if value == value
-        }
+        metrics = rollout.metrics()._asdict().items()
         estimate = rollout.angle(self.seed)
         return {
             "method": f"{self.episodes} episodes, seed {self.seed}",
-            **metrics,
+            **{name: value for name, value in metrics if math.isfinite(value)},
             "angle_low": estimate.low,
             "angle_high": estimate.high,
         }
+
+
+def pool(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Means over policies of every number they share; the angle is that of the mean totals."""
+    names = [name for name, value in rows[0].items() if isinstance(value, float)]
+    spread = ("angle_low", "angle_high")  # of one policy's episodes: they can't be averaged
+    means = {
+        name: float(np.mean([row[name] for row in rows])) for name in names if name not in spread
+    }
+    return means | {"angle": angle_of(means["r_env"], means["r_social"])}
+
+
+def make_gymnasium(name: str) -> gymnasium.Env:
+    """Make a registered environment.
+
+    Raises:
+        UserError: If there is none of that id.
+    """
+    try:
+        return gymnasium.make(name)
+    except gymnasium.error.Error as error:
+        raise UserError(
+            f"unknown world '{name}': choose one of {', '.join(WORLDS)}, "
+            "or a registered Gymnasium id"
+        ) from error
 
 
 def _check_fit(policy: QPolicy, table: Table) -> None:

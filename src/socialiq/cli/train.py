@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import gymnasium
 import tyro
 
+from socialiq.cli.evaluate import make_gymnasium
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.demonstrations import files
@@ -79,6 +79,8 @@ class Train:
     """Transitions per batch."""
     updates: int | None = None
     """Gradient steps."""
+    timeout: str | None = None
+    """V(s') after a timeout: zero (terminal, as in the thesis), bootstrap or absorbing."""
     prior_weight: float | None = None
     """w, the weight of the social prior."""
     temperature: float | None = None
@@ -131,6 +133,9 @@ class Train:
         structure = dataclasses.replace(
             structure, online=bool(self.world), **self._given(Structure)
         )
+        if self.timeout is not None:
+            endings = dataclasses.replace(structure.endings, timeout=self.timeout)
+            structure = dataclasses.replace(structure, endings=endings)
         base = dataclasses.replace(base, **self._given(Numbers))
         numbers = [
             dataclasses.replace(base, angle=angle, strength=strength, seed=seed)
@@ -156,7 +161,7 @@ class Train:
         if self.world in WORLDS:
             return make(self.world), None
         collector = GymCollector(
-            lambda: _gymnasium(self.world),
+            lambda: make_gymnasium(self.world),
             [one.seed for one in numbers],
             [one.temperature for one in numbers],
             CHUNK * structure.env_steps_per_update,
@@ -216,16 +221,6 @@ def _monitor(simulator: GridWorld | None, numbers: list[Numbers]) -> Any:
         return None
     part = tabulate(simulator).reachable_part()
     return exact_monitor(part, [one.temperature for one in numbers])
-
-
-def _gymnasium(name: str) -> gymnasium.Env:
-    try:
-        return gymnasium.make(name)
-    except gymnasium.error.Error as error:
-        raise UserError(
-            f"unknown world '{name}': choose one of {', '.join(WORLDS)}, "
-            "or a registered Gymnasium id"
-        ) from error
 
 
 def _history_rows(trained: Trained) -> list[Row]:

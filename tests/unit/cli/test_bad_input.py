@@ -72,6 +72,7 @@ def test_unknown_names_and_numbers(capsys, tmp_path, monkeypatch, arguments, men
         (["--world", "crossing7", "--strength", "-1"], "strength must be 0 or more"),
         (["--world", "crossing7", "--strength", "nan"], "strength must be 0 or more"),
         (["--world", "crossing7", "--angle", "361"], "outside [0, 360) degrees"),
+        (["--world", "crossing7", "--timeout", "never"], "choose one of zero, bootstrap"),
         (["--world", "crossing7", "--temperature", "0"], "temperature must be above 0"),
         (["--world", "crossing7", "--discount", "1"], "discount must lie in [0, 1)"),
         (["--world", "crossing7", "--updates", "0"], "updates must be at least 1"),

@@ -1,6 +1,7 @@
 import csv
 import itertools
 import json
+import math
 
 import numpy as np
 import pytest
@@ -115,6 +116,18 @@ def test_evaluate_is_exact_and_agrees_with_rollouts(run, capsys):
     rolled = json_of(capsys, "evaluate", policy, "--world", "crossing7", "--episodes", "2000")
     assert rolled["angle_low"] <= exact["angle"] <= rolled["angle_high"]
     assert exact["regret"] >= 0
+
+
+def test_evaluate_pools_policies_by_their_mean_totals(run, capsys):
+    files = [str(run / f"policy_{lane}.safetensors") for lane in (0, 1)]
+    found = json_of(capsys, "evaluate", *files)
+    each = [json_of(capsys, "evaluate", file) for file in files]
+    assert found["policies"] == each
+    mean = [sum(row[name] for row in each) / 2 for name in ("r_env", "r_social")]
+    assert found["pooled"]["r_env"] == pytest.approx(mean[0], abs=1e-6)
+    assert found["pooled"]["angle"] == pytest.approx(
+        math.degrees(math.atan2(mean[1], mean[0])), abs=1e-4
+    )
 
 
 def test_evaluate_soft_differs_from_greedy(run, capsys):
