@@ -6,11 +6,11 @@ import sys
 import time
 from collections.abc import Callable
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from socialiq.learners.outside import Report
-from socialiq.social.angle import angle_of
 
 _PLAIN_SECONDS = 10.0  # between two plain lines of one stage
 
@@ -67,13 +67,15 @@ class Display:
 
 
 def describe(report: Report) -> str:
-    """Named loss terms, max |Q|, α̂ if it is known, and updates per second of all lanes."""
+    """Named loss terms, max |Q|, α̂ (least and greatest of the lanes), updates per second."""
     shown = {name: value for name, value in report.terms.items() if name != "max_q"}
     parts = [f"{name} {value:.3g}" for name, value in shown.items()]
     if "max_q" in report.terms:
         parts.append(f"max|Q| {report.terms['max_q']:.3g}")
-    if "greedy_r_env" in report.monitored:
-        env = float(report.monitored["greedy_r_env"].mean())
-        social = float(report.monitored["greedy_r_social"].mean())
-        parts.append(f"α̂ {angle_of(env, social):.1f}°")
+    if "greedy_angle" in report.monitored:
+        low, high = (
+            np.min(report.monitored["greedy_angle"]),
+            np.max(report.monitored["greedy_angle"]),
+        )
+        parts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
     return " ".join(parts) + f", {report.rate:,.0f} updates/s"
