@@ -73,9 +73,7 @@ def describe(report: Report) -> str:
     if "max_q" in report.terms:
         parts.append(f"max|Q| {report.terms['max_q']:.3g}")
     if "greedy_angle" in report.monitored:
-        low, high = (
-            np.min(report.monitored["greedy_angle"]),
-            np.max(report.monitored["greedy_angle"]),
-        )
+        angles = report.monitored["greedy_angle"]
+        low, high = np.min(angles), np.max(angles)
         parts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
     return " ".join(parts) + f", {report.rate:,.0f} updates/s"

@@ -15,6 +15,7 @@ from socialiq.evaluation.exact import (
     Readout,
     action_table,
     evaluate_exactly,
+    exact_monitor,
 )
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.learners.iq_learn.config import Numbers, Structure
@@ -79,7 +80,12 @@ def train_lanes(
     chunk: int = 500,
     monitor: Monitor | None = None,
 ) -> Trained:
-    """Train in the ground's world; what the monitor returns is recorded after every chunk."""
+    """Train in the ground's world; what the monitor returns is recorded after every chunk.
+
+    Without a monitor of its own a study that shows progress watches the exact metrics.
+    """
+    if monitor is None and on_report is not None:
+        monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
     outside = Outside(on_report=on_report, monitor=monitor)
     simulator = ground.table.world if structure.online else None
     return train(structure, numbers, datasets, simulator, outside, chunk)
