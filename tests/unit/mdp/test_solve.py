@@ -95,9 +95,9 @@ def test_value_iteration_that_does_not_converge_is_refused(small_road):
         solve.value_iteration(small_road, small_road.rewards.social, 1.0, max_sweeps=50)
 
 
-def test_value_iteration_solves_a_world_of_the_thesis_size_to_the_last_digit(random_mdp) -> None:
+def test_value_iteration_solves_a_world_of_the_thesis_size_to_the_last_digit(random_mdp):
     mdp = random_mdp(np.random.default_rng(0), 12_096, 3, 2, 0.0)
-    found = value_iteration(mdp, mdp.rewards.env, 0.99)
+    found = solve.value_iteration(mdp, mdp.rewards.env, 0.99)
     backup = (mdp.rewards.env + 0.99 * mdp.expected_next(found.v)).max(axis=1)
     np.testing.assert_allclose(found.v, backup, rtol=1e-11)
 
