@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from socialiq.storage import write_atomically
 from socialiq.thesis.store import rounded
 
 _PIPED_WIDTH = 160  # columns of a table that goes to a file or a pipe
@@ -48,9 +46,3 @@ def shown(value: Any) -> str:
         text = f"{value:.3f}".rstrip("0").rstrip(".")
         return "0" if text == "-0" else text
     return str(value)
-
-
-def write_pictures(folder: Path, pictures: Mapping[str, bytes]) -> None:
-    """Write PNG files into a folder that is there."""
-    for name, png in pictures.items():
-        write_atomically(folder / f"{name}.png", png)
