@@ -49,16 +49,20 @@ def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
     assert compared == 8  # two seeds; baseline and targets, each at 0 and 90 degrees
 
 
-def test_the_five_by_five_egoist_is_equal(committed):
-    again = poc.run(poc.Config(seeds=(10, 11), readings=False))
-    found = {row["seed"]: row for row in again.tables["sequences"] if row["policy"] == "egoistic"}
-    for row in committed["poc"].tables["sequences"]:
-        if (row["policy"], row["target_kind"], row["next_value"]) == (
-            "egoistic",
-            "running",
-            "online",
-        ) and row["seed"] in found:
-            assert found[row["seed"]]["sequence"] == row["sequence"]
+def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
+    again = poc.run(poc.Config(seeds=(20, 21), readings=False))
+
+    def sequences(results):
+        return {
+            (row["policy"], row["seed"]): row["sequence"]
+            for row in results.tables["sequences"]
+            if row["policy"] in ("egoistic", "altruistic")
+            and (row["target_kind"], row["next_value"]) == ("running", "online")
+        }
+
+    found, theirs = sequences(again), sequences(committed["poc"])
+    assert len(found) == 4
+    assert found == {key: theirs[key] for key in found}
 
 
 def test_the_ends_of_the_sweep_are_equal(committed):
@@ -71,7 +75,10 @@ def test_the_ends_of_the_sweep_are_equal(committed):
         for row in committed["lambda-sweep"].tables["final"]
         if row["seed"] == 10 and row["readout"] == "greedy"
     }
+    compared = 0
     for row in again.tables["final"]:
         if row["readout"] == "greedy":
             key = (row["target_kind"], row["strength"])
             assert row["angle"] == pytest.approx(theirs[key]["angle"], abs=1e-5)
+            compared += 1
+    assert compared == 3  # the baseline, and both ends
