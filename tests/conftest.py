@@ -1,7 +1,32 @@
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
 
 import jax
 import pytest
+
+from socialiq.worlds import registry
+from socialiq.worlds.enumerate import Table, tabulate
+
+
+@cache
+def tabulated(name: str, **options: Any) -> Table:
+    return tabulate(registry.make(name, **options))
+
+
+@pytest.fixture(name="tabulated", scope="session")
+def tabulated_fixture() -> Callable[..., Table]:
+    return tabulated
+
+
+@pytest.fixture(scope="session")
+def table5() -> Table:
+    return tabulated("crossing5")
+
+
+@pytest.fixture(scope="session")
+def table7() -> Table:
+    return tabulated("crossing7")
 
 
 @pytest.fixture(scope="session", name="compiled")

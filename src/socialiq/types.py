@@ -8,6 +8,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from socialiq.errors import one_of
+
 
 class RewardPair(NamedTuple):
     """The two rewards of a transition (thesis 4.1), always kept apart until they are scored.
@@ -47,9 +49,15 @@ class Ending(enum.IntEnum):
 
     @staticmethod
     def of_step(terminated: bool, truncated: bool, info: Mapping[str, Any]) -> Ending:
-        """The ending of a Gymnasium step; `info["ending"]` names the kind of a terminal state."""
+        """The ending of a Gymnasium step; `info["ending"]` names the kind of a terminal state.
+
+        Raises:
+            UserError: If it names none of these kinds.
+        """
         if terminated:
-            return Ending[info["ending"].upper()] if "ending" in info else Ending.OTHER
+            name = str(info.get("ending", "other")).lower()
+            one_of('info["ending"]', name, [kind.name.lower() for kind in Ending])
+            return Ending[name.upper()]
         return Ending.TIMEOUT if truncated else Ending.NONE
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import sys
 from typing import Annotated, Any, cast
 
 import tyro
@@ -13,6 +12,7 @@ import tyro
 from socialiq.cli.bench import Bench
 from socialiq.cli.collect import Collect
 from socialiq.cli.evaluate import Evaluate
+from socialiq.cli.output import complain
 from socialiq.cli.solve import Front, Render, Solve
 from socialiq.cli.studies import Claims, Demo, Reproduce
 from socialiq.cli.train import Train
@@ -92,5 +92,5 @@ def one_line(boxed: str) -> str:
 
 
 def _fail(line: str, status: int) -> int:
-    sys.stderr.write(f"socialiq: {line}\n")
+    complain(line)
     return status

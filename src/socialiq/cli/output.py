@@ -21,6 +21,11 @@ def print_json(value: Mapping[str, Any]) -> None:
     sys.stdout.write(json.dumps(rounded(value), allow_nan=False) + "\n")
 
 
+def complain(line: str) -> None:
+    """One line on standard error."""
+    sys.stderr.write(f"socialiq: {line}\n")
+
+
 def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
     """Rows of equal keys as a table; numbers to three decimals."""
     table = Table(header_style="bold", box=None, padding=(0, 2, 0, 0))

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.evaluate import make_gymnasium
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
@@ -123,7 +123,7 @@ class Train:
         else:
             print_table([{k: v for k, v in lane.items() if k != "sha256"} for lane in lanes])
         for failure in trained.failures:
-            print_failure(failure)
+            complain(failure)
         return 1 if trained.failures else 0
 
     def settings(self) -> tuple[Structure, list[Numbers]]:
@@ -207,13 +207,6 @@ class Train:
         }
         write_json(self.out / "run.json", rounded(record))
         return lanes
-
-
-def print_failure(line: str) -> None:
-    """One line on standard error."""
-    import sys
-
-    sys.stderr.write(f"socialiq: {line}\n")
 
 
 def _monitor(simulator: GridWorld | None, numbers: list[Numbers]) -> Any:

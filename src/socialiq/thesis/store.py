@@ -87,7 +87,6 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         UserError: If the folder exists and may not be replaced, or can't be written.
     """
     check_target(folder, replace)
-    new_folder_parent(folder)
     part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
         head = {"study": results.study, "versions": results.versions, "config": results.config}
@@ -98,20 +97,28 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         for name, png in pictures.items():
             write_atomically(part / f"{name}.png", png)
         part.chmod(0o755)
-        if folder.exists():
-            shutil.rmtree(folder)
-        part.rename(folder)
+        _swap(part, folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def _swap(part: Path, folder: Path) -> None:
+    """Put the new folder in place; the old one goes only after that."""
+    old = part.with_name(f"{part.name}.old")
+    if folder.exists():
+        folder.rename(old)
+    part.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def check_target(folder: Path, replace: bool) -> None:
     """Refuse an output folder before any work is done.
 
     Raises:
-        UserError: If it exists with something in it and may not be replaced, or would replace
-            something that is no results folder.
+        UserError: If it exists with something in it and may not be replaced, would replace
+            something that is no results folder, or can't be made there.
     """
+    _check_parent(folder)
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
     if not replace:
@@ -120,14 +127,14 @@ def check_target(folder: Path, replace: bool) -> None:
         raise UserError(f"{folder} is not a results folder: it is not replaced; name another")
 
 
-def new_folder_parent(folder: Path) -> None:
-    """Make the folder that will hold `folder`.
-
-    Raises:
-        UserError: If it can't be made.
-    """
+def _check_parent(folder: Path) -> None:
+    """Make the folder that will hold `folder`, and try whether it can be written."""
     if not folder.parent.is_dir():
         new_folder(folder.parent)
+    try:
+        Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.")).rmdir()
+    except OSError as error:
+        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
 
 
 def load(folder: Path) -> Results:

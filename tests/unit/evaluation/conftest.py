@@ -1,32 +1,9 @@
 from collections.abc import Callable
-from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
-from socialiq.worlds import registry
-from socialiq.worlds.enumerate import Table, tabulate
-
-
-@cache
-def tabulated(name: str, **options: Any) -> Table:
-    return tabulate(registry.make(name, **options))
-
-
-@pytest.fixture(name="tabulated", scope="session")
-def tabulated_fixture() -> Callable[..., Table]:
-    return tabulated
-
-
-@pytest.fixture(scope="session")
-def table5() -> Table:
-    return tabulated("crossing5")
-
-
-@pytest.fixture(scope="session")
-def table7() -> Table:
-    return tabulated("crossing7")
+from socialiq.worlds.enumerate import Table
 
 
 @pytest.fixture(scope="session")

@@ -245,3 +245,13 @@ def test_no_episodes_are_refused(episodes, table5, always):
         rollout_table(table5, always(table5, GO), episodes, seed=0)
     with pytest.raises(UserError, match=line):
         rollout_env(gymnasium.make(IDS["crossing5"]), Constant(), episodes, seed=0)
+
+
+def test_an_ending_that_an_environment_misnames_is_refused():
+    from socialiq.errors import UserError
+    from socialiq.types import Ending
+
+    assert Ending.of_step(True, False, {"ending": "arrival"}) is Ending.ARRIVAL
+    assert Ending.of_step(True, False, {}) is Ending.OTHER
+    with pytest.raises(UserError, match="choose one of none, arrival, collision"):
+        Ending.of_step(True, False, {"ending": "crashed"})

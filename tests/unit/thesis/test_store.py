@@ -59,3 +59,10 @@ def test_a_failed_write_leaves_the_old_folder(tmp_path, monkeypatch):
         store.save(results(2.0), folder, {}, replace=True)
     assert store.load(folder).summary["value"] == 1.0
     assert [path.name for path in tmp_path.iterdir()] == ["r"]
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_any_work():
+    from pathlib import Path
+
+    with pytest.raises(UserError, match="cannot make /proc/results"):
+        store.check_target(Path("/proc/results"), replace=False)

@@ -1,11 +1,9 @@
 from collections.abc import Callable
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
-from socialiq.worlds import registry
-from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.enumerate import Table
 
 
 class Played(NamedTuple):
@@ -25,26 +23,6 @@ def play(table: Table, state: tuple[int, ...], action: int, chance: int = 0) -> 
     return Played(tuple(after.tolist()), env, social, int(table.mdp.ending[s, action, chance]))
 
 
-@cache
-def tabulated(name: str, **options: Any) -> Table:
-    return tabulate(registry.make(name, **options))
-
-
-@pytest.fixture(name="tabulated", scope="session")
-def tabulated_fixture() -> Callable[..., Table]:
-    return tabulated
-
-
 @pytest.fixture(name="play", scope="session")
 def play_fixture() -> Callable[..., Played]:
     return play
-
-
-@pytest.fixture(scope="session")
-def table5() -> Table:
-    return tabulated("crossing5")
-
-
-@pytest.fixture(scope="session")
-def table7() -> Table:
-    return tabulated("crossing7")
