@@ -1,0 +1,33 @@
+"""How the core is compiled: strict float64, no fused operations, one cache that notices edits."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function with Numba.
+
+    Division follows IEEE 754 instead of raising, and no rewriting of arithmetic is allowed:
+    the order of operations is that of highway-env, so the last bit is too.
+    """
+    # Tests wrap functions in run-time type checks, which Numba can't read through.
+    return numba.njit(inspect.unwrap(function), error_model="numpy", nogil=True)
+
+
+def fingerprint() -> int:
+    """A number that changes whenever any source of the core does.
+
+    Numba's cache looks at the file of the entry point only; an edit to a kernel that the entry
+    point calls would go unnoticed. The entry point closes over this number instead.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return int.from_bytes(digest.digest()[:7], "big")

@@ -1,0 +1,162 @@
+"""Everything about the intersection that can be chosen, and the numbers that the core reads."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args, get_type_hints
+
+import numpy as np
+
+from socialiq.errors import UserError, one_of
+from socialiq.worlds.intersection.population import POPULATIONS
+
+Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
+Counted = Literal["all", "cross", "approaching"]
+Disruption = Literal["dead_zone", "literal"]
+Crash = Literal["override", "add"]
+Destination = Literal["right", "left", "straight", "random"]
+
+MOST_SPEEDS = 8
+
+
+@dataclass(frozen=True)
+class Options:
+    """The scenario as thesis 5.1.3 configures it, and the readings of its reward (4.1).
+
+    Attributes:
+        simulation_frequency: Sub-steps of the physics per second.
+        policy_frequency: Decisions per second; divides the simulation frequency.
+        duration: Seconds after which an episode times out.
+        initial_vehicle_count: highway-env's number: one less is how many spawns are tried at the
+            start, each with probability 0.6.
+        spawn_probability: Chance that a vehicle is tried after each decision.
+        destination: Where the ego goes; "left" is highway-env's o1. "random" draws one of the
+            three.
+        target_speeds: Speeds in m/s, equally spaced, that the ego's speed control steps through.
+        observed_vehicles: Rows of the observation, the ego's included.
+        connected_lanes: Whether drivers look for leaders beyond the end of their lane, as
+            in intersection-v2.
+        population: How the other drivers' parameters are drawn; a name of `POPULATIONS`.
+        canonical: Break exact ties by the order of vehicles and lanes, not by rounding.
+        progress_unit: Metres of advance that count as 1.
+        zone: Where the ego influences others. "beyond_8_m" reads the thesis' 8 m as lane
+            coordinate, "travelled_8_m" as way since the start; the others measure from the
+            junction.
+        counted: Which neighbours within the conflict distance count: all, those that come from
+            another arm and haven't left the junction, or of these only those on an approach.
+        disruption: Eq 4.2's loss of speed with a dead zone, as its text has it, or as printed,
+            which charges every neighbour at least the threshold.
+        crash: Whether the ego's collision replaces r_social or is added to it.
+        conflict_distance: Metres within which a neighbour counts.
+        progress_weight: w_p.
+        speed_weight: w_v.
+        collision_weight: w_c.
+        arrival_weight: w_a.
+        step_weight: w_s.
+        timeout_weight: w_t.
+        yielding_weight: w_y.
+        disruption_weight: w_d.
+        neighbour_collision_weight: Of r_social, when the ego collides.
+        speed_threshold: v_thresh of Eq 4.2, m/s.
+        speed_cap: v_cap of Eq 4.2, m/s.
+
+    Raises:
+        UserError: If a value is not supported; the line says what is.
+    """
+
+    simulation_frequency: int = 10
+    policy_frequency: int = 1
+    duration: float = 20.0
+    initial_vehicle_count: int = 5
+    spawn_probability: float = 0.3
+    destination: Destination = "left"
+    target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
+    observed_vehicles: int = 10
+    connected_lanes: bool = False
+    population: str = "highway_env"
+    canonical: bool = False
+    progress_unit: float = 28.0
+    zone: Zone = "last_20_m"
+    counted: Counted = "all"
+    disruption: Disruption = "dead_zone"
+    crash: Crash = "override"
+    conflict_distance: float = 20.0
+    progress_weight: float = 2.0
+    speed_weight: float = 0.5
+    collision_weight: float = -2.0
+    arrival_weight: float = 1.0
+    step_weight: float = -0.15
+    timeout_weight: float = -0.5
+    yielding_weight: float = 0.2
+    disruption_weight: float = -1.0
+    neighbour_collision_weight: float = -5.0
+    speed_threshold: float = 1.0
+    speed_cap: float = 5.0
+
+    def __post_init__(self) -> None:
+        for name, kind in get_type_hints(Options).items():
+            if get_args(kind) and isinstance(getattr(self, name), str):
+                one_of(name, getattr(self, name), get_args(kind))
+        one_of("population", self.population, tuple(POPULATIONS))
+        self._check_clock()
+        self._check_traffic()
+        self._check_ego()
+        for name in ("progress_unit", "conflict_distance", "speed_cap"):
+            if not getattr(self, name) > 0:
+                raise UserError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def _check_clock(self) -> None:
+        for name in ("simulation_frequency", "policy_frequency"):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and value >= 1):
+                raise UserError(f"{name} must be a whole number of at least 1, got {value}")
+        if self.simulation_frequency % self.policy_frequency:
+            raise UserError(
+                f"simulation_frequency {self.simulation_frequency} is not a multiple of "
+                f"policy_frequency {self.policy_frequency}: choose one that is"
+            )
+        if self.simulation_frequency < 2:
+            raise UserError(
+                "simulation_frequency must be at least 2: road rules apply twice a second"
+            )
+        if not (self.duration > 0 and math.isfinite(self.duration)):
+            raise UserError(f"duration must be a positive number of seconds, got {self.duration}")
+
+    def _check_traffic(self) -> None:
+        if not (isinstance(self.initial_vehicle_count, int) and self.initial_vehicle_count >= 1):
+            raise UserError(
+                "initial_vehicle_count must be a whole number of at least 1, "
+                f"got {self.initial_vehicle_count}"
+            )
+        if not 0 <= self.spawn_probability <= 1:
+            raise UserError(
+                f"spawn_probability must lie between 0 and 1, got {self.spawn_probability}"
+            )
+
+    def _check_ego(self) -> None:
+        speeds = np.array(self.target_speeds, np.float64)
+        if not 2 <= len(speeds) <= MOST_SPEEDS or not (np.diff(speeds) > 0).all():
+            raise UserError(
+                f"target_speeds must be 2 to {MOST_SPEEDS} rising speeds, got {self.target_speeds}"
+            )
+        if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
+            raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
+        if self.observed_vehicles < 2:
+            raise UserError(f"observed_vehicles must be at least 2, got {self.observed_vehicles}")
+
+    @property
+    def max_speed(self) -> float:
+        """v_max: the fastest target speed, m/s."""
+        return float(self.target_speeds[-1])
+
+    @property
+    def frames(self) -> int:
+        """Sub-steps of a decision."""
+        return self.simulation_frequency // self.policy_frequency
+
+    @property
+    def capacity(self) -> int:
+        """Vehicles that an episode can hold at most: every spawn that is ever tried, and the ego."""
+        decisions = math.ceil(self.duration * self.policy_frequency) + 1
+        return self.initial_vehicle_count + 1 + decisions

@@ -1,0 +1,71 @@
+"""The state of the intersection: a record for every vehicle and one for every episode.
+
+Vehicles of an episode lie in one row in highway-env's list order: those that were there before the
+ego, the ego, those that came later. A state is two arrays and nothing else, so copying them
+saves it, and copying them back restores it to the last bit, random stream included.
+"""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+
+
+class Contact(enum.IntEnum):
+    """Who ran into whom, by whose motion closed the gap: the ego's or the other's."""
+
+    NONE = 0
+    EGO_STRUCK = 1
+    EGO_WAS_STRUCK = 2
+
+
+VEHICLE = np.dtype(
+    [
+        ("x", np.float64),  # centre, m; x to the east, y to the south
+        ("y", np.float64),
+        ("heading", np.float64),  # rad, clockwise as drawn, from east
+        ("speed", np.float64),  # m/s, negative in reverse
+        ("steering", np.float64),  # held command: front wheel angle, rad
+        ("acceleration", np.float64),  # held command, m/s²
+        ("target_speed", np.float64),  # m/s; 0 while yielding
+        ("desired_speed", np.float64),  # m/s; infinity: only the road's limit binds
+        ("time_headway", np.float64),  # s
+        ("jam_distance", np.float64),  # m
+        ("max_acceleration", np.float64),  # m/s²
+        ("comfort_deceleration", np.float64),  # m/s², positive
+        ("exponent", np.float64),  # of the free-road term
+        ("push_x", np.float64),  # m; what a collision will move it by in the next sub-step
+        ("push_y", np.float64),
+        ("identity", np.int32),  # unique in its episode
+        ("lane", np.int8),  # closest lane, 0 to 19
+        ("target_lane", np.int8),  # lane it steers along
+        ("origin", np.int8),  # arm it comes from, 0 to 3
+        ("destination", np.int8),  # arm it leaves by
+        ("leg", np.int8),  # legs of its route that are behind: 0 to 3
+        ("yielding", np.bool_),
+        ("crashed", np.bool_),
+        ("pushed", np.bool_),  # push_x and push_y are waiting
+    ],
+    align=True,
+)
+"""One vehicle."""
+
+EPISODE = np.dtype(
+    [
+        ("state_high", np.uint64),  # PCG64: 128 bits of state and of increment
+        ("state_low", np.uint64),
+        ("increment_high", np.uint64),
+        ("increment_low", np.uint64),
+        ("half_word", np.uint64),  # the 32 bits that a bounded draw left over
+        ("has_half_word", np.bool_),
+        ("time", np.float64),  # s since the reset
+        ("sub_steps", np.int64),  # of the road, warm-up included; rules go by it
+        ("vehicles", np.int64),  # slots in use
+        ("ego", np.int64),  # the ego's slot
+        ("next_identity", np.int32),
+        ("contact", np.int8),  # a Contact: who ran into whom when the ego was last touched
+    ],
+    align=True,
+)
+"""One episode."""
