@@ -22,8 +22,6 @@ VEHICLE_WIDTH = 2.0
 
 APPROACH, RIGHT, LEFT, STRAIGHT, EXIT = range(5)  # a lane's number is 5 * corner + its kind
 
-MOST_NEIGHBOURS = 4
-
 LANE = np.dtype(
     [
         ("straight", np.bool_),
@@ -97,3 +95,150 @@ def _arc(
 
 LANES = _lanes()
 """The lanes in highway-env's order, which decides between equally close ones."""
+
+
+def turn(origin: int, destination: int) -> int:
+    """Number of the lane across the junction from one arm to another."""
+    return 5 * origin + {3: RIGHT, 1: LEFT, 2: STRAIGHT}[(destination - origin) % 4]
+
+
+def exit_of(arm: int) -> int:
+    """Number of the lane that leaves the junction by an arm."""
+    return 5 * ((arm + 1) % 4) + EXIT
+
+
+def _routes() -> np.ndarray:
+    routes = np.full((4, 4, 3), -1, np.int64)
+    for origin in range(4):
+        for destination in range(4):
+            if origin != destination:
+                lanes = 5 * origin, turn(origin, destination), exit_of(destination)
+                routes[origin, destination] = lanes
+    return routes
+
+
+ROUTES = _routes()
+"""The three lanes of a route, by the arm it comes from and the arm it leaves by."""
+
+
+def _connected() -> tuple[np.ndarray, np.ndarray]:
+    lanes = np.full((N_LANES, 5), -1, np.int64)
+    offsets = np.zeros((N_LANES, 5))
+    for lane in range(N_LANES):
+        following, preceding = _following(lane), _preceding(lane)
+        found = [lane, *following, *preceding]
+        shift = [0.0] + [LANES[lane]["length"]] * len(following)
+        shift += [-LANES[other]["length"] for other in preceding]
+        lanes[lane, : len(found)] = found
+        offsets[lane, : len(found)] = shift
+    return lanes, offsets
+
+
+def _following(lane: int) -> list[int]:
+    corner, kind = divmod(lane, 5)
+    if kind == APPROACH:
+        return [lane + RIGHT, lane + LEFT, lane + STRAIGHT]
+    if kind == EXIT:
+        return [5 * ((corner - 1) % 4)]
+    return [exit_of((corner + {RIGHT: 3, LEFT: 1, STRAIGHT: 2}[kind]) % 4)]
+
+
+def _preceding(lane: int) -> list[int]:
+    return [other for other in range(N_LANES) if lane in _following(other)]
+
+
+CONNECTED, CONNECTED_OFFSETS = _connected()
+"""Lanes on which a driver with connected lanes looks for a leader, in the order of looking."""
+
+
+@kernel
+def wrap_to_pi(angle):
+    """The same direction, from -π up to π."""
+    turned = angle + math.pi
+    if 0.0 <= turned < 2 * math.pi:
+        return turned - math.pi
+    return turned % (2 * math.pi) - math.pi
+
+
+@kernel
+def distance(x, y, other_x, other_y):
+    """Euclidean distance of two points, m."""
+    dx, dy = x - other_x, y - other_y
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def lateral(lane, x, y):
+    """How far a point lies to the right of a lane's centre line, m."""
+    dx, dy = x - lane.x, y - lane.y
+    if lane.straight:
+        return dx * lane.across_x + dy * lane.across_y
+    return lane.sense * (lane.radius - math.sqrt(dx * dx + dy * dy))
+
+
+@kernel
+def longitudinal(lane, x, y):
+    """How far along a lane a point lies, m; negative before its start."""
+    dx, dy = x - lane.x, y - lane.y
+    if lane.straight:
+        return dx * lane.along_x + dy * lane.along_y
+    phase = lane.phase + wrap_to_pi(math.atan2(dy, dx) - lane.phase)
+    return lane.sense * (phase - lane.phase) * lane.radius
+
+
+@kernel
+def position(lane, along):
+    """The point of a lane's centre line at a coordinate along it."""
+    if lane.straight:
+        return lane.x + along * lane.along_x, lane.y + along * lane.along_y
+    phase = lane.sense * along / lane.radius + lane.phase
+    return lane.x + lane.radius * math.cos(phase), lane.y + lane.radius * math.sin(phase)
+
+
+@kernel
+def heading_at(lane, along):
+    """The direction of a lane at a coordinate along it, rad."""
+    if lane.straight:
+        return lane.heading
+    return lane.sense * along / lane.radius + lane.phase + math.pi / 2 * lane.sense
+
+
+@kernel
+def on_lane(lane, x, y, margin):
+    """Whether a point lies on a lane, widened on both sides, lengthened by a vehicle's length."""
+    if abs(lateral(lane, x, y)) > LANE_WIDTH / 2 + margin:
+        return False
+    along = longitudinal(lane, x, y)
+    return -VEHICLE_LENGTH <= along < lane.length + VEHICLE_LENGTH
+
+
+@kernel
+def closest_lane(x, y, heading, guess, tie):
+    """The lane that a vehicle is on: closest in metres sideways, beyond the ends, and radians.
+
+    The guess only saves time: a lane that is too far sideways is not looked at further. Of lanes
+    that are equally close, within `tie`, the first counts.
+    """
+    best = guess
+    least = _misfit(guess, x, y, heading, math.inf)
+    for number in range(N_LANES):
+        if number == guess:
+            continue
+        found = _misfit(number, x, y, heading, least + tie)
+        if found < least - tie or (found <= least + tie and number < best):
+            best, least = number, found
+    return best
+
+
+@kernel
+def _misfit(number, x, y, heading, enough):
+    """Distance to a lane; infinity as soon as it exceeds `enough`."""
+    lane = LANES[number]
+    found = abs(lateral(lane, x, y))
+    if found > enough:
+        return math.inf
+    along = longitudinal(lane, x, y)
+    found = found + max(along - lane.length, 0.0) + max(0.0 - along, 0.0)
+    if found > enough:
+        return math.inf
+    return found + abs(wrap_to_pi(heading - heading_at(lane, along)))

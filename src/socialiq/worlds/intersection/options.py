@@ -157,6 +157,6 @@ class Options:
 
     @property
     def capacity(self) -> int:
-        """Vehicles that an episode can hold at most: every spawn that is ever tried, and the ego."""
+        """Most vehicles that an episode can hold: every spawn that is tried, and the ego."""
         decisions = math.ceil(self.duration * self.policy_frequency) + 1
         return self.initial_vehicle_count + 1 + decisions

@@ -63,6 +63,7 @@ EPISODE = np.dtype(
         ("sub_steps", np.int64),  # of the road, warm-up included; rules go by it
         ("vehicles", np.int64),  # slots in use
         ("ego", np.int64),  # the ego's slot
+        ("start", np.float64),  # route coordinate at which the ego began, m
         ("next_identity", np.int32),
         ("contact", np.int8),  # a Contact: who ran into whom when the ego was last touched
     ],

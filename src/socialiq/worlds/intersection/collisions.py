@@ -1,0 +1,155 @@
+"""Collisions: separating axes between rectangles now and at the next sub-step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from socialiq.worlds.intersection.compile import kernel
+from socialiq.worlds.intersection.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH, distance
+from socialiq.worlds.intersection.state import Contact
+
+DIAGONAL = math.sqrt(VEHICLE_LENGTH**2 + VEHICLE_WIDTH**2)
+
+_NONE = int(Contact.NONE)
+_EGO_STRUCK = int(Contact.EGO_STRUCK)
+_EGO_WAS_STRUCK = int(Contact.EGO_WAS_STRUCK)
+_ALONG = np.array(
+    [-VEHICLE_LENGTH / 2, -VEHICLE_LENGTH / 2, VEHICLE_LENGTH / 2, VEHICLE_LENGTH / 2]
+)
+_ACROSS = np.array([-VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, -VEHICLE_WIDTH / 2])
+
+
+@kernel
+def collide(vehicles, count, ego, dt, tie, contact):
+    """Crash vehicles that overlap, and push apart those that overlap or will.
+
+    A push is carried out, and crashes the vehicle, in the next sub-step. When several pairs push
+    the same vehicle, the last one counts.
+
+    Returns:
+        The ego's `Contact`, the one given if nothing new touched it.
+    """
+    intact = ego >= 0 and not vehicles[ego].crashed
+    for first in range(count - 1):
+        one = vehicles[first]
+        reach = DIAGONAL + one.speed * dt
+        for second in range(first + 1, count):
+            other = vehicles[second]
+            if distance(other.x, other.y, one.x, one.y) > reach:
+                continue
+            overlap, will_overlap, push_x, push_y = separate(one, other, dt, tie)
+            if will_overlap:
+                one.push_x, one.push_y, one.pushed = push_x / 2, push_y / 2, True
+                other.push_x, other.push_y, other.pushed = -push_x / 2, -push_y / 2, True
+            if overlap:
+                one.crashed = True
+                other.crashed = True
+            if intact and (overlap or will_overlap) and (first == ego or second == ego):
+                touching = other if first == ego else one
+                contact = who_struck(vehicles[ego], touching)
+    return contact
+
+
+@kernel
+def contact_of(vehicles, ego, dt, contact):
+    """The ego's `Contact` after a sub-step's movement, in the order of `collide`'s pairs."""
+    for slot in range(len(vehicles)):
+        if slot == ego:
+            continue
+        one, other = vehicles[min(slot, ego)], vehicles[max(slot, ego)]
+        if distance(other.x, other.y, one.x, one.y) > DIAGONAL + one.speed * dt:
+            continue
+        overlap, will_overlap, _, _ = separate(one, other, dt, 0.0)
+        if overlap or will_overlap:
+            contact = who_struck(vehicles[ego], vehicles[slot])
+    return contact
+
+
+@kernel
+def who_struck(ego, other):
+    """Whose motion closed the gap along the line between the two centres."""
+    dx, dy = other.x - ego.x, other.y - ego.y
+    mine = ego.speed * (math.cos(ego.heading) * dx + math.sin(ego.heading) * dy)
+    theirs = -other.speed * (math.cos(other.heading) * dx + math.sin(other.heading) * dy)
+    return _EGO_STRUCK if mine >= theirs else _EGO_WAS_STRUCK
+
+
+@kernel
+def separate(one, other, dt, tie):
+    """Separating-axis test of two rectangles.
+
+    Returns:
+        Whether they overlap, whether they will within `dt` at their speeds, and the shortest
+        displacement (x, y) of the first that would part them then.
+    """
+    mine, theirs = np.empty((4, 2)), np.empty((4, 2))
+    _corners(one, mine)
+    _corners(other, theirs)
+    relative_x = one.speed * math.cos(one.heading) * dt - other.speed * math.cos(other.heading) * dt
+    relative_y = one.speed * math.sin(one.heading) * dt - other.speed * math.sin(other.heading) * dt
+    between_x = _mean(mine, 0) - _mean(theirs, 0)
+    between_y = _mean(mine, 1) - _mean(theirs, 1)
+    overlap, will_overlap = True, True
+    least, axis_x, axis_y = math.inf, 0.0, 0.0
+    for side in range(8):
+        corners = mine if side < 4 else theirs
+        here, there = side % 4, (side + 1) % 4
+        normal_x = -corners[there, 1] + corners[here, 1]
+        normal_y = corners[there, 0] - corners[here, 0]
+        length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
+        normal_x /= length
+        normal_y /= length
+        low, high = _project(mine, normal_x, normal_y)
+        other_low, other_high = _project(theirs, normal_x, normal_y)
+        if _gap(low, high, other_low, other_high) > 0:
+            overlap = False
+        approach = normal_x * relative_x + normal_y * relative_y
+        if approach < 0:
+            low += approach
+        else:
+            high += approach
+        gap = _gap(low, high, other_low, other_high)
+        if gap > 0:
+            will_overlap = False
+        if not overlap and not will_overlap:
+            return False, False, 0.0, 0.0
+        if abs(gap) < least - tie:
+            least = abs(gap)
+            away = between_x * normal_x + between_y * normal_y > 0
+            axis_x = normal_x if away else -normal_x
+            axis_y = normal_y if away else -normal_y
+    return overlap, will_overlap, least * axis_x, least * axis_y
+
+
+@kernel
+def _corners(vehicle, corners):
+    cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
+    for corner in range(4):
+        along, across = _ALONG[corner], _ACROSS[corner]
+        corners[corner, 0] = cos * along - sin * across + vehicle.x
+        corners[corner, 1] = sin * along + cos * across + vehicle.y
+
+
+@kernel
+def _mean(corners, axis):
+    return (corners[0, axis] + corners[1, axis] + corners[2, axis] + corners[3, axis]) / 4
+
+
+@kernel
+def _project(corners, normal_x, normal_y):
+    low, high = math.inf, -math.inf
+    for corner in range(4):
+        along = corners[corner, 0] * normal_x + corners[corner, 1] * normal_y
+        low = min(low, along)
+        high = max(high, along)
+    return low, high
+
+
+@kernel
+def _gap(low, high, other_low, other_high):
+    """Distance of two intervals, negative when they overlap."""
+    if low < other_low:
+        return other_low - high
+    return low - other_high

@@ -1,0 +1,64 @@
+"""The ego: a stepped speed control on top of the same steering, and when it has arrived."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from socialiq.worlds.intersection.compile import kernel
+from socialiq.worlds.intersection.geometry import EXIT, LANES, ROUTES, longitudinal
+from socialiq.worlds.intersection.traffic import clip, follow_road, steering
+
+SLOWER, IDLE, FASTER = range(3)
+"""The actions: one target speed down, keep, one up, counted from the present speed."""
+
+SPEED_GAIN = 1 / 0.6  # 1/s
+EXIT_DISTANCE = 25.0  # m along an exit that count as arrived
+
+
+@kernel
+def speed_index(speed, settings):
+    """Number of the target speed nearest to a speed."""
+    last = settings.n_speeds - 1
+    lowest = settings.target_speeds[0]
+    share = (speed - lowest) / (settings.target_speeds[last] - lowest)
+    return np.int64(clip(np.rint(share * last), 0, last))
+
+
+@kernel
+def choose(vehicle, action, settings):
+    """Set the target speed that an action asks for; IDLE keeps the one there is."""
+    follow_road(vehicle)
+    if action != IDLE:
+        change = 1 if action == FASTER else -1
+        wanted = speed_index(vehicle.speed, settings) + change
+        vehicle.target_speed = settings.target_speeds[clip(wanted, 0, settings.n_speeds - 1)]
+
+
+@kernel
+def control(vehicle):
+    """Hold steering and a proportional acceleration, without bound, for a sub-step."""
+    follow_road(vehicle)
+    vehicle.steering = steering(vehicle)
+    vehicle.acceleration = SPEED_GAIN * (vehicle.target_speed - vehicle.speed)
+
+
+@kernel
+def arrived(vehicle):
+    """Whether a vehicle is 25 m down an exit, whichever that is."""
+    if vehicle.lane % 5 != EXIT:
+        return False
+    return longitudinal(LANES[vehicle.lane], vehicle.x, vehicle.y) >= EXIT_DISTANCE
+
+
+@kernel
+def route_coordinate(vehicle):
+    """Metres from the start of the approach along the vehicle's planned route."""
+    passed = 0.0
+    for leg in range(2):
+        lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]
+        along = longitudinal(lane, vehicle.x, vehicle.y)
+        if along <= lane.length:
+            return passed + max(along, 0.0)
+        passed += lane.length
+    lane = LANES[ROUTES[vehicle.origin, vehicle.destination, 2]]
+    return passed + max(longitudinal(lane, vehicle.x, vehicle.y), 0.0)

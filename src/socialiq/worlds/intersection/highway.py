@@ -1,0 +1,328 @@
+"""The real highway-env as a reference: what the project's own core is held against.
+
+Checked with highway-env 1.12.1; needs the extra `highway`, and nothing else imports this module.
+highway-env's classes are subclassed, never changed: an episode of the population `highway_env` is,
+draw for draw, the episode of a plain `IntersectionEnv` with the same configuration and seed.
+
+It doesn't repeat itself to the last bit between CPUs with and without AVX-512: there numpy takes
+other routines for arcsin, arctan, tan and power, an ulp apart, and stopping vehicles magnify that.
+Set NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512_ICL" before Python starts to get the portable routines.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.worlds.intersection.collisions import contact_of
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.population import POPULATIONS, Normal, Population
+from socialiq.worlds.intersection.state import VEHICLE, Contact
+
+try:
+    from highway_env.envs.intersection_env import IntersectionEnv
+    from highway_env.road.regulation import RegulatedRoad
+    from highway_env.vehicle.behavior import IDMVehicle
+except ImportError as error:
+    raise UserError(
+        "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
+    ) from error
+
+ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
+FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
+
+
+def environment_config(options: Options) -> dict[str, Any]:
+    """The configuration with which highway-env's `IntersectionEnv` is what `options` say.
+
+    Nested dictionaries are whole, because highway-env replaces them and fills no gaps. There is no
+    `flatten`: highway-env accepts the word and ignores it.
+
+    Args:
+        options: The scenario; the readings of the reward don't matter here.
+    """
+    metres, speed = [-100, 100], [-20, 20]
+    driver = DRIVERS[options.population]
+    return {
+        "observation": {
+            "type": "Kinematics",
+            "vehicles_count": options.observed_vehicles,
+            "features": list(FEATURES),
+            "features_range": {"x": metres, "y": metres, "vx": speed, "vy": speed},
+            "absolute": True,
+            "order": "sorted",
+            "normalize": True,
+            "clip": True,
+            "see_behind": False,
+            "observe_intentions": False,
+        },
+        "action": {
+            "type": "DiscreteMetaAction",
+            "longitudinal": True,
+            "lateral": False,
+            "target_speeds": list(options.target_speeds),
+        },
+        "simulation_frequency": options.simulation_frequency,
+        "policy_frequency": options.policy_frequency,
+        "duration": options.duration,
+        "initial_vehicle_count": options.initial_vehicle_count,
+        "spawn_probability": options.spawn_probability,
+        "destination": ARMS[options.destination],
+        "controlled_vehicles": 1,
+        "offroad_terminal": False,
+        "neighbour_vehicles_connected_lanes": options.connected_lanes,
+        "other_vehicles_type": f"{driver.__module__}.{driver.__name__}",
+    }
+
+
+class Driver(IDMVehicle):
+    """highway-env's driver, with its own draw of every parameter that the population varies.
+
+    Who has a desired speed enters with it as target. Road rules set the target speed to 0 for a
+    yield and to the road's limit after it; so that this doesn't wipe out the preference, the target
+    speed is never above the desired one. Subclasses name the population.
+    """
+
+    population: ClassVar[Population] = POPULATIONS["highway_env"]
+    desired_speed = math.inf  # until the draw, which follows the construction
+    _target_speed = 0.0
+
+    @property
+    def target_speed(self) -> float:
+        """Speed that it aims for on a free road, m/s."""
+        return self._target_speed
+
+    @target_speed.setter
+    def target_speed(self, value: float | int) -> None:
+        self._target_speed = min(float(value), self.desired_speed)
+
+    def randomize_behavior(self) -> None:
+        """Draw the exponent, then the fields of the population in their order."""
+        super().randomize_behavior()
+        desired, headway, gap, acceleration, deceleration = (
+            _drawn(normal, self.road.np_random) for normal in self.population
+        )
+        self.TIME_WANTED = headway
+        self.DISTANCE_WANTED = gap
+        self.COMFORT_ACC_MAX = acceleration
+        self.COMFORT_ACC_MIN = -deceleration
+        self.desired_speed = desired
+        if math.isfinite(desired):
+            self.target_speed = desired  # pyright: ignore[reportIncompatibleVariableOverride]
+
+
+def _drawn(normal: Normal, random: Any) -> float:
+    if normal.deviation == 0:
+        return normal.mean
+    value = normal.mean + normal.deviation * random.normal()
+    return min(max(value, normal.low), normal.high)
+
+
+DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
+    name: type(f"Driver_{name}", (Driver,), {"population": population, "__module__": __name__})
+    for name, population in POPULATIONS.items()
+    if name != "highway_env"
+}
+"""The class of the other vehicles in each population."""
+# highway-env looks its drivers up by dotted path.
+globals().update({driver.__name__: driver for driver in DRIVERS.values()})
+
+
+class _Entry(NamedTuple):
+    """What a vehicle no longer tells once it has driven a part of its route."""
+
+    identity: int
+    origin: int
+    destination: int
+
+
+class _WatchedRoad(RegulatedRoad):
+    """highway-env's road, which remembers who entered and who ran into the ego, or it into whom."""
+
+    def __init__(self, road: RegulatedRoad) -> None:
+        super().__init__(
+            road.network,
+            np_random=road.np_random,
+            neighbour_vehicles_connected_lanes=road.neighbour_vehicles_connected_lanes,
+        )
+        self.ego: Any = None
+        self.contact = int(Contact.NONE)
+        self._entries: dict[Any, _Entry] = {}
+        lanes = ((start, end) for start, ends in road.network.graph.items() for end in ends)
+        self._lane_numbers = {lane: number for number, lane in enumerate(lanes)}
+
+    def enter(self, vehicle: Any) -> int:
+        """Number a vehicle that has just come, and keep where it is from and where it goes."""
+        origin, destination = vehicle.route[0][0], vehicle.route[-1][1]
+        entry = _Entry(len(self._entries), int(origin[1:]), int(destination[1:]))
+        self._entries[vehicle] = entry
+        return entry.identity
+
+    def step(self, dt: float) -> None:
+        """A sub-step; the ego's contacts are judged as they are before it crashes."""
+        ego = self.ego
+        untouched = ego in self.vehicles and not ego.crashed and ego.impact is None
+        super().step(dt)
+        if untouched:
+            slot = self.vehicles.index(ego)
+            self.contact = int(contact_of(self.records(), slot, dt, self.contact))
+
+    def records(self) -> np.ndarray:
+        """The vehicles as they are now, in list order: VEHICLE (vehicles,)."""
+        records = np.zeros(len(self.vehicles), VEHICLE)
+        for row, vehicle in zip(records, self.vehicles, strict=True):
+            self._write(row, vehicle)
+            _write_driver(row, vehicle)
+        return records
+
+    def _write(self, row: np.void, vehicle: Any) -> None:
+        row["x"], row["y"] = vehicle.position
+        row["heading"], row["speed"] = vehicle.heading, vehicle.speed
+        row["steering"] = vehicle.action["steering"]
+        row["acceleration"] = vehicle.action["acceleration"]
+        row["target_speed"] = vehicle.target_speed
+        row["pushed"] = vehicle.impact is not None
+        if vehicle.impact is not None:
+            row["push_x"], row["push_y"] = vehicle.impact
+        entry = self._entries[vehicle]
+        row["identity"] = entry.identity
+        row["origin"], row["destination"] = entry.origin, entry.destination
+        row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
+        row["target_lane"] = self._lane_numbers[vehicle.target_lane_index[:2]]
+        row["leg"] = 3 - len(vehicle.route)
+        row["yielding"] = getattr(vehicle, "is_yielding", False)
+        row["crashed"] = vehicle.crashed
+
+
+def _write_driver(row: np.void, vehicle: Any) -> None:
+    row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
+    if isinstance(vehicle, IDMVehicle):  # the ego is none, and keeps zeros
+        row["time_headway"] = vehicle.TIME_WANTED
+        row["jam_distance"] = vehicle.DISTANCE_WANTED
+        row["max_acceleration"] = vehicle.COMFORT_ACC_MAX
+        row["comfort_deceleration"] = -vehicle.COMFORT_ACC_MIN
+        row["exponent"] = vehicle.DELTA
+
+
+class _WatchedEnv(IntersectionEnv):
+    """highway-env's intersection on a watched road; `after` are the vehicles before clearing."""
+
+    road: Any
+    after: np.ndarray
+
+    def _make_road(self) -> None:
+        super()._make_road()
+        self.road = _WatchedRoad(self.road)
+
+    def _make_vehicles(self, n_vehicles: int = 10) -> None:
+        super()._make_vehicles(n_vehicles)
+        self.ego_identity = int(self.road.enter(self.vehicle))
+        self.road.ego = self.vehicle
+
+    def _spawn_vehicle(self, *where: Any, **how: Any) -> Any:
+        vehicle: Any = super()._spawn_vehicle(*where, **how)
+        if vehicle is not None:
+            self.road.enter(vehicle)
+        return vehicle
+
+    def _clear_vehicles(self) -> None:
+        self.after = self.road.records()
+        super()._clear_vehicles()
+
+
+class HighwayIntersection:
+    """One episode at a time of the real highway-env, read as the core's records.
+
+    The state of an episode is taken at three moments of a step. After a reset all three are the
+    state that it made.
+
+    Attributes:
+        environment: highway-env's environment itself.
+        before: Vehicles at the decision, VEHICLE (vehicles,).
+        after: Vehicles when the sub-steps are over and none has been cleared or spawned yet,
+            VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
+        terminated: Whether the last step ended in a collision of the ego or in its arrival.
+        truncated: Whether time was up; both can be true.
+
+    Args:
+        options: The scenario.
+    """
+
+    def __init__(self, options: Options) -> None:
+        self.environment = _WatchedEnv(config=environment_config(options))
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> np.ndarray:
+        """Start an episode.
+
+        Args:
+            seed: Of highway-env's generator; without one, its stream goes on.
+
+        Returns:
+            The observation, float32 (observed vehicles * 7,).
+        """
+        observation, _ = self.environment.reset(seed=seed)
+        self.before = self.after = self.vehicles
+        self.terminated = self.truncated = False
+        return observation.reshape(-1)
+
+    def step(self, action: int) -> np.ndarray:
+        """Take one decision.
+
+        Args:
+            action: 0 slower, 1 idle, 2 faster.
+
+        Returns:
+            The observation, float32 (observed vehicles * 7,).
+        """
+        self.before = self.vehicles
+        observation, _, terminated, truncated, _ = self.environment.step(action)
+        self.after = self.environment.after
+        self.terminated, self.truncated = bool(terminated), bool(truncated)
+        return observation.reshape(-1)
+
+    @property
+    def vehicles(self) -> np.ndarray:
+        """Vehicles now, after clearing and spawning, VEHICLE (vehicles,)."""
+        return self.environment.road.records()
+
+    @property
+    def ego(self) -> int:
+        """The ego's slot in `vehicles`."""
+        return self._slot(self.vehicles)
+
+    @property
+    def ego_before(self) -> int:
+        """The ego's slot in `before`."""
+        return self._slot(self.before)
+
+    @property
+    def ego_after(self) -> int:
+        """The ego's slot in `after`."""
+        return self._slot(self.after)
+
+    @property
+    def contact(self) -> int:
+        """A `Contact`: who ran into whom when the ego was last touched."""
+        return self.environment.road.contact
+
+    @property
+    def time(self) -> float:
+        """Seconds since the reset."""
+        return float(self.environment.time)
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the ego has crashed."""
+        return bool(self.environment.road.ego.crashed)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the ego is 25 m or more along an exit."""
+        return bool(self.environment.has_arrived(self.environment.road.ego))
+
+    def _slot(self, vehicles: np.ndarray) -> int:
+        return int(np.flatnonzero(vehicles["identity"] == self.environment.ego_identity)[0])

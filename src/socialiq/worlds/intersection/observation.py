@@ -1,0 +1,73 @@
+"""What the ego sees: the nearest vehicles along its lane, as rows of seven numbers (5.1.3)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from socialiq.worlds.intersection.compile import kernel
+from socialiq.worlds.intersection.geometry import LANES, VEHICLE_LENGTH, distance, longitudinal
+from socialiq.worlds.intersection.traffic import clip
+
+FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
+PERCEPTION = 200.0  # m
+POSITION_RANGE = 100.0  # m, becomes 1
+SPEED_RANGE = 20.0  # m/s, becomes 1
+
+
+@kernel
+def observe(vehicles, count, ego, tie, observation):
+    """Write the ego's row, then those of the others by distance along the ego's lane.
+
+    Vehicles more than 10 m behind are not seen. Vehicles on a crossing lane share one coordinate
+    on the ego's lane, so their order is often decided by rounding; `tie` lets the list's order
+    decide.
+
+    Args:
+        vehicles: VEHICLE records.
+        count: How many are there.
+        ego: The ego's slot.
+        tie: Distances closer than this are equal, m.
+        observation: Rows of seven, float32, overwritten.
+    """
+    observation[:] = 0.0
+    _write(vehicles[ego], observation[0])
+    lane = LANES[vehicles[ego].lane]
+    mine = longitudinal(lane, vehicles[ego].x, vehicles[ego].y)
+    slots, distances, seen = np.empty(count, np.int64), np.empty(count), 0
+    for slot in range(count):
+        if slot == ego:
+            continue
+        other = vehicles[slot]
+        if not distance(other.x, other.y, vehicles[ego].x, vehicles[ego].y) < PERCEPTION:
+            continue
+        ahead = longitudinal(lane, other.x, other.y) - mine
+        if not -2 * VEHICLE_LENGTH < ahead:
+            continue
+        place = seen
+        while place > 0 and distances[place - 1] > abs(ahead) + tie:
+            slots[place], distances[place] = slots[place - 1], distances[place - 1]
+            place -= 1
+        slots[place], distances[place] = slot, abs(ahead)
+        seen += 1
+    for row in range(min(seen, len(observation) - 1)):
+        _write(vehicles[slots[row]], observation[row + 1])
+
+
+@kernel
+def _write(vehicle, row):
+    cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
+    row[0] = 1.0
+    row[1] = _scaled(vehicle.x, POSITION_RANGE)
+    row[2] = _scaled(vehicle.y, POSITION_RANGE)
+    row[3] = _scaled(vehicle.speed * cos, SPEED_RANGE)
+    row[4] = _scaled(vehicle.speed * sin, SPEED_RANGE)
+    row[5] = cos
+    row[6] = sin
+
+
+@kernel
+def _scaled(value, bound):
+    """Map [-bound, bound] to [-1, 1], and clip."""
+    return clip(-1.0 + (value + bound) * 2.0 / (2.0 * bound), -1.0, 1.0)

@@ -1,0 +1,184 @@
+"""One decision of every episode of a batch, and the compiled entry point."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from socialiq.types import Ending
+from socialiq.worlds.intersection import rewards, spawn, stream
+from socialiq.worlds.intersection.collisions import collide
+from socialiq.worlds.intersection.compile import fingerprint, kernel
+from socialiq.worlds.intersection.ego import choose, control, route_coordinate
+from socialiq.worlds.intersection.observation import observe
+from socialiq.worlds.intersection.rules import enforce
+from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.intersection.traffic import drive, move
+
+RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
+"""What to do with an episode. Annotating computes what a decision would, from given snapshots."""
+
+_NOTHING = int(Ending.NONE)
+_NO_CONTACT = int(Contact.NONE)
+
+
+class Buffers(NamedTuple):
+    """Everything that the core reads and writes, each with one row for an episode.
+
+    Attributes:
+        episodes: EPISODE records, shape (batch,).
+        vehicles: VEHICLE records now, (batch, capacity).
+        before: Vehicles at the last decision, (batch, capacity).
+        after: The same when its sub-steps were over, (batch, capacity).
+        present: How many there were in `before` and `after`, and the ego's slot, (batch, 2).
+        reached: Observation of the state that the decision led to, float32.
+        observation: Observation of the state now; another one if the episode was reset.
+        signals: In the order of `settings.WEIGHTS`, unweighted.
+        rewards: r_env and r_social, (batch, 2).
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
+        ending: Values of `Ending`, int8.
+        contact: Values of `Contact`, int8: who ran into whom, if the ego collided.
+        neighbours_collided: Vehicles that crashed into one another.
+        trace: Vehicles after each sub-step, (batch, frames, capacity), or no row at all.
+    """
+
+    episodes: np.ndarray
+    vehicles: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    present: np.ndarray
+    reached: np.ndarray
+    observation: np.ndarray
+    signals: np.ndarray
+    rewards: np.ndarray
+    classical: np.ndarray
+    ending: np.ndarray
+    contact: np.ndarray
+    neighbours_collided: np.ndarray
+    trace: np.ndarray
+
+
+@kernel
+def sub_step(episode, vehicles, settings):
+    """Everybody decides, rules apply if it is their turn, everybody moves, then collisions."""
+    count, ego = episode.vehicles, episode.ego
+    for slot in range(count):
+        if slot == ego:
+            control(vehicles[slot])
+        else:
+            drive(vehicles, count, slot, settings)
+    episode.sub_steps += 1
+    if episode.sub_steps % settings.rule_period == 0:
+        enforce(vehicles, count, ego, settings.tie)
+    for slot in range(count):
+        move(vehicles[slot], settings.dt, settings.tie)
+    episode.contact = collide(vehicles, count, ego, settings.dt, settings.tie, episode.contact)
+
+
+@kernel
+def reset(episode, vehicles, settings):
+    """Begin an episode with the stream as it is."""
+    episode.time = 0.0
+    episode.sub_steps = 0
+    episode.vehicles = 0
+    episode.ego = -1
+    episode.next_identity = 0
+    episode.contact = _NO_CONTACT
+    spawn.fill(episode, vehicles, settings)
+    for _ in range(settings.warm_up):
+        sub_step(episode, vehicles, settings)
+    spawn.enter_ego(episode, vehicles, settings)
+    episode.start = route_coordinate(vehicles[episode.ego])
+
+
+@kernel
+def decide(episode, vehicles, action, settings, before, after, present, trace):
+    """The sub-steps of one decision, with snapshots around them; then clear and spawn."""
+    _copy(vehicles, episode.vehicles, before)
+    episode.time += settings.decision
+    choose(vehicles[episode.ego], action, settings)
+    for frame in range(settings.frames):
+        sub_step(episode, vehicles, settings)
+        if len(trace):
+            _copy(vehicles, episode.vehicles, trace[frame])
+    _copy(vehicles, episode.vehicles, after)
+    present[0], present[1] = episode.vehicles, episode.ego
+
+
+@kernel
+def _copy(vehicles, count, target):
+    for slot in range(count):
+        target[slot] = vehicles[slot]
+
+
+@kernel
+def annotate(buffers, row, settings):
+    """Observation, ending, signals and rewards of a decision, from its two snapshots."""
+    before, after = buffers.before[row], buffers.after[row]
+    count, ego = buffers.present[row]
+    episode = buffers.episodes[row]
+    observe(after, count, ego, settings.tie, buffers.reached[row])
+    ending = rewards.ending_of(after[ego], episode.time >= settings.duration)
+    signals = buffers.signals[row]
+    rewards.env_signals(before[ego], after[ego], ending, settings, signals)
+    start = episode.start
+    rewards.social_signals(before, after, count, ego, start, ending, settings, signals)
+    r_env, r_social = rewards.pair(signals, settings)
+    buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
+    own, others = rewards.classical(before, after, count, ego, settings)
+    buffers.classical[row, 0], buffers.classical[row, 1] = own, others
+    buffers.ending[row] = ending
+    buffers.contact[row] = episode.contact if after[ego].crashed else _NO_CONTACT
+    buffers.neighbours_collided[row] = rewards.neighbours_collided(before, after, count, ego)
+    return ending
+
+
+@kernel
+def _one(buffers, row, command, action, settings):
+    """Carry out one episode's command."""
+    if command == SKIP:
+        return
+    episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+    ending = _NOTHING
+    if command in (DECIDE, DECIDE_AND_RESET):
+        before, after, present = buffers.before[row], buffers.after[row], buffers.present[row]
+        trace = buffers.trace[row] if len(buffers.trace) else buffers.trace[:0].reshape(0, 0)
+        decide(episode, vehicles, action, settings, before, after, present, trace)
+    if command != RESET:
+        ending = annotate(buffers, row, settings)
+        buffers.observation[row] = buffers.reached[row]
+    if command in (DECIDE, DECIDE_AND_RESET):
+        spawn.clear(episode, vehicles)
+        probability = settings.spawn_probability
+        spawn.spawn(episode, vehicles, 0.0, 1.0, 1.0, probability, False, settings)
+    if command == RESET or (command == DECIDE_AND_RESET and ending != _NOTHING):
+        reset(episode, vehicles, settings)
+        count, ego = episode.vehicles, episode.ego
+        observe(vehicles, count, ego, settings.tie, buffers.observation[row])
+
+
+def _entry(sources: int):
+    @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+    def run(buffers, commands, entropy, seeded, actions, settings):
+        for row in numba.prange(len(commands)):
+            if seeded[row]:
+                stream.seed(buffers.episodes[row], entropy[row])
+            _one(buffers, row, commands[row], actions[row], settings[0])
+        return sources  # so that the cache knows the sources; see `compile.fingerprint`
+
+    return run
+
+
+run = _entry(fingerprint())
+"""Carry out a command for every episode of a batch.
+
+Args:
+    buffers: What is read and written.
+    commands: One of RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE and SKIP for each episode, int8.
+    entropy: Seed of each episode's stream, uint64.
+    seeded: Whether to begin the stream from that seed, bool.
+    actions: The ego's actions, int64.
+    settings: SETTINGS record in an array of one.
+"""

@@ -1,0 +1,204 @@
+"""numpy's random stream inside compiled code: the same seed gives the same draws.
+
+PCG64 (O'Neill 2014, XSL-RR output) seeded through numpy's SeedSequence; normal numbers by the
+ziggurat method (Marsaglia and Tsang 2000) with numpy's tables; bounded integers by Lemire's method
+(2019) on half words, the unused half kept for the next. The state lives in the EPISODE record.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.worlds.intersection.compile import kernel
+
+_TABLES = np.load(Path(__file__).with_name("ziggurat.npy"), allow_pickle=False)
+_INSIDE = _TABLES[0].copy()  # thresholds below which a draw lies inside its layer
+_WIDTH = _TABLES[1].view(np.float64).copy()
+_HEIGHT = _TABLES[2].view(np.float64).copy()
+_TAIL = 3.654152885361009  # where the lowest layer's tail begins
+_INVERSE_TAIL = 0.2736612373297583
+
+_MULTIPLIER_HIGH = np.uint64(0x2360ED051FC65DA4)
+_MULTIPLIER_LOW = np.uint64(0x4385DF649FCCF645)
+_LOW_32 = np.uint64(0xFFFFFFFF)
+_LOW_52 = np.uint64(0xFFFFFFFFFFFFF)
+_WORD = np.uint64(32)
+_ONE = np.uint64(1)
+_ZERO = np.uint64(0)
+
+_POOL = 4  # words of SeedSequence's pool
+
+
+@kernel
+def seed(episode, entropy):
+    """Begin the stream that `numpy.random.default_rng(entropy)` begins; entropy is a uint64."""
+    words = _seed_words(_seed_pool(entropy))
+    high, low = words[0] | words[1] << _WORD, words[2] | words[3] << _WORD
+    episode.state_high = _ZERO
+    episode.state_low = _ZERO
+    start_high, start_low = words[4] | words[5] << _WORD, words[6] | words[7] << _WORD
+    episode.increment_high = start_high << _ONE | start_low >> np.uint64(63)
+    episode.increment_low = start_low << _ONE | _ONE
+    _advance(episode)
+    _add(episode, high, low)
+    _advance(episode)
+    episode.has_half_word = False
+    episode.half_word = _ZERO
+
+
+@kernel
+def _seed_pool(entropy):
+    pool = np.zeros(_POOL, np.uint64)
+    constant = np.uint64(0x43B0D7E5)
+    pool[0] = entropy & _LOW_32
+    pool[1] = entropy >> _WORD
+    for word in range(_POOL):
+        pool[word], constant = _hash(pool[word], constant)
+    for source in range(_POOL):
+        for target in range(_POOL):
+            if source != target:
+                hashed, constant = _hash(pool[source], constant)
+                pool[target] = _mix(pool[target], hashed)
+    return pool
+
+
+@kernel
+def _hash(value, constant):
+    value = (value ^ constant) & _LOW_32
+    constant = (constant * np.uint64(0x931E8875)) & _LOW_32
+    value = (value * constant) & _LOW_32
+    return value ^ value >> np.uint64(16), constant
+
+
+@kernel
+def _mix(left, right):
+    mixed = (np.uint64(0xCA01F9DD) * left - np.uint64(0x4973F715) * right) & _LOW_32
+    return mixed ^ mixed >> np.uint64(16)
+
+
+@kernel
+def _seed_words(pool):
+    """Eight words of 32 bits: the 128-bit state's, high half first, then the increment's."""
+    words = np.zeros(8, np.uint64)
+    constant = np.uint64(0x8B51F9DD)
+    for number in range(8):
+        value = pool[number % _POOL] ^ constant
+        constant = (constant * np.uint64(0x58F38DED)) & _LOW_32
+        value = (value * constant) & _LOW_32
+        words[number] = value ^ value >> np.uint64(16)
+    return words
+
+
+@kernel
+def _add(episode, high, low):
+    total = episode.state_low + low
+    carry = _ONE if total < low else _ZERO
+    episode.state_low = total
+    episode.state_high = episode.state_high + high + carry
+
+
+@kernel
+def _high_product(left, right):
+    """Upper 64 bits of a 128-bit product."""
+    left_low, left_high = left & _LOW_32, left >> _WORD
+    right_low, right_high = right & _LOW_32, right >> _WORD
+    low = left_low * right_low
+    middle = left_high * right_low + (low >> _WORD)
+    other = left_low * right_high + (middle & _LOW_32)
+    return left_high * right_high + (middle >> _WORD) + (other >> _WORD)
+
+
+@kernel
+def _advance(episode):
+    """One step of the generator: multiply and add, modulo 2^128."""
+    high, low = episode.state_high, episode.state_low
+    episode.state_high = (
+        high * _MULTIPLIER_LOW + low * _MULTIPLIER_HIGH + _high_product(low, _MULTIPLIER_LOW)
+    )
+    episode.state_low = low * _MULTIPLIER_LOW
+    _add(episode, episode.increment_high, episode.increment_low)
+
+
+@kernel
+def _next_word(episode):
+    """64 random bits."""
+    _advance(episode)
+    turn = episode.state_high >> np.uint64(58)
+    mixed = episode.state_high ^ episode.state_low
+    return mixed >> turn | mixed << (np.uint64(64) - turn & np.uint64(63))
+
+
+@kernel
+def _next_half_word(episode):
+    """32 random bits; the upper half of a word waits for the next call."""
+    if episode.has_half_word:
+        episode.has_half_word = False
+        return episode.half_word
+    word = _next_word(episode)
+    episode.has_half_word = True
+    episode.half_word = word >> _WORD
+    return word & _LOW_32
+
+
+@kernel
+def uniform(episode):
+    """A float in [0, 1): `Generator.uniform()`."""
+    return np.float64(_next_word(episode) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def normal(episode):
+    """A standard normal number: `Generator.normal()`."""
+    while True:
+        word = _next_word(episode)
+        layer = np.int64(word & np.uint64(0xFF))
+        negative = (word >> np.uint64(8)) & _ONE
+        distance = (word >> np.uint64(9)) & _LOW_52
+        value = np.float64(distance) * _WIDTH[layer]
+        if negative:
+            value = -value
+        if distance < _INSIDE[layer]:
+            return value
+        if layer == 0:
+            return _tail(episode, (distance >> np.uint64(8)) & _ONE)
+        height = (_HEIGHT[layer - 1] - _HEIGHT[layer]) * uniform(episode) + _HEIGHT[layer]
+        if height < math.exp(-0.5 * value * value):
+            return value
+
+
+@kernel
+def _tail(episode, negative):
+    while True:
+        beyond = -_INVERSE_TAIL * math.log1p(-uniform(episode))
+        bound = -math.log1p(-uniform(episode))
+        if bound + bound > beyond * beyond:
+            return -(_TAIL + beyond) if negative else _TAIL + beyond
+
+
+@kernel
+def up_to(episode, largest):
+    """A whole number from 0 to `largest`, each equally likely: Generator's bounded draw."""
+    if largest == 0:
+        return 0
+    count = np.uint64(largest) + _ONE
+    product = _next_half_word(episode) * count
+    if (product & _LOW_32) < count:
+        threshold = (_LOW_32 - np.uint64(largest)) % count
+        while (product & _LOW_32) < threshold:
+            product = _next_half_word(episode) * count
+    return np.int64(product >> _WORD)
+
+
+@kernel
+def two_of_four(episode):
+    """Two different numbers below 4 in random order: `Generator.choice(4, 2, replace=False)`."""
+    first = up_to(episode, 2)
+    second = up_to(episode, 3)
+    if second == first:
+        second = 3
+    if up_to(episode, 1) == 0:
+        first, second = second, first
+    return first, second

@@ -1,0 +1,182 @@
+"""How vehicles drive: steering along a lane, the Intelligent Driver Model, a bicycle's motion."""
+
+from __future__ import annotations
+
+import math
+
+from socialiq.worlds.intersection.compile import kernel
+from socialiq.worlds.intersection.geometry import (
+    CONNECTED,
+    CONNECTED_OFFSETS,
+    LANE_WIDTH,
+    LANES,
+    ROUTES,
+    SPEED_LIMIT,
+    VEHICLE_LENGTH,
+    closest_lane,
+    heading_at,
+    lateral,
+    longitudinal,
+    wrap_to_pi,
+)
+
+LATERAL_GAIN = 1 / 0.6  # 1/s, lateral offset to lateral speed
+HEADING_GAIN = 1 / 0.2  # 1/s, heading error to turning rate
+LOOK_AHEAD = 0.5 * 0.2  # s
+MAX_STEERING = math.pi / 3  # rad
+MAX_ACCELERATION = 6.0  # m/s², of any driver, either way
+MAX_SPEED = 40.0  # m/s, either way
+LEG_COUNT = 3
+
+
+@kernel
+def not_zero(value):
+    """Keep a divisor at least 0.01 away from zero, on its own side."""
+    if abs(value) > 1e-2:
+        return value
+    return 1e-2 if value >= 0 else -1e-2
+
+
+@kernel
+def clip(value, low, high):
+    """The nearest number within an interval."""
+    return min(max(value, low), high)
+
+
+@kernel
+def follow_road(vehicle):
+    """Steer for the route's next lane from 2.5 m before the end of the present one.
+
+    An exit has no next lane: vehicles are cleared long before its end.
+    """
+    lane = LANES[vehicle.target_lane]
+    if longitudinal(lane, vehicle.x, vehicle.y) <= lane.length - VEHICLE_LENGTH / 2:
+        return
+    if vehicle.leg < LEG_COUNT:
+        if ROUTES[vehicle.origin, vehicle.destination, vehicle.leg] == vehicle.target_lane:
+            vehicle.leg += 1
+        if vehicle.leg < LEG_COUNT:
+            vehicle.target_lane = ROUTES[vehicle.origin, vehicle.destination, vehicle.leg]
+
+
+@kernel
+def steering(vehicle):
+    """Front wheel angle in rad that brings the vehicle to its target lane's centre.
+
+    Lateral offset asks for a lateral speed, that for a heading, that for a turning rate, and
+    that for an angle of the wheels.
+    """
+    lane = LANES[vehicle.target_lane]
+    speed = not_zero(vehicle.speed)
+    ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
+    lateral_speed = -LATERAL_GAIN * lateral(lane, vehicle.x, vehicle.y)
+    correction = math.asin(clip(lateral_speed / speed, -1.0, 1.0))
+    wanted = heading_at(lane, ahead) + clip(correction, -math.pi / 4, math.pi / 4)
+    rate = HEADING_GAIN * wrap_to_pi(wanted - vehicle.heading)
+    slip = math.asin(clip(VEHICLE_LENGTH / 2 / speed * rate, -1.0, 1.0))
+    return clip(math.atan(2 * math.tan(slip)), -MAX_STEERING, MAX_STEERING)
+
+
+@kernel
+def leader(vehicles, count, me, lane_number, settings):
+    """Slot of the nearest vehicle ahead on a lane, -1 if none; of equally near ones the last."""
+    lane = LANES[lane_number]
+    mine = longitudinal(lane, vehicles[me].x, vehicles[me].y)
+    looked_at = CONNECTED.shape[1] if settings.connected_lanes else 1
+    found, nearest = -1, math.inf
+    for other in range(count):
+        if other == me:
+            continue
+        x, y = vehicles[other].x, vehicles[other].y
+        for place in range(looked_at):
+            number = CONNECTED[lane_number, place]
+            if number < 0:
+                break
+            searched = LANES[number]
+            if abs(lateral(searched, x, y)) > LANE_WIDTH / 2 + 1:
+                continue
+            along = longitudinal(searched, x, y)
+            if not -VEHICLE_LENGTH <= along < searched.length + VEHICLE_LENGTH:
+                continue
+            along += CONNECTED_OFFSETS[lane_number, place]
+            if mine <= along <= nearest + settings.tie:
+                found, nearest = other, along
+            break
+    return found
+
+
+@kernel
+def idm_acceleration(vehicles, me, front):
+    """Acceleration in m/s² by the Intelligent Driver Model (Treiber, Hennecke, Helbing 2000).
+
+    The gap is measured along the closest lane, also to a leader on the target lane. The wanted
+    gap may be negative when the leader draws away, as in highway-env.
+    """
+    vehicle = vehicles[me]
+    target = abs(not_zero(clip(vehicle.target_speed, 0.0, SPEED_LIMIT)))
+    strongest = vehicle.max_acceleration
+    free = math.pow(max(vehicle.speed, 0.0) / target, vehicle.exponent)
+    acceleration = strongest * (1 - free)
+    if front < 0:
+        return acceleration
+    other = vehicles[front]
+    lane = LANES[vehicle.lane]
+    gap = longitudinal(lane, other.x, other.y) - longitudinal(lane, vehicle.x, vehicle.y)
+    ratio = _desired_gap(vehicle, other) / not_zero(gap)
+    return acceleration - strongest * (ratio * ratio)
+
+
+@kernel
+def _desired_gap(vehicle, other):
+    along_x, along_y = math.cos(vehicle.heading), math.sin(vehicle.heading)
+    closing_x = vehicle.speed * along_x - other.speed * math.cos(other.heading)
+    closing_y = vehicle.speed * along_y - other.speed * math.sin(other.heading)
+    closing = closing_x * along_x + closing_y * along_y
+    # highway-env negates the product of the maximum and the (negative) comfortable value.
+    product = vehicle.max_acceleration * vehicle.comfort_deceleration
+    return (
+        vehicle.jam_distance
+        + vehicle.speed * vehicle.time_headway
+        + vehicle.speed * closing / (2 * math.sqrt(product))
+    )
+
+
+@kernel
+def drive(vehicles, count, me, settings):
+    """A traffic driver's decision: hold this steering and acceleration for a sub-step."""
+    vehicle = vehicles[me]
+    if vehicle.crashed:
+        return
+    follow_road(vehicle)
+    vehicle.steering = steering(vehicle)
+    front = leader(vehicles, count, me, vehicle.lane, settings)
+    acceleration = idm_acceleration(vehicles, me, front)
+    if vehicle.lane != vehicle.target_lane:
+        front = leader(vehicles, count, me, vehicle.target_lane, settings)
+        acceleration = min(acceleration, idm_acceleration(vehicles, me, front))
+    vehicle.acceleration = clip(acceleration, -MAX_ACCELERATION, MAX_ACCELERATION)
+
+
+@kernel
+def move(vehicle, dt, tie):
+    """One sub-step of the kinematic bicycle model; a waiting push moves and crashes the vehicle."""
+    if vehicle.crashed:
+        vehicle.steering = 0.0
+        vehicle.acceleration = -1.0 * vehicle.speed
+    if vehicle.speed > MAX_SPEED:
+        vehicle.acceleration = min(vehicle.acceleration, MAX_SPEED - vehicle.speed)
+    elif vehicle.speed < -MAX_SPEED:
+        vehicle.acceleration = max(vehicle.acceleration, -MAX_SPEED - vehicle.speed)
+    slip = math.atan(0.5 * math.tan(vehicle.steering))
+    vehicle.x += vehicle.speed * math.cos(vehicle.heading + slip) * dt
+    vehicle.y += vehicle.speed * math.sin(vehicle.heading + slip) * dt
+    if vehicle.pushed:
+        vehicle.x += vehicle.push_x
+        vehicle.y += vehicle.push_y
+        vehicle.crashed = True
+        vehicle.pushed = False
+        vehicle.push_x = 0.0
+        vehicle.push_y = 0.0
+    vehicle.heading += vehicle.speed * math.sin(slip) / (VEHICLE_LENGTH / 2) * dt
+    vehicle.speed += vehicle.acceleration * dt
+    vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
