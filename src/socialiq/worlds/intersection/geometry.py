@@ -8,6 +8,7 @@ arm to its left-hand side. x grows to the east and y to the south, so headings g
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -93,7 +94,7 @@ def _arc(
     return (False, length, 0, *centre, 0, 0, 0, 0, radius, phase, sense, priority)
 
 
-LANES = _lanes()
+LANES: Any = _lanes()
 """The lanes in highway-env's order, which decides between equally close ones."""
 
 

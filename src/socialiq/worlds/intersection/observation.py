@@ -10,7 +10,6 @@ from socialiq.worlds.intersection.compile import kernel
 from socialiq.worlds.intersection.geometry import LANES, VEHICLE_LENGTH, distance, longitudinal
 from socialiq.worlds.intersection.traffic import clip
 
-FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
 PERCEPTION = 200.0  # m
 POSITION_RANGE = 100.0  # m, becomes 1
 SPEED_RANGE = 20.0  # m/s, becomes 1
@@ -43,7 +42,7 @@ def observe(vehicles, count, ego, tie, observation):
         if not distance(other.x, other.y, vehicles[ego].x, vehicles[ego].y) < PERCEPTION:
             continue
         ahead = longitudinal(lane, other.x, other.y) - mine
-        if not -2 * VEHICLE_LENGTH < ahead:
+        if not ahead > -2 * VEHICLE_LENGTH:
             continue
         place = seen
         while place > 0 and distances[place - 1] > abs(ahead) + tie:

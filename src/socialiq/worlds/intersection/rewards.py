@@ -59,7 +59,7 @@ def env_signals(before, after, ending, settings, signals):
         settings: SETTINGS record.
         signals: All signals in the order of `WEIGHTS`, overwritten up to `TIMEOUT`.
     """
-    signals[: _N_ENV] = 0.0
+    signals[:_N_ENV] = 0.0
     if ending == _COLLIDED:
         signals[_COLLISION] = 1.0
         return
@@ -75,7 +75,7 @@ def env_signals(before, after, ending, settings, signals):
 
 
 @kernel
-def social_signals(before, after, count, ego, start, ending, settings, signals):
+def social_signals(before, after, count, ego, start, ending, settings, signals, braking):
     """Write the signals of r_social (Eq 4.2), 0 outside the influence zone.
 
     Args:
@@ -87,8 +87,10 @@ def social_signals(before, after, count, ego, start, ending, settings, signals):
         ending: Value of `Ending`.
         settings: SETTINGS record.
         signals: All signals in the order of `WEIGHTS`, overwritten from `YIELDING` on.
+        braking: By slot, whether the loss of speed was charged to the ego; overwritten.
     """
-    signals[_N_ENV :] = 0.0
+    braking[:] = False
+    signals[_N_ENV:] = 0.0
     if ending == _COLLIDED:
         signals[_NEIGHBOUR_COLLISION] = 1.0
         if settings.crash == _OVERRIDE:
@@ -99,8 +101,9 @@ def social_signals(before, after, count, ego, start, ending, settings, signals):
     for slot in range(count):
         if slot != ego and counts(after[slot], after[ego], settings):
             neighbours += 1
-            lost = before[slot].speed - after[slot].speed
-            signals[_DISRUPTION] += disruption(lost, settings)
+            share = disruption(before[slot].speed - after[slot].speed, settings)
+            signals[_DISRUPTION] += share
+            braking[slot] = share > 0
     signals[_YIELDING] = yielding(after[ego].speed, neighbours, settings)
 
 

@@ -34,6 +34,7 @@ ROUTE = "#0b2f57"
 ZONE = "#9ecbf5"
 RED = "#e3001b"
 BURST = "#ffd400"
+FAINT = "#999999"
 COLORS = (GRASS, ASPHALT, PAINT, INK, GLASS, HEADLIGHT, ROUTE, RED, BURST, EGO, OTHER)
 
 JUNCTION = float(LANES["y"][STRAIGHT])  # half its width, m
@@ -99,22 +100,21 @@ def road(axes: Any, reach: float) -> None:
         reach: Metres from the centre up to which there is road.
     """
     from matplotlib.collections import LineCollection, PolyCollection
-    from matplotlib.patches import Polygon
+    from matplotlib.patches import Polygon, Rectangle
 
-    axes.set_facecolor(GRASS)
+    axes.add_artist(Rectangle((-reach, -reach), 2 * reach, 2 * reach, color=GRASS))
     kerb = np.concatenate([_kerb(math.pi / 2 * corner, reach) for corner in range(4)])
-    axes.add_patch(
+    axes.add_artist(
         Polygon(kerb, facecolor=ASPHALT, edgecolor=PAINT, linewidth=1.2, joinstyle="round")
     )
     arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
     centre = [arm.place([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
-    axes.add_collection(
-        LineCollection(centre, colors=PAINT, linewidths=1.2, linestyles=(0, (6, 4)))
-    )
+    dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
     stop = [arm.place([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
-    axes.add_collection(LineCollection(stop, colors=PAINT, linewidths=2.0))
     teeth = [tooth for arm in arms[::2] for tooth in _teeth(arm)]
-    axes.add_collection(PolyCollection(teeth, facecolors=PAINT))
+    for marking in (dashed, LineCollection(stop, linewidths=[2.0, 1.0]), PolyCollection(teeth)):
+        marking.set(color=PAINT, zorder=2)
+        axes.add_artist(marking)
 
 
 def _kerb(angle: float, reach: float) -> np.ndarray:
@@ -158,7 +158,7 @@ def _band(axes: Any, line: np.ndarray, width: float = LANE_WIDTH, **look: Any) -
     along = np.gradient(line, axis=0)
     along /= np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     across = width / 2 * np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    axes.add_patch(Polygon(np.concatenate([line + across, (line - across)[::-1]]), **look))
+    axes.add_artist(Polygon(np.concatenate([line + across, (line - across)[::-1]]), **look))
 
 
 def route(axes: Any, lanes: Sequence[int], x: float, y: float) -> None:
@@ -174,13 +174,16 @@ def route(axes: Any, lanes: Sequence[int], x: float, y: float) -> None:
 
 def dots(axes: Any, line: np.ndarray) -> None:
     """A dotted line through points (x, y), shape (points, 2)."""
-    axes.plot(*line.T, color=ROUTE, linewidth=1.8, linestyle=(0, (1, 1.4)), zorder=3)
+    from matplotlib.lines import Line2D
+
+    dotted = (0, (1, 1.4))
+    axes.add_artist(Line2D(*line.T, color=ROUTE, linewidth=1.8, linestyle=dotted, zorder=3))
 
 
 def _fill(axes: Any, pose: Pose, points: Sequence[tuple[float, float]], **look: Any) -> None:
     from matplotlib.patches import Polygon
 
-    axes.add_patch(Polygon(pose.place(points), **look))
+    axes.add_artist(Polygon(pose.place(points), **look))
 
 
 def _mirrored(half: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -191,16 +194,16 @@ def _mirrored(half: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 _NOSE, _SIDE = VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2
 _BODY = _mirrored(
     [
-        (_NOSE, 0.4),
-        (_NOSE - 0.25, _SIDE - 0.2),
+        (_NOSE, 0.35),
+        (_NOSE - 0.3, _SIDE - 0.2),
         (_NOSE - 0.8, _SIDE),
         (0.25 - _NOSE, _SIDE),
         (-_NOSE, _SIDE - 0.25),
     ]
 )
-_WINDSCREEN = _mirrored([(1.35, 0.82), (0.45, 0.68)])
-_REAR_WINDOW = _mirrored([(-1.35, 0.62), (-1.9, 0.7)])
-_LAMP = [(_NOSE - 0.35, 0.45), (_NOSE - 0.05, 0.45), (_NOSE - 0.4, 0.95), (_NOSE - 0.7, 0.95)]
+_WINDSCREEN = _mirrored([(1.5, 0.85), (0.3, 0.65)])
+_REAR_WINDOW = _mirrored([(-1.6, 0.6), (-2.0, 0.7)])
+_LAMP = [(_NOSE - 0.5, 0.35), (_NOSE + 0.15, 0.35), (_NOSE - 0.1, 0.95), (_NOSE - 0.8, 0.95)]
 
 
 def vehicle(axes: Any, pose: Pose, color: str) -> None:
@@ -218,8 +221,8 @@ def brake_lights(axes: Any, pose: Pose) -> None:
     from matplotlib.patches import Circle
 
     for centre in pose.place([(-_NOSE, -0.75), (-_NOSE, 0.75)]):
-        axes.add_patch(Circle(centre, 1.5, facecolor=RED, alpha=0.3, zorder=5))
-        axes.add_patch(Circle(centre, 0.7, facecolor=RED, edgecolor=PAINT, lw=0.5, zorder=8))
+        axes.add_artist(Circle(centre, 1.5, facecolor=RED, alpha=0.3, zorder=5))
+        axes.add_artist(Circle(centre, 0.7, facecolor=RED, edgecolor=PAINT, lw=0.5, zorder=8))
 
 
 def burst(axes: Any, pose: Pose, size: float = 1.0) -> None:

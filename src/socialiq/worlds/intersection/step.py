@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numba
-import numpy as np
 
+from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.intersection import rewards, spawn, stream
+from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP
 from socialiq.worlds.intersection.collisions import collide
 from socialiq.worlds.intersection.compile import fingerprint, kernel
 from socialiq.worlds.intersection.ego import choose, control, route_coordinate
@@ -17,47 +18,8 @@ from socialiq.worlds.intersection.rules import enforce
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.traffic import drive, move
 
-RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
-"""What to do with an episode. Annotating computes what a decision would, from given snapshots."""
-
 _NOTHING = int(Ending.NONE)
 _NO_CONTACT = int(Contact.NONE)
-
-
-class Buffers(NamedTuple):
-    """Everything that the core reads and writes, each with one row for an episode.
-
-    Attributes:
-        episodes: EPISODE records, shape (batch,).
-        vehicles: VEHICLE records now, (batch, capacity).
-        before: Vehicles at the last decision, (batch, capacity).
-        after: The same when its sub-steps were over, (batch, capacity).
-        present: How many there were in `before` and `after`, and the ego's slot, (batch, 2).
-        reached: Observation of the state that the decision led to, float32.
-        observation: Observation of the state now; another one if the episode was reset.
-        signals: In the order of `settings.WEIGHTS`, unweighted.
-        rewards: r_env and r_social, (batch, 2).
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
-        ending: Values of `Ending`, int8.
-        contact: Values of `Contact`, int8: who ran into whom, if the ego collided.
-        neighbours_collided: Vehicles that crashed into one another.
-        trace: Vehicles after each sub-step, (batch, frames, capacity), or no row at all.
-    """
-
-    episodes: np.ndarray
-    vehicles: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    present: np.ndarray
-    reached: np.ndarray
-    observation: np.ndarray
-    signals: np.ndarray
-    rewards: np.ndarray
-    classical: np.ndarray
-    ending: np.ndarray
-    contact: np.ndarray
-    neighbours_collided: np.ndarray
-    trace: np.ndarray
 
 
 @kernel
@@ -123,8 +85,8 @@ def annotate(buffers, row, settings):
     ending = rewards.ending_of(after[ego], episode.time >= settings.duration)
     signals = buffers.signals[row]
     rewards.env_signals(before[ego], after[ego], ending, settings, signals)
-    start = episode.start
-    rewards.social_signals(before, after, count, ego, start, ending, settings, signals)
+    start, braking = episode.start, buffers.braking[row]
+    rewards.social_signals(before, after, count, ego, start, ending, settings, signals, braking)
     r_env, r_social = rewards.pair(signals, settings)
     buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
     own, others = rewards.classical(before, after, count, ego, settings)
@@ -175,10 +137,23 @@ run = _entry(fingerprint())
 """Carry out a command for every episode of a batch.
 
 Args:
-    buffers: What is read and written.
-    commands: One of RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE and SKIP for each episode, int8.
+    buffers: What is read and written, `buffers.Buffers`.
+    commands: One of `buffers`' commands for each episode, int8.
     entropy: Seed of each episode's stream, uint64.
     seeded: Whether to begin the stream from that seed, bool.
     actions: The ego's actions, int64.
     settings: SETTINGS record in an array of one.
 """
+
+
+def on_threads(threads: int, *arguments: Any) -> None:
+    """Call `run` on so many threads; others' setting is put back."""
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(threads)
+    except ValueError as error:
+        raise UserError(f"{threads} threads are more than there are: {error}") from error
+    try:
+        run(*arguments)
+    finally:
+        numba.set_num_threads(before)

@@ -1,0 +1,6 @@
+"""highway-env's unsignalised crossing (thesis 5.1.3): the same episodes, compiled."""
+
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import make
+
+__all__ = ["Options", "make"]

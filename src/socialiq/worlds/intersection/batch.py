@@ -1,0 +1,266 @@
+"""Many episodes of the intersection side by side, as NumPy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float, Float32, Int8, Int64
+
+from socialiq.errors import UserError, one_of
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.intersection.buffers import (
+    DECIDE,
+    DECIDE_AND_RESET,
+    RESET,
+    SKIP,
+    Buffers,
+)
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.settings import WEIGHTS, settings_of
+
+BackEnd = Literal["core", "highway_env"]
+BACK_ENDS = ("core", "highway_env")
+
+
+class Decisions(NamedTuple):
+    """What one decision of every episode led to.
+
+    Attributes:
+        observation: Of the state reached, before any reset, (batch, features).
+        rewards: The reward pair, each (batch,).
+        ending: Values of `types.Ending`, (batch,).
+        signals: Every named signal, unweighted, each (batch,).
+        speed: The ego's speed, m/s, (batch,).
+        contact: Values of `Contact`: who ran into whom, where the ego collided, (batch,).
+        neighbours_collided: How many other vehicles ran into one another, (batch,).
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
+    """
+
+    observation: Float32[np.ndarray, "batch feature"]
+    rewards: RewardPair
+    ending: Int8[np.ndarray, " batch"]
+    signals: Mapping[str, Float[np.ndarray, " batch"]]
+    speed: Float[np.ndarray, " batch"]
+    contact: Int8[np.ndarray, " batch"]
+    neighbours_collided: Int64[np.ndarray, " batch"]
+    classical: RewardPair
+
+
+class State(NamedTuple):
+    """Everything that the future of some episodes depends on, as plain arrays.
+
+    Attributes:
+        episodes: EPISODE records, (rows,).
+        vehicles: VEHICLE records, (rows, capacity).
+        observation: (rows, vehicles seen, 7).
+        waiting: Whether they have ended and wait for a reset, (rows,).
+    """
+
+    episodes: np.ndarray
+    vehicles: np.ndarray
+    observation: np.ndarray
+    waiting: np.ndarray
+
+    def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
+        """The state of some of the episodes, also repeated."""
+        return State(*(column[np.asarray(chosen)] for column in self))
+
+
+class Engine(Protocol):
+    """What moves the episodes: the compiled core, or the real highway-env."""
+
+    def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode; see `step.run`."""
+        ...
+
+
+class Core:
+    """The compiled core as an engine."""
+
+    def __init__(self, options: Options, buffers: Buffers, threads: int) -> None:
+        from socialiq.worlds.intersection import step  # Numba loads when it is needed
+
+        self._step = step
+        self._buffers, self._threads = buffers, threads
+        self._settings = settings_of(options)
+
+    def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode."""
+        self._step.on_threads(
+            self._threads, self._buffers, commands, seeds, seeded, actions, self._settings
+        )
+
+
+class Batch:
+    """Episodes of one scenario side by side.
+
+    Every episode has its own random stream, so nothing depends on the batch's size or the number
+    of threads. An episode that ends is reset by `step` unless told otherwise, and goes on with its
+    stream, as highway-env does after a `reset()` without seed.
+
+    Args:
+        options: The scenario and the readings of the reward.
+        size: How many episodes.
+        threads: Threads that share them. One is best for small batches.
+        back_end: "core", or "highway_env" for the real one, which is hundreds of times slower.
+        traced: Keep the vehicles of every sub-step in `buffers.trace`, for films.
+
+    Raises:
+        UserError: If a number is not positive, or highway-env is wanted and not installed.
+    """
+
+    def __init__(
+        self,
+        options: Options,
+        size: int,
+        threads: int = 1,
+        back_end: BackEnd = "core",
+        traced: bool = False,
+    ) -> None:
+        for name, value in (("size", size), ("threads", threads)):
+            if value < 1:
+                raise UserError(f"{name} must be at least 1, got {value}")
+        one_of("back end", back_end, BACK_ENDS)
+        self.options, self.size = options, size
+        self.buffers = Buffers.of(options, size, traced)
+        self._waiting = np.ones(size, bool)  # for a reset
+        self._begun = np.zeros(size, bool)
+        self._engine = self._engine_of(back_end, threads)
+
+    def _engine_of(self, back_end: BackEnd, threads: int) -> Engine:
+        if back_end == "core":
+            return Core(self.options, self.buffers, threads)
+        from socialiq.worlds.intersection.reference import Reference
+
+        return Reference(self.options, self.buffers)
+
+    @property
+    def observation(self) -> Float32[np.ndarray, "batch feature"]:
+        """What the ego of every episode sees now."""
+        return self.buffers.observation.reshape(self.size, -1).copy()
+
+    def reset(
+        self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = slice(None)
+    ) -> Float32[np.ndarray, "batch feature"]:
+        """Begin new episodes.
+
+        Args:
+            seeds: One for each row, or one number: row i gets seed + i. None goes on with the
+                rows' streams.
+            rows: Which ones; all by default.
+
+        Returns:
+            The observation of all rows.
+
+        Raises:
+            UserError: If a seed is negative, or a stream that goes on was never begun.
+        """
+        chosen = np.zeros(self.size, bool)
+        chosen[rows] = True
+        seeded = chosen & (seeds is not None)
+        if seeds is None and not self._begun[chosen].all():
+            raise UserError("the first reset needs a seed")
+        entropy = np.zeros(self.size, np.uint64)
+        if seeds is not None:
+            entropy[chosen] = _seeds(seeds, int(chosen.sum()))
+        commands = np.where(chosen, RESET, SKIP).astype(np.int8)
+        self._engine.run(commands, entropy, seeded, np.zeros(self.size, np.int64))
+        self._waiting[chosen] = False
+        self._begun[chosen] = True
+        return self.observation
+
+    def step(self, actions: Any, auto_reset: bool = True, rows: Any = slice(None)) -> Decisions:
+        """Take one decision in every episode, or in some.
+
+        Args:
+            actions: One for each episode: 0 slower, 1 idle, 2 faster.
+            auto_reset: Begin a new episode where one ended; `observation` then belongs to it.
+                Otherwise episodes that ended must be reset before the next step.
+            rows: Which ones decide; all by default. What is returned of the others is what
+                their last decision led to.
+
+        Raises:
+            UserError: If an action is not one of the three, or an episode has not begun or has
+                ended.
+        """
+        chosen = np.asarray(actions)
+        if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
+            raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
+        if not ((chosen >= 0) & (chosen <= 2)).all():
+            raise UserError(f"actions must be 0, 1 or 2, got {sorted({*chosen.tolist()})}")
+        deciding = np.zeros(self.size, bool)
+        deciding[rows] = True
+        if (self._waiting & deciding).any():
+            raise UserError("an episode has not begun, or has ended: reset it first")
+        command = DECIDE_AND_RESET if auto_reset else DECIDE
+        commands = np.where(deciding, command, SKIP).astype(np.int8)
+        nothing = np.zeros(self.size, np.uint64)
+        self._engine.run(commands, nothing, np.zeros(self.size, bool), chosen.astype(np.int64))
+        if not auto_reset:
+            self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
+        return self._decisions()
+
+    def _decisions(self) -> Decisions:
+        made = self.buffers
+        rows = np.arange(self.size)
+        return Decisions(
+            observation=made.reached.reshape(self.size, -1).copy(),
+            rewards=RewardPair(made.rewards[:, 0].copy(), made.rewards[:, 1].copy()),
+            ending=made.ending.copy(),
+            signals=dict(zip(WEIGHTS, made.signals.T.copy(), strict=True)),
+            speed=made.after["speed"][rows, made.present[:, 1]],
+            contact=made.contact.copy(),
+            neighbours_collided=made.neighbours_collided.copy(),
+            classical=RewardPair(made.classical[:, 0].copy(), made.classical[:, 1].copy()),
+        )
+
+    def save(self) -> State:
+        """Copy the state of every episode.
+
+        Raises:
+            UserError: On the back end highway_env, whose state lies in Python objects.
+        """
+        self._check_core("saved")
+        made = self.buffers
+        kept = (made.episodes, made.vehicles, made.observation, self._waiting)
+        return State(*(column.copy() for column in kept))
+
+    def restore(self, state: State) -> None:
+        """Continue from a saved state, to the same bits.
+
+        Args:
+            state: As many rows as the batch has episodes, saved under the same options;
+                `State.rows` repeats or picks rows, for branching.
+
+        Raises:
+            UserError: If it doesn't fit, or on the back end highway_env.
+        """
+        self._check_core("restored")
+        made = self.buffers
+        kept = (made.episodes, made.vehicles, made.observation, self._waiting)
+        for column, saved in zip(kept, state, strict=True):
+            if column.shape != saved.shape or column.dtype != saved.dtype:
+                raise UserError(
+                    f"the saved state has the shape {saved.shape}, this batch {column.shape}: "
+                    "restore it under the options and the size it was saved with"
+                )
+        for column, saved in zip(kept, state, strict=True):
+            column[:] = saved
+        self._begun[:] = True
+
+    def _check_core(self, what: str) -> None:
+        if not isinstance(self._engine, Core):
+            raise UserError(f"the state of highway-env can't be {what}: use the core")
+
+
+def _seeds(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
+    wanted = np.asarray(seeds)
+    if wanted.dtype.kind not in "iu" or (wanted < 0).any():
+        raise UserError(f"seeds must be whole numbers of at least 0, got {seeds!r}")
+    if wanted.ndim == 0:
+        return (int(wanted) + np.arange(count)).astype(np.uint64)
+    if wanted.shape != (count,):
+        raise UserError(f"{count} seeds are needed, one for each row, got {wanted.size}")
+    return wanted.astype(np.uint64)

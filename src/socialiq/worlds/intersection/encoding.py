@@ -1,0 +1,84 @@
+"""Films as bytes: a GIF with one palette, or an MP4 if ffmpeg is there."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.worlds.pictures import pixels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LAST_FRAME = 1500  # ms
+_FREQUENT = 200  # colours of a palette
+
+
+def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]) -> bytes:
+    """Encode figures as a GIF that plays for ever and rests on its last frame.
+
+    Args:
+        figures: One a frame; may be the same one, changed.
+        frames_per_second: Playing speed.
+        colors: Colours that must come out exactly, however rare.
+    """
+    from PIL import Image
+
+    frames = [Image.fromarray(pixels(figure)) for figure in figures]
+    palette = _palette(frames, colors)
+    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    durations = [1000 // frames_per_second] * len(others) + [_LAST_FRAME]
+    film = io.BytesIO()
+    first.save(film, "GIF", save_all=True, append_images=others, duration=durations, loop=0)
+    return film.getvalue()
+
+
+def _palette(frames: Sequence[Any], colors: Sequence[str]) -> Any:
+    """The given colours, and then the most frequent ones of the film."""
+    from matplotlib.colors import to_rgb
+    from PIL import Image
+
+    named = np.rint(255 * np.array([to_rgb(color) for color in colors])).astype(np.uint8)
+    sample = [np.asarray(frame)[::2, ::2] for frame in frames[:: 1 + len(frames) // 24]]
+    wide = np.stack(sample).reshape(-1, 3).astype(np.int32)
+    found, counts = np.unique(wide @ (1 << 16, 1 << 8, 1), return_counts=True)
+    frequent = found[np.argsort(-counts, kind="stable")[:_FREQUENT]]
+    unpacked = np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.concatenate([named, unpacked.astype(np.uint8)]).tobytes())
+    return palette
+
+
+def mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
+    """Encode figures as an MP4.
+
+    Args:
+        figures: One a frame; always the same one, changed.
+        frames_per_second: Playing speed.
+
+    Raises:
+        UserError: If ffmpeg is missing or fails.
+    """
+    from matplotlib.animation import FFMpegWriter
+
+    if not FFMpegWriter.isAvailable():
+        raise UserError("cannot write .mp4 without ffmpeg: choose a .gif, or install ffmpeg")
+    figure = next(figures)
+    writer = FFMpegWriter(frames_per_second)
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "film.mp4"
+        try:
+            with writer.saving(figure, str(film), figure.dpi):
+                for _ in itertools.chain([figure], figures):
+                    writer.grab_frame()
+            return film.read_bytes()
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise UserError("ffmpeg failed: choose a .gif, or mend ffmpeg") from error

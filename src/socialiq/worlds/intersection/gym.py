@@ -1,0 +1,210 @@
+"""The intersection as a Gymnasium environment, one episode or many side by side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from socialiq.errors import UserError
+from socialiq.social.angle import check_angle, weights
+from socialiq.social.score import score
+from socialiq.types import Ending
+from socialiq.worlds import registry
+from socialiq.worlds.intersection.batch import BackEnd, Batch, Decisions
+from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.intersection.world import Intersection
+
+ID = "socialiq/Intersection-v1"
+
+_TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION))
+
+
+def _spaces(world: Intersection) -> tuple[spaces.Box, spaces.Discrete]:
+    observation = spaces.Box(-1.0, 1.0, (world.n_features,), np.float32)
+    return observation, spaces.Discrete(world.n_actions)
+
+
+class IntersectionEnv(gymnasium.Env):
+    """The intersection with the usual interface.
+
+    The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
+    (r_env, r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's
+    `speed` in m/s, `contact` (who ran into whom, if the ego collided), `neighbours_collided` and
+    `classical` (the ego's own reward and its neighbours' mean, thesis A.1).
+
+    Args:
+        angle: Social angle in degrees that makes one reward of the pair.
+        render_mode: "rgb_array" or None.
+        back_end: "core" or "highway_env".
+        options: Fields of `Options`.
+
+    Raises:
+        UserError: If an option or the angle is not known, or highway-env is not installed.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium's way
+
+    def __init__(
+        self,
+        angle: float = 0.0,
+        render_mode: str | None = None,
+        back_end: BackEnd = "core",
+        **options: Any,
+    ) -> None:
+        self.world = _world(options)
+        self.render_mode = render_mode
+        self._weights = weights(check_angle(angle))
+        self.observation_space, self.action_space = _spaces(self.world)
+        self.batch: Batch = self.world.batch(1, back_end=back_end)
+        self._begun = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start the episode that highway-env starts with this seed, or go on with the stream."""
+        super().reset(seed=seed, options=options)
+        if seed is None and not self._begun:
+            seed = int(self.np_random.integers(2**31))
+        self._begun = True
+        return self.batch.reset(None if seed is None else [seed])[0], {}
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take one decision; a timeout truncates, every other ending terminates."""
+        made = self.batch.step(np.array([int(action)]), auto_reset=False)
+        ending = int(made.ending[0])
+        info = {
+            "reward_pair": np.array([made.rewards.env[0], made.rewards.social[0]]),
+            "signals": {name: float(values[0]) for name, values in made.signals.items()},
+            "ending": Ending(ending).name.lower(),
+            "speed": float(made.speed[0]),
+            "contact": Contact(int(made.contact[0])).name.lower(),
+            "neighbours_collided": int(made.neighbours_collided[0]),
+            "classical": np.array([made.classical.env[0], made.classical.social[0]]),
+        }
+        reward = float(score(self._weights, made.rewards)[0])
+        terminated, truncated = ending in _TERMINAL, ending == int(Ending.TIMEOUT)
+        return made.observation[0], reward, terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:
+        """Picture of the present state, uint8 (height, width, 3)."""
+        if self.render_mode != "rgb_array":
+            return None
+        from socialiq.worlds.intersection.render import picture
+        from socialiq.worlds.intersection.scenes import present_scene
+        from socialiq.worlds.pictures import pixels
+
+        return pixels(picture(present_scene(self.batch)))
+
+
+class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
+    """Many episodes behind Gymnasium's vector interface, on as many threads as wanted.
+
+    `info` has the quantities of `IntersectionEnv` as arrays, `ending` and `contact` as the numbers
+    of `types.Ending` and `Contact`, always those of the decision, also where it was followed by a
+    reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
+
+    Args:
+        num_envs: How many episodes.
+        angle: Social angle in degrees that makes one reward of the pair.
+        threads: Threads that share the episodes.
+        back_end: "core" or "highway_env".
+        autoreset_mode: Gymnasium's, NEXT_STEP by default.
+        options: Fields of `Options`.
+
+    Raises:
+        UserError: If an option, a number or the angle is not known.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        angle: float = 0.0,
+        threads: int = 1,
+        back_end: BackEnd = "core",
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        self.world = _world(options)
+        self.num_envs = num_envs
+        self.metadata = {"autoreset_mode": autoreset_mode}
+        self.autoreset_mode = autoreset_mode
+        self._weights = weights(check_angle(angle))
+        self.batch: Batch = self.world.batch(num_envs, threads, back_end)
+        self.single_observation_space, self.single_action_space = _spaces(self.world)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ended = np.zeros(num_envs, bool)
+        self._begun = False
+
+    def reset(
+        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start episodes: row i with seed + i, or with its own of a list.
+
+        Args:
+            seed: One number, a list with one for each row, or None to go on with the streams.
+            options: `reset_mask`, a Boolean for each row, chooses which ones.
+        """
+        mask = np.ones(self.num_envs, bool)
+        if options and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], bool)
+        if isinstance(seed, int):
+            seed = [seed + row for row in range(self.num_envs)]
+        if seed is None and not self._begun:
+            seed = self.np_random.integers(2**31, size=self.num_envs).tolist()
+        self._begun = True
+        self._ended[mask] = False
+        chosen = None if seed is None else np.asarray(seed)[mask]
+        return self.batch.reset(chosen, rows=mask), {}
+
+    def step(
+        self, actions: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Take one decision in every episode, resetting as the autoreset mode says."""
+        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
+        resetting = self._ended.copy()
+        if resetting.any():
+            if self.autoreset_mode == AutoresetMode.DISABLED:
+                raise UserError("an episode has ended: reset it first, with options reset_mask")
+            self.batch.reset(rows=resetting)
+        made = self.batch.step(np.asarray(actions), auto_reset=same_step, rows=~resetting)
+        terminated = np.isin(made.ending, _TERMINAL) & ~resetting
+        truncated = (made.ending == int(Ending.TIMEOUT)) & ~resetting
+        reward = np.where(resetting, 0.0, score(self._weights, made.rewards))
+        if not same_step:
+            self._ended = terminated | truncated
+        info = _masked(made, ~resetting)
+        if same_step and (terminated | truncated).any():
+            info |= _final(made.observation, terminated | truncated)
+        return self.batch.observation, reward, terminated, truncated, info
+
+
+def _world(options: dict[str, Any]) -> Intersection:
+    world = registry.make("intersection", **options)
+    assert isinstance(world, Intersection)
+    return world
+
+
+def _masked(made: Decisions, mask: np.ndarray) -> dict[str, Any]:
+    info: dict[str, Any] = {
+        "reward_pair": np.stack(made.rewards, axis=1),
+        "signals": dict(made.signals),
+        "ending": made.ending,
+        "speed": made.speed,
+        "contact": made.contact,
+        "neighbours_collided": made.neighbours_collided,
+        "classical": np.stack(made.classical, axis=1),
+    }
+    return info | {f"_{name}": mask.copy() for name in info}
+
+
+def _final(observation: np.ndarray, ended: np.ndarray) -> dict[str, Any]:
+    final = np.full(len(ended), None, object)
+    for row in np.flatnonzero(ended):
+        final[row] = observation[row]
+    return {"final_obs": final, "_final_obs": ended}

@@ -1,0 +1,78 @@
+"""The real highway-env as an engine: the same arrays, filled from Python objects.
+
+Everything that highway-env says is taken from it: states, observation, endings' causes. Rewards
+are computed from its snapshots by the code that the core uses.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from socialiq.types import Ending
+from socialiq.worlds.intersection import step
+from socialiq.worlds.intersection.buffers import (
+    ANNOTATE,
+    DECIDE,
+    DECIDE_AND_RESET,
+    RESET,
+    SKIP,
+    Buffers,
+)
+from socialiq.worlds.intersection.ego import route_coordinate
+from socialiq.worlds.intersection.highway import HighwayIntersection
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.settings import settings_of
+
+
+class Reference:
+    """One highway-env for each row of the buffers.
+
+    Args:
+        options: The scenario and the readings of the reward.
+        buffers: What to fill.
+
+    Raises:
+        UserError: If highway-env is not installed.
+    """
+
+    def __init__(self, options: Options, buffers: Buffers) -> None:
+        self._buffers, self._settings = buffers, settings_of(options)
+        self._rows = [HighwayIntersection(options) for _ in buffers.episodes]
+
+    def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode."""
+        made = self._buffers
+        decided = np.isin(commands, (DECIDE, DECIDE_AND_RESET))
+        seen = np.zeros_like(made.reached)
+        for row in np.flatnonzero(decided):
+            seen[row] = self._rows[row].step(int(actions[row])).reshape(seen[row].shape)
+            self._write_decision(int(row))
+        wanted = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
+        step.on_threads(1, made, wanted, seeds, np.zeros_like(decided), actions, self._settings)
+        made.reached[decided] = seen[decided]
+        made.observation[decided] = seen[decided]
+        ended = (commands == DECIDE_AND_RESET) & (made.ending != int(Ending.NONE))
+        for row in np.flatnonzero((commands == RESET) | ended):
+            self._reset(int(row), int(seeds[row]) if seeded[row] else None)
+
+    def _reset(self, row: int, seed: int | None) -> None:
+        made, real = self._buffers, self._rows[row]
+        made.observation[row] = real.reset(seed).reshape(made.observation[row].shape)
+        self._write_now(row)
+        made.episodes[row]["start"] = route_coordinate(made.vehicles[row][real.ego])
+
+    def _write_decision(self, row: int) -> None:
+        made, real = self._buffers, self._rows[row]
+        made.before[row, : len(real.before)] = real.before
+        made.after[row, : len(real.after)] = real.after
+        made.present[row] = len(real.after), real.ego_after
+        self._write_now(row)
+
+    def _write_now(self, row: int) -> None:
+        made, real = self._buffers, self._rows[row]
+        vehicles, episode = real.vehicles, made.episodes[row]
+        made.vehicles[row, : len(vehicles)] = vehicles
+        episode["vehicles"], episode["ego"] = len(vehicles), real.ego
+        episode["time"], episode["contact"] = real.time, real.contact

@@ -1,0 +1,60 @@
+"""Scenes for pictures and films, from the arrays of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from socialiq.types import RewardPair
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.render import Scene
+from socialiq.worlds.intersection.settings import WEIGHTS
+
+
+def present_scene(batch: Batch, row: int = 0) -> Scene:
+    """What one episode looks like now, with the rewards of its last decision.
+
+    Args:
+        batch: The episodes.
+        row: Which one.
+    """
+    made = batch.buffers
+    count, ego = int(made.episodes[row]["vehicles"]), int(made.episodes[row]["ego"])
+    vehicles = made.vehicles[row, :count].copy()
+    charged = made.after["identity"][row][made.braking[row]]
+    time = float(made.episodes[row]["time"])
+    braking = np.isin(vehicles["identity"], charged) & (time > 0)
+    return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, f"{time:.1f} s")
+
+
+def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
+    """The sub-steps of an episode's last decision; the batch must be `traced`.
+
+    Args:
+        batch: The episodes.
+        row: Which one.
+    """
+    made = batch.buffers
+    count, ego = int(made.present[row, 0]), int(made.present[row, 1])
+    rewards = _rewards(batch, row, True)
+    end = float(made.episodes[row]["time"])
+    for frame, vehicles in enumerate(made.trace[row]):
+        time = end - (len(made.trace[row]) - 1 - frame) / batch.options.simulation_frequency
+        braking = made.braking[row, :count].copy()
+        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, f"{time:.1f} s")
+
+
+def _rewards(batch: Batch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
+    made = batch.buffers
+    signals = {
+        name: float(weight_of(batch.options, name) * value) if begun else 0.0
+        for name, value in zip(WEIGHTS, made.signals[row], strict=True)
+    }
+    return signals, RewardPair(*(made.rewards[row] * begun).tolist())
+
+
+def weight_of(options: Options, signal: str) -> float:
+    """A signal's weight in its reward."""
+    return float(getattr(options, f"{signal}_weight"))

@@ -1,0 +1,60 @@
+"""The intersection as a world by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from socialiq.worlds.intersection.batch import BackEnd, Batch
+from socialiq.worlds.intersection.options import FEATURES, Options
+from socialiq.worlds.intersection.settings import WEIGHTS
+
+ACTIONS = ("slower", "idle", "faster")
+
+
+@dataclass(frozen=True)
+class Intersection:
+    """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3).
+
+    Attributes:
+        options: The scenario and the readings of the reward.
+        name: Name in the registry.
+    """
+
+    options: Options = field(default_factory=Options)
+    name: str = "intersection"
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions, in the order of their numbers."""
+        return ACTIONS
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return len(ACTIONS)
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.options.observed_vehicles * len(FEATURES)
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of all signals, those of r_env first."""
+        return WEIGHTS
+
+    @property
+    def description(self) -> str:
+        """The world's name and its options."""
+        return f"{self.name} {self.options}"
+
+    def batch(
+        self, size: int, threads: int = 1, back_end: BackEnd = "core", traced: bool = False
+    ) -> Batch:
+        """Episodes side by side; see `Batch`."""
+        return Batch(self.options, size, threads, back_end, traced)
+
+
+def make(options: Options) -> Intersection:
+    """Build the world."""
+    return Intersection(options)
