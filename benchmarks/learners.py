@@ -26,7 +26,7 @@ from socialiq.social.score import score
 from socialiq.thesis import presets
 from socialiq.thesis.experts import trajectory_datasets
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.registry import make
+from socialiq.worlds.registry import make_grid
 
 UPDATES = 3000  # of one run, compilation not counted
 SWEEP_UPDATES = 500
@@ -42,7 +42,7 @@ def run(repeats: int) -> dict[str, Any]:
     Raises:
         UserError: If PyTorch is not installed.
     """
-    table = tabulate(make("crossing7"))
+    table = tabulate(make_grid("crossing7"))
     data = trajectory_datasets(table, [0], 60)
     peer = torch_loop(data[0])
     structure = dataclasses.replace(presets.GRID, updates=UPDATES)

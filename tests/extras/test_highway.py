@@ -84,6 +84,18 @@ def test_options_reach_the_environment():
     assert world.environment.steps == 60
 
 
+def test_observation_is_read_as_highway_env_reads_its_own():
+    default = IntersectionEnv.default_config()
+    plain = IntersectionEnv(config={"observation": default["observation"] | {"vehicles_count": 10}})
+    world = HighwayIntersection(Options())
+    assert world.environment.config["action"] == default["action"]
+    found, expected = vars(world.environment.observation_type), vars(plain.observation_type)
+    for name in ("features", "features_range", "absolute", "order", "normalize", "clip"):
+        assert found[name] == expected[name]
+    for name in ("vehicles_count", "see_behind", "observe_intentions", "include_obstacles"):
+        assert found[name] == expected[name]
+
+
 def test_driver_without_variation_is_highway_envs_own():
     driver = {"other_vehicles_type": f"{highway.__name__}.{Driver.__name__}"}
     plain = IntersectionEnv(config=environment_config(Options()) | driver)

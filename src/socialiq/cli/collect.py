@@ -14,7 +14,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.thesis.experts import MODES, expert_pools
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.registry import make
+from socialiq.worlds.registry import make_grid
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Collect:
 
     def mix(self) -> Demonstrations:
         """The demonstrations that the options describe."""
-        table = tabulate(make(self.world))
+        table = tabulate(make_grid(self.world))
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
         pools = expert_pools(table, dict.fromkeys(MODES, longest), self.seed)
         if self.mixture == "equal_trajectories":

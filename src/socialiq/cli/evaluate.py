@@ -19,7 +19,8 @@ from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.registry import WORLDS, make
+from socialiq.worlds.ids import IDS
+from socialiq.worlds.registry import GRIDWORLDS, WORLDS, make_grid
 
 Measure = Callable[[QPolicy], dict[str, Any]]
 
@@ -37,7 +38,7 @@ class Evaluate:
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Policy files that `socialiq train` wrote."""
     world: str = "crossing7"
-    """crossing5, crossing7, or the id of any Gymnasium environment with discrete actions."""
+    """crossing5, crossing7, intersection, or any Gymnasium id with discrete actions."""
     angle: float = 0.0
     """Angle in degrees at which regret is measured."""
     soft: bool = False
@@ -55,7 +56,7 @@ class Evaluate:
         loaded = [QPolicy.load(path) for path in self.policies]
         if not loaded:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
-        measure = self.gridworld() if self.world in WORLDS else self.gymnasium()
+        measure = self.gridworld() if self.world in GRIDWORLDS else self.gymnasium()
         rows = [measure(policy) for policy in loaded]
         if self.json:
             print_json(rows[0] if len(rows) == 1 else {"policies": rows, "pooled": pool(rows)})
@@ -72,7 +73,7 @@ class Evaluate:
 
     def gridworld(self) -> Measure:
         """Exact or sampled metrics, with regret against the exact optimum."""
-        table = tabulate(make(self.world))
+        table = tabulate(make_grid(self.world))
         part = table.reachable_part()
         optimum = Optimum(part)
         readout = "soft" if self.soft else "greedy"
@@ -134,7 +135,7 @@ def make_gymnasium(name: str) -> gymnasium.Env:
         UserError: If there is none of that id.
     """
     try:
-        return gymnasium.make(name)
+        return gymnasium.make(IDS.get(name, name))
     except gymnasium.error.Error as error:
         raise UserError(
             f"unknown world '{name}': choose one of {', '.join(WORLDS)}, "

@@ -20,7 +20,7 @@ from socialiq.storage import write_atomically
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.pictures import filmstrip, picture
-from socialiq.worlds.registry import make
+from socialiq.worlds.registry import make_grid
 
 World = Annotated[str, tyro.conf.Positional]
 
@@ -44,7 +44,7 @@ class Solve:
     def run(self) -> int:
         """Solve, evaluate exactly, print."""
         angle = check_angle(self.angle)
-        table = tabulate(make(self.world))
+        table = tabulate(make_grid(self.world))
         part = table.reachable_part()
         if self.stationary:
             whole = expert_policy(table, angle, "stochastic")
@@ -88,7 +88,7 @@ class Front:
 
     def run(self) -> int:
         """Compute the attainable set, print its front."""
-        attainable = Optimum(tabulate(make(self.world)).reachable_part()).attainable
+        attainable = Optimum(tabulate(make_grid(self.world)).reachable_part()).attainable
         vertices = []
         for env, social in attainable.front():
             number = int(np.flatnonzero((attainable.vertices == (env, social)).all(axis=1))[0])
@@ -132,7 +132,7 @@ class Render:
 
     def run(self) -> int:
         """Draw and write."""
-        table = tabulate(make(self.world))
+        table = tabulate(make_grid(self.world))
         if self.angle is None:
             drawn = picture(table.world, table.world.start[0][0])
         else:

@@ -28,7 +28,7 @@ from socialiq.thesis.presets import PRESETS
 from socialiq.thesis.store import Row, as_csv, rounded, versions
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.registry import WORLDS, make
+from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 CHUNK = 500
 
@@ -158,8 +158,8 @@ class Train:
         """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
         if not self.world:
             return None, None
-        if self.world in WORLDS:
-            return make(self.world), None
+        if self.world in GRIDWORLDS:
+            return make_grid(self.world), None
         collector = GymCollector(
             lambda: make_gymnasium(self.world),
             [one.seed for one in numbers],

@@ -11,14 +11,14 @@ from socialiq.thesis.store import Results
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.pictures import filmstrip, picture
-from socialiq.worlds.registry import make
+from socialiq.worlds.registry import make_grid
 
 
 def draw(results: Results) -> dict[str, Figure]:
     """Pictures of the first states, and one seeded episode of the prosocial experts."""
     figures = {}
     for number, name in enumerate(("crossing5", "crossing7"), start=1):
-        table = tabulate(make(name))
+        table = tabulate(make_grid(name))
         figures[f"fig_5_{number}"] = picture(table.world, table.world.start[0][0])
         policy = expert_policy(table, MODES["prosocial"])
         steps = rollout_table(table, policy, 1, results.config["seeds"][0]).transitions

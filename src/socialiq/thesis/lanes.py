@@ -24,7 +24,7 @@ from socialiq.learners.outside import Outside, Report
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis.store import Row
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.registry import make
+from socialiq.worlds.registry import make_grid
 
 Watch = Callable[[str], Callable[[Report], None] | None]
 """Given the name of a stage, what shows its progress."""
@@ -54,7 +54,7 @@ class Ground(NamedTuple):
     @staticmethod
     def of(world: str) -> Ground:
         """Enumerate a world under its default readings."""
-        table = tabulate(make(world))
+        table = tabulate(make_grid(world))
         part = table.reachable_part()
         return Ground(table, part, Optimum(part))
 

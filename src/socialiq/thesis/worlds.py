@@ -20,7 +20,7 @@ from socialiq.thesis.poc import sequence
 from socialiq.thesis.store import Results, Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.experts import expert_policy
-from socialiq.worlds.registry import make
+from socialiq.worlds.registry import make_grid
 
 STUDY = "worlds"
 
@@ -64,7 +64,7 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:  # noqa
         watch: Not used; nothing is trained.
     """
     config = config or Config()
-    table = tabulate(make("crossing7"))
+    table = tabulate(make_grid("crossing7"))
     tables = {
         "crossing5_readings": [_crossing5_row(reading) for reading in CROSSING5_READINGS],
         "crossing5_ties": _tie_rows(),
@@ -76,14 +76,14 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:  # noqa
 
 
 def _crossing5_row(reading: dict[str, str]) -> Row:
-    table = tabulate(make("crossing5", **reading))
+    table = tabulate(make_grid("crossing5", **reading))
     found = {mode: sequence(table, expert_policy(table, a)) for mode, a in MODES.items()}
     return {"reading": _name(reading)} | found
 
 
 def _tie_rows() -> list[Row]:
     """The experts of the default 5x5 world by how ties and cos 90° are treated."""
-    table = tabulate(make("crossing5"))
+    table = tabulate(make_grid("crossing5"))
     rows: list[Row] = []
     for trigonometry, pair in (("cos 90 = 6e-17", weights), ("cos 90 = 0", exact_weights)):
         for prefer in ("first", "last"):
@@ -101,7 +101,7 @@ def _tie_rows() -> list[Row]:
 
 def _crossing7_row(reading: dict[str, str]) -> Row:
     """Angle, totals and collisions of the stationary optimum at each of the three angles."""
-    table = tabulate(make("crossing7", **reading))
+    table = tabulate(make_grid("crossing7", **reading))
     part = table.reachable_part()
     kept = table.mdp.reachable()
     row: Row = {"reading": _name(reading), "reachable": part.mdp.n_states}
@@ -167,7 +167,7 @@ def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
         mode: evaluate_exactly(part, expert_policy(table, angle)[kept])._asdict()
         for mode, angle in MODES.items()
     }
-    five = tabulate(make("crossing5"))
+    five = tabulate(make_grid("crossing5"))
     return {
         "crossing5": {
             "states": five.mdp.n_states,
@@ -211,7 +211,7 @@ def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
             },
         },
         "options": {
-            name: dataclasses.asdict(make(name).options) for name in ("crossing5", "crossing7")
+            name: dataclasses.asdict(make_grid(name).options) for name in ("crossing5", "crossing7")
         },
         "presets": {
             "table_c1": dataclasses.asdict(presets.TABLE_C1_NUMBERS)

@@ -1,4 +1,4 @@
-"""The gridworlds as Gymnasium environments, registered as `socialiq/Crossing5-v1` and so on."""
+"""The gridworlds as Gymnasium environments; `worlds.ids` has their names."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from socialiq.types import Ending
 from socialiq.worlds import registry
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.pictures import picture, pixels
-
-IDS = {"crossing5": "socialiq/Crossing5-v1", "crossing7": "socialiq/Crossing7-v1"}
 
 
 class GridWorldEnv(gymnasium.Env):
@@ -45,7 +43,7 @@ class GridWorldEnv(gymnasium.Env):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        self.world: GridWorld = registry.make(world, **options)
+        self.world: GridWorld = registry.make_grid(world, **options)
         self.render_mode = render_mode
         self._weights = weights(check_angle(angle))
         low = np.array([feature.low for feature in self.world.features], np.float32)
@@ -100,10 +98,3 @@ class GridWorldEnv(gymnasium.Env):
         if self.render_mode != "rgb_array":
             return None
         return pixels(picture(self.world, self._state.tolist()))
-
-
-def register() -> None:
-    """Register every gridworld with Gymnasium; importing `socialiq` does it."""
-    for world, name in IDS.items():
-        if name not in gymnasium.registry:
-            gymnasium.register(name, GridWorldEnv, kwargs={"world": world})

@@ -7,13 +7,15 @@ import typing
 from typing import Any
 
 from socialiq.errors import UserError, one_of
-from socialiq.worlds import crossing5, crossing7
+from socialiq.worlds import crossing5, crossing7, intersection
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.intersection.world import Intersection
 
-WORLDS = {"crossing5": crossing5, "crossing7": crossing7}
+WORLDS = {"crossing5": crossing5, "crossing7": crossing7, "intersection": intersection}
+GRIDWORLDS = ("crossing5", "crossing7")
 
 
-def make(name: str, **options: Any) -> GridWorld:
+def make(name: str, **options: Any) -> GridWorld | Intersection:
     """Build a world by name, with its readings as keyword arguments.
 
     Args:
@@ -34,10 +36,27 @@ def make(name: str, **options: Any) -> GridWorld:
     return module.make(module.Options(**options))
 
 
+def make_grid(name: str, **options: Any) -> GridWorld:
+    """Build a gridworld: a world whose states can all be listed.
+
+    Raises:
+        UserError: As `make`, and if the world is none.
+    """
+    if name in WORLDS and name not in GRIDWORLDS:
+        raise UserError(
+            f"the states of {name} can't be listed, so nothing about it is exact: "
+            f"choose one of {', '.join(GRIDWORLDS)}"
+        )
+    one_of("world", name, GRIDWORLDS)
+    world = make(name, **options)
+    assert isinstance(world, GridWorld)
+    return world
+
+
 def _check_literal(world: str, option: str, value: Any, kind: Any) -> None:
     """Refuse a value that the option's Literal type doesn't list."""
     allowed = typing.get_args(kind)
-    if allowed and value not in allowed:
+    if typing.get_origin(kind) is typing.Literal and value not in allowed:
         raise UserError(
             f"unknown value '{value}' for {option} of {world}: "
             f"choose one of {', '.join(map(str, allowed))}"

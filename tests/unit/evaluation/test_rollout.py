@@ -10,7 +10,8 @@ from socialiq.evaluation.rollout import rollout_env, rollout_table
 from socialiq.types import Ending
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.experts import expert_policy
-from socialiq.worlds.gym import IDS
+from socialiq.worlds.ids import IDS
+from socialiq.worlds.registry import GRIDWORLDS
 from socialiq.worlds.tabular_policy import TabularPolicy
 
 WAIT, GO = 0, 1
@@ -157,7 +158,7 @@ def test_the_source_may_be_extended(table5, always):
     assert rollout.transitions.source == {"world": "crossing5", "seed": 7, "expert": "none"}
 
 
-@pytest.mark.parametrize("name", sorted(IDS))
+@pytest.mark.parametrize("name", GRIDWORLDS)
 def test_the_environment_agrees_with_the_table(name, tabulated, random_policy):
     table = tabulated(name)
     probabilities = random_policy(table, 3)

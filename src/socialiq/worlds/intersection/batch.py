@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float32, Int8, Int64
@@ -68,6 +68,7 @@ class State(NamedTuple):
         return State(*(column[np.asarray(chosen)] for column in self))
 
 
+@runtime_checkable
 class Engine(Protocol):
     """What moves the episodes: the compiled core, or the real highway-env."""
 

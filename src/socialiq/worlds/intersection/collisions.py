@@ -71,8 +71,8 @@ def contact_of(vehicles, ego, dt, contact):
 def who_struck(ego, other):
     """Whose motion closed the gap along the line between the two centres."""
     dx, dy = other.x - ego.x, other.y - ego.y
-    mine = ego.speed * (math.cos(ego.heading) * dx + math.sin(ego.heading) * dy)
-    theirs = -other.speed * (math.cos(other.heading) * dx + math.sin(other.heading) * dy)
+    mine = ego.speed * (ego.along_x * dx + ego.along_y * dy)
+    theirs = -other.speed * (other.along_x * dx + other.along_y * dy)
     return _EGO_STRUCK if mine >= theirs else _EGO_WAS_STRUCK
 
 
@@ -87,8 +87,8 @@ def separate(one, other, dt, tie):
     mine, theirs = np.empty((4, 2)), np.empty((4, 2))
     _corners(one, mine)
     _corners(other, theirs)
-    relative_x = one.speed * math.cos(one.heading) * dt - other.speed * math.cos(other.heading) * dt
-    relative_y = one.speed * math.sin(one.heading) * dt - other.speed * math.sin(other.heading) * dt
+    relative_x = one.speed * one.along_x * dt - other.speed * other.along_x * dt
+    relative_y = one.speed * one.along_y * dt - other.speed * other.along_y * dt
     between_x = _mean(mine, 0) - _mean(theirs, 0)
     between_y = _mean(mine, 1) - _mean(theirs, 1)
     overlap, will_overlap = True, True
@@ -125,7 +125,7 @@ def separate(one, other, dt, tie):
 
 @kernel
 def _corners(vehicle, corners):
-    cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
+    cos, sin = vehicle.along_x, vehicle.along_y
     for corner in range(4):
         along, across = _ALONG[corner], _ACROSS[corner]
         corners[corner, 0] = cos * along - sin * across + vehicle.x

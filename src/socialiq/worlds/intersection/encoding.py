@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LAST_FRAME = 1500  # ms
-_FREQUENT = 200  # colours of a palette
+_CANDIDATES = 1000  # colours that may enter a palette
+_APART = 12  # levels between those that do
 
 
 def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]) -> bytes:
@@ -42,18 +43,21 @@ def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]
 
 
 def _palette(frames: Sequence[Any], colors: Sequence[str]) -> Any:
-    """The given colours, and then the most frequent ones of the film."""
+    """The given colours, and then the most frequent ones of the film that differ from those."""
     from matplotlib.colors import to_rgb
     from PIL import Image
 
-    named = np.rint(255 * np.array([to_rgb(color) for color in colors])).astype(np.uint8)
     sample = [np.asarray(frame)[::2, ::2] for frame in frames[:: 1 + len(frames) // 24]]
     wide = np.stack(sample).reshape(-1, 3).astype(np.int32)
     found, counts = np.unique(wide @ (1 << 16, 1 << 8, 1), return_counts=True)
-    frequent = found[np.argsort(-counts, kind="stable")[:_FREQUENT]]
-    unpacked = np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1)
+    frequent = found[np.argsort(-counts, kind="stable")[:_CANDIDATES]]
+    chosen = np.rint(255 * np.array([to_rgb(color) for color in colors])).astype(np.int32)
+    for color in np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1):
+        # Pillow looks colours up in steps: of two alike, it may take the wrong one.
+        if len(chosen) < 256 and abs(chosen - color).max(axis=1).min() >= _APART:
+            chosen = np.concatenate([chosen, color[None]])
     palette = Image.new("P", (1, 1))
-    palette.putpalette(np.concatenate([named, unpacked.astype(np.uint8)]).tobytes())
+    palette.putpalette(chosen.astype(np.uint8).tobytes())
     return palette
 
 

@@ -181,6 +181,7 @@ class _WatchedRoad(RegulatedRoad):
     def _write(self, row: np.void, vehicle: Any) -> None:
         row["x"], row["y"] = vehicle.position
         row["heading"], row["speed"] = vehicle.heading, vehicle.speed
+        row["along_x"], row["along_y"] = vehicle.direction
         row["steering"] = vehicle.action["steering"]
         row["acceleration"] = vehicle.action["acceleration"]
         row["target_speed"] = vehicle.target_speed

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from socialiq.worlds.intersection.compile import kernel
@@ -56,14 +54,13 @@ def observe(vehicles, count, ego, tie, observation):
 
 @kernel
 def _write(vehicle, row):
-    cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
     row[0] = 1.0
     row[1] = _scaled(vehicle.x, POSITION_RANGE)
     row[2] = _scaled(vehicle.y, POSITION_RANGE)
-    row[3] = _scaled(vehicle.speed * cos, SPEED_RANGE)
-    row[4] = _scaled(vehicle.speed * sin, SPEED_RANGE)
-    row[5] = cos
-    row[6] = sin
+    row[3] = _scaled(vehicle.speed * vehicle.along_x, SPEED_RANGE)
+    row[4] = _scaled(vehicle.speed * vehicle.along_y, SPEED_RANGE)
+    row[5] = vehicle.along_x
+    row[6] = vehicle.along_y
 
 
 @kernel

@@ -12,24 +12,18 @@ from socialiq.errors import UserError
 from socialiq.storage import write_atomically
 from socialiq.types import RewardPair
 from socialiq.worlds import drawing
-from socialiq.worlds.intersection import film, shapes
+from socialiq.worlds.intersection import encoding, shapes
+from socialiq.worlds.intersection.geometry import ROUTES, VEHICLE_LENGTH
+from socialiq.worlds.intersection.settings import SOCIAL_SIGNALS
 from socialiq.worlds.pictures import pixels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REACH = 50.0
-SOCIAL = ("yielding", "disruption", "neighbour_collision")
-"""Signals that are part of r_social; all others are part of r_env."""
 
 _SOUTHWARDS = 0.16  # the view looks this part of its reach further south: there the ego starts
 _DPI = 100
-_LABEL: dict[str, Any] = {
-    "ha": "center",
-    "va": "center",
-    "color": shapes.INK,
-    "bbox": {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 0.6},
-}
 
 
 class Scene(NamedTuple):
@@ -39,7 +33,8 @@ class Scene(NamedTuple):
         vehicles: The vehicles present, records of `state.VEHICLE`.
         ego: Which of them is the ego.
         braking: Which of them brake because of the ego, bool, as long as `vehicles`.
-        signals: Weighted contributions to the rewards of the decision so far, by name.
+        signals: Weighted contributions to the rewards of the decision so far, by name; those of
+            `SOCIAL_SIGNALS` belong to r_social, all others to r_env.
         rewards: The rewards of the decision so far.
         time: s since the reset.
         caption: A title.
@@ -76,11 +71,18 @@ def _ground(axes: Any, reach: float) -> None:
 
 def _traffic(axes: Any, scene: Scene) -> None:
     ego = scene.vehicles[scene.ego]
-    lanes = shapes.legs(int(ego["origin"]), int(ego["destination"]))
+    lanes = ROUTES[ego["origin"], ego["destination"]].tolist()
     shapes.zone(axes, lanes)
     shapes.route(axes, lanes, float(ego["x"]), float(ego["y"]))
     for slot, record in enumerate(scene.vehicles):
-        _vehicle(axes, record, slot == scene.ego, bool(scene.braking[slot]))
+        if _in_sight(axes, record):
+            _vehicle(axes, record, slot == scene.ego, bool(scene.braking[slot]))
+
+
+def _in_sight(axes: Any, record: np.void) -> bool:
+    (west, east), (south, north), margin = axes.get_xlim(), axes.get_ylim(), VEHICLE_LENGTH / 2
+    across = west - margin < record["x"] < east + margin
+    return bool(across and north - margin < record["y"] < south + margin)
 
 
 def _vehicle(axes: Any, record: np.void, is_ego: bool, brakes: bool) -> None:
@@ -102,7 +104,8 @@ def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
     size = max(5.5, 1.9 * per_metre)
     tall = size / per_metre
     x, y = shapes.beside(pose, 1.2, 1.4, (0.31 * tall * len(text), 0.5 * tall))
-    axes.text(x, y, text, fontsize=size, clip_on=True, zorder=5.5, **_LABEL)
+    look = {"fontsize": size, "color": shapes.INK, "ha": "center", "va": "center"}
+    axes.text(x, y, text, clip_on=True, zorder=9, **look)
 
 
 def _per_metre(axes: Any) -> float:
@@ -132,8 +135,8 @@ class _Sheet:
 
     def _add_panels(self, scenes: Sequence[Scene]) -> None:
         names = dict.fromkeys(name for scene in scenes for name in scene.signals)
-        env = [name for name in names if name not in SOCIAL]
-        social = [name for name in names if name in SOCIAL]
+        env = [name for name in names if name not in SOCIAL_SIGNALS]
+        social = [name for name in names if name in SOCIAL_SIGNALS]
         values = [abs(float(value)) for scene in scenes for value in scene.signals.values()]
         size = max(len(env), len(social), 1), max([0.1, *values])
         self.env = _Panel(self.figure, 0.14, size, env, drawing.EGO)
@@ -169,11 +172,11 @@ class _Panel:
         scale = figure.get_figwidth() / 6
         look = {"fontsize": 7.5 * scale, "va": "center", "ha": "right", "color": shapes.INK}
         self.bars, self.values = {}, {}
+        axes.axvline(0, color=shapes.INK, linewidth=0.8)
         for row, name in enumerate(names):
-            axes.text(-bound, row, name.replace("_", " "), **look)
+            axes.text(-1.1 * bound, row, name.replace("_", " "), **look)
             (self.bars[name],) = axes.barh(row, 0.0, 0.7, color=color)
             self.values[name] = axes.text(1.9 * bound, row, "", **look)
-        axes.axvline(0, color=shapes.INK, linewidth=0.8)
         axes.set(**limits)
         bold = {"fontsize": 9 * scale, "color": color, "weight": "bold"}
         self.total = figure.text(left, 0.156, "", **bold)
@@ -228,19 +231,19 @@ def filmstrip(
     Args:
         scenes: The scenes in order.
         captions: A title for each picture; by default its time.
-        reach: Metres in sight, as for `draw`, but for a third less to the west and east.
+        reach: Metres in sight, as for `draw`, but for a quarter less to the west and east.
     """
     from matplotlib.figure import Figure
 
     columns = min(5, len(scenes))
     rows = -(-len(scenes) // columns)
-    figure = Figure(figsize=(3.0 * columns, 4.7 * rows), layout="constrained", dpi=_DPI)
+    figure = Figure(figsize=(3.0 * columns, 4.15 * rows), layout="constrained", dpi=_DPI)
     titles = captions or [f"t = {scene.time:.1f} s" for scene in scenes]
     for number, (scene, title) in enumerate(zip(scenes, titles, strict=True)):
         axes = figure.add_subplot(rows, columns, number + 1)
         axes.set_title(title, fontsize=10)
         _ground(axes, reach)
-        axes.set_xlim(-0.65 * reach, 0.65 * reach)
+        axes.set_xlim(-0.76 * reach, 0.76 * reach)
         _traffic(axes, scene)
     return figure
 
@@ -288,7 +291,7 @@ def save(path: Path, scenes: Sequence[Scene], frames_per_second: int = 10) -> No
     if not path.parent.is_dir():
         raise UserError(f"cannot write {path}: no folder {path.parent}; make it first")
     if path.suffix == ".gif":
-        content = film.gif(_shown(scenes), frames_per_second, shapes.COLORS)
+        content = encoding.gif(_shown(scenes), frames_per_second, shapes.COLORS)
     else:
-        content = film.mp4(_shown(scenes), frames_per_second)
+        content = encoding.mp4(_shown(scenes), frames_per_second)
     write_atomically(path, content)

@@ -64,7 +64,7 @@ def yielder(vehicles, first, second, tie):
 def _ahead(vehicle, other):
     """How far ahead another vehicle is, m."""
     dx, dy = other.x - vehicle.x, other.y - vehicle.y
-    return math.cos(vehicle.heading) * dx + math.sin(vehicle.heading) * dy
+    return vehicle.along_x * dx + vehicle.along_y * dy
 
 
 @kernel

@@ -12,13 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.worlds.drawing import EGO, OTHER
+from socialiq.worlds.intersection.ego import EXIT_DISTANCE
 from socialiq.worlds.intersection.geometry import (
-    APPROACH,
-    EXIT,
     LANE_WIDTH,
     LANES,
-    LEFT,
-    RIGHT,
     STRAIGHT,
     VEHICLE_LENGTH,
     VEHICLE_WIDTH,
@@ -41,9 +38,6 @@ JUNCTION = float(LANES["y"][STRAIGHT])  # half its width, m
 _CORNER = JUNCTION - LANE_WIDTH  # radius of its kerbs, m
 
 ZONE_APPROACH = 20.0  # m of the ego's approach that belong to its influence zone
-ARRIVAL = 25.0  # m of the exit after which the ego has arrived
-
-_TURNS = {3: RIGHT, 1: LEFT, 2: STRAIGHT}  # by destination - origin, modulo 4
 
 
 class Pose(NamedTuple):
@@ -84,12 +78,6 @@ def way(lane: int, start: float = 0.0, end: float = math.inf) -> np.ndarray:
         x = record["x"] + record["radius"] * np.cos(angle)
         y = record["y"] + record["radius"] * np.sin(angle)
     return np.stack([x, y], axis=-1)
-
-
-def legs(origin: int, destination: int) -> tuple[int, int, int]:
-    """The lanes of a route from arm to arm: approach, way across, exit."""
-    turn = _TURNS[(destination - origin) % 4]
-    return 5 * origin + APPROACH, 5 * origin + turn, 5 * ((destination + 1) % 4) + EXIT
 
 
 def road(axes: Any, reach: float) -> None:
@@ -164,7 +152,7 @@ def _band(axes: Any, line: np.ndarray, width: float = LANE_WIDTH, **look: Any) -
 def route(axes: Any, lanes: Sequence[int], x: float, y: float) -> None:
     """Dot the way that is left from the closest point to (x, y), with an arrow where it ends."""
     approach, across, leave = lanes
-    line = np.concatenate([way(approach), way(across), way(leave, end=ARRIVAL)])
+    line = np.concatenate([way(approach), way(across), way(leave, end=EXIT_DISTANCE)])
     left = line[int(np.argmin(np.hypot(line[:, 0] - x, line[:, 1] - y))) :]
     dots(axes, left)
     ahead = line[-1] - line[-2]

@@ -65,6 +65,7 @@ def _enter(episode, vehicles, x, y, heading, speed, origin, destination, tie):
     """Fill the next free slot."""
     vehicle = vehicles[episode.vehicles]
     vehicle.x, vehicle.y, vehicle.heading, vehicle.speed = x, y, heading, speed
+    vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
     vehicle.steering = 0.0
     vehicle.acceleration = 0.0
     vehicle.target_speed = speed

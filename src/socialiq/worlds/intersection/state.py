@@ -25,6 +25,8 @@ VEHICLE = np.dtype(
         ("x", np.float64),  # centre, m; x to the east, y to the south
         ("y", np.float64),
         ("heading", np.float64),  # rad, clockwise as drawn, from east
+        ("along_x", np.float64),  # cosine and sine of the heading: its unit vector
+        ("along_y", np.float64),
         ("speed", np.float64),  # m/s, negative in reverse
         ("steering", np.float64),  # held command: front wheel angle, rad
         ("acceleration", np.float64),  # held command, m/s²

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from socialiq.worlds.intersection.angles import asin, atan, sin, tan, wrap_to_pi
 from socialiq.worlds.intersection.compile import kernel
 from socialiq.worlds.intersection.geometry import (
     CONNECTED,
@@ -17,7 +18,6 @@ from socialiq.worlds.intersection.geometry import (
     heading_at,
     lateral,
     longitudinal,
-    wrap_to_pi,
 )
 
 LATERAL_GAIN = 1 / 0.6  # 1/s, lateral offset to lateral speed
@@ -70,11 +70,11 @@ def steering(vehicle):
     speed = not_zero(vehicle.speed)
     ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
     lateral_speed = -LATERAL_GAIN * lateral(lane, vehicle.x, vehicle.y)
-    correction = math.asin(clip(lateral_speed / speed, -1.0, 1.0))
+    correction = asin(clip(lateral_speed / speed, -1.0, 1.0))
     wanted = heading_at(lane, ahead) + clip(correction, -math.pi / 4, math.pi / 4)
     rate = HEADING_GAIN * wrap_to_pi(wanted - vehicle.heading)
-    slip = math.asin(clip(VEHICLE_LENGTH / 2 / speed * rate, -1.0, 1.0))
-    return clip(math.atan(2 * math.tan(slip)), -MAX_STEERING, MAX_STEERING)
+    slip = asin(clip(VEHICLE_LENGTH / 2 / speed * rate, -1.0, 1.0))
+    return clip(atan(2 * tan(slip)), -MAX_STEERING, MAX_STEERING)
 
 
 @kernel
@@ -128,10 +128,9 @@ def idm_acceleration(vehicles, me, front):
 
 @kernel
 def _desired_gap(vehicle, other):
-    along_x, along_y = math.cos(vehicle.heading), math.sin(vehicle.heading)
-    closing_x = vehicle.speed * along_x - other.speed * math.cos(other.heading)
-    closing_y = vehicle.speed * along_y - other.speed * math.sin(other.heading)
-    closing = closing_x * along_x + closing_y * along_y
+    closing_x = vehicle.speed * vehicle.along_x - other.speed * other.along_x
+    closing_y = vehicle.speed * vehicle.along_y - other.speed * other.along_y
+    closing = closing_x * vehicle.along_x + closing_y * vehicle.along_y
     # highway-env negates the product of the maximum and the (negative) comfortable value.
     product = vehicle.max_acceleration * vehicle.comfort_deceleration
     return (
@@ -158,6 +157,14 @@ def drive(vehicles, count, me, settings):
 
 
 @kernel
+def turned(vehicle, heading):
+    """Point a vehicle somewhere; its unit vector is kept, because everybody asks for it."""
+    if heading != vehicle.heading:
+        vehicle.heading = heading
+        vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
+
+
+@kernel
 def move(vehicle, dt, tie):
     """One sub-step of the kinematic bicycle model; a waiting push moves and crashes the vehicle."""
     if vehicle.crashed:
@@ -167,9 +174,14 @@ def move(vehicle, dt, tie):
         vehicle.acceleration = min(vehicle.acceleration, MAX_SPEED - vehicle.speed)
     elif vehicle.speed < -MAX_SPEED:
         vehicle.acceleration = max(vehicle.acceleration, -MAX_SPEED - vehicle.speed)
-    slip = math.atan(0.5 * math.tan(vehicle.steering))
-    vehicle.x += vehicle.speed * math.cos(vehicle.heading + slip) * dt
-    vehicle.y += vehicle.speed * math.sin(vehicle.heading + slip) * dt
+    slip = atan(0.5 * tan(vehicle.steering))
+    direction = vehicle.heading + slip
+    if direction != vehicle.heading:
+        along_x, along_y = math.cos(direction), math.sin(direction)
+    else:
+        along_x, along_y = vehicle.along_x, vehicle.along_y
+    vehicle.x += vehicle.speed * along_x * dt
+    vehicle.y += vehicle.speed * along_y * dt
     if vehicle.pushed:
         vehicle.x += vehicle.push_x
         vehicle.y += vehicle.push_y
@@ -177,6 +189,6 @@ def move(vehicle, dt, tie):
         vehicle.pushed = False
         vehicle.push_x = 0.0
         vehicle.push_y = 0.0
-    vehicle.heading += vehicle.speed * math.sin(slip) / (VEHICLE_LENGTH / 2) * dt
+    turned(vehicle, vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt)
     vehicle.speed += vehicle.acceleration * dt
     vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
