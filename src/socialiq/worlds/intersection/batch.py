@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Float32, Int8, Int64
+from jaxtyping import Bool, Float, Float32, Int8, Int64
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
@@ -128,6 +128,8 @@ class Batch:
         self.buffers = Buffers.of(options, size, traced)
         self._waiting = np.ones(size, bool)  # for a reset
         self._begun = np.zeros(size, bool)
+        self._everyone, self._unseeded = np.ones(size, bool), np.zeros(size, bool)
+        self._no_seeds = np.zeros(size, np.uint64)
         self._engine = self._engine_of(back_end, threads)
 
     def _engine_of(self, back_end: BackEnd, threads: int) -> Engine:
@@ -143,14 +145,14 @@ class Batch:
         return self.buffers.observation.reshape(self.size, -1).copy()
 
     def reset(
-        self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = slice(None)
+        self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
     ) -> Float32[np.ndarray, "batch feature"]:
         """Begin new episodes.
 
         Args:
             seeds: One for each row, or one number: row i gets seed + i. None goes on with the
                 rows' streams.
-            rows: Which ones; all by default.
+            rows: Which ones, as an index or a mask; all by default.
 
         Returns:
             The observation of all rows.
@@ -158,8 +160,7 @@ class Batch:
         Raises:
             UserError: If a seed is negative, or a stream that goes on was never begun.
         """
-        chosen = np.zeros(self.size, bool)
-        chosen[rows] = True
+        chosen = self._chosen(rows)
         seeded = chosen & (seeds is not None)
         if seeds is None and not self._begun[chosen].all():
             raise UserError("the first reset needs a seed")
@@ -172,15 +173,15 @@ class Batch:
         self._begun[chosen] = True
         return self.observation
 
-    def step(self, actions: Any, auto_reset: bool = True, rows: Any = slice(None)) -> Decisions:
+    def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
         """Take one decision in every episode, or in some.
 
         Args:
             actions: One for each episode: 0 slower, 1 idle, 2 faster.
             auto_reset: Begin a new episode where one ended; `observation` then belongs to it.
                 Otherwise episodes that ended must be reset before the next step.
-            rows: Which ones decide; all by default. What is returned of the others is what
-                their last decision led to.
+            rows: Which ones decide, as an index or a mask; all by default. What is returned of
+                the others is what their last decision led to.
 
         Raises:
             UserError: If an action is not one of the three, or an episode has not begun or has
@@ -189,32 +190,36 @@ class Batch:
         chosen = np.asarray(actions)
         if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
             raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
-        if not ((chosen >= 0) & (chosen <= 2)).all():
+        if chosen.min() < 0 or chosen.max() > 2:
             raise UserError(f"actions must be 0, 1 or 2, got {sorted({*chosen.tolist()})}")
-        deciding = np.zeros(self.size, bool)
-        deciding[rows] = True
+        deciding = self._chosen(rows)
         if (self._waiting & deciding).any():
             raise UserError("an episode has not begun, or has ended: reset it first")
         command = DECIDE_AND_RESET if auto_reset else DECIDE
         commands = np.where(deciding, command, SKIP).astype(np.int8)
-        nothing = np.zeros(self.size, np.uint64)
-        self._engine.run(commands, nothing, np.zeros(self.size, bool), chosen.astype(np.int64))
+        self._engine.run(commands, self._no_seeds, self._unseeded, chosen.astype(np.int64))
         if not auto_reset:
             self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
         return self._decisions()
 
+    def _chosen(self, rows: Any) -> Bool[np.ndarray, " batch"]:
+        if rows is None:
+            return self._everyone
+        chosen = np.zeros(self.size, bool)
+        chosen[rows] = True
+        return chosen
+
     def _decisions(self) -> Decisions:
         made = self.buffers
-        rows = np.arange(self.size)
         return Decisions(
             observation=made.reached.reshape(self.size, -1).copy(),
-            rewards=RewardPair(made.rewards[:, 0].copy(), made.rewards[:, 1].copy()),
+            rewards=RewardPair(*made.rewards.T.copy()),
             ending=made.ending.copy(),
             signals=dict(zip(WEIGHTS, made.signals.T.copy(), strict=True)),
-            speed=made.after["speed"][rows, made.present[:, 1]],
+            speed=made.speed.copy(),
             contact=made.contact.copy(),
             neighbours_collided=made.neighbours_collided.copy(),
-            classical=RewardPair(made.classical[:, 0].copy(), made.classical[:, 1].copy()),
+            classical=RewardPair(*made.classical.T.copy()),
         )
 
     def save(self) -> State:

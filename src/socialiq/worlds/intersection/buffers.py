@@ -28,6 +28,7 @@ class Buffers(NamedTuple):
         signals: In the order of `WEIGHTS`, unweighted.
         rewards: r_env and r_social, (batch, 2).
         classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
+        speed: The ego's, m/s.
         ending: Values of `Ending`, int8.
         contact: Values of `Contact`, int8: who ran into whom, if the ego collided.
         neighbours_collided: Vehicles that crashed into one another.
@@ -45,6 +46,7 @@ class Buffers(NamedTuple):
     signals: np.ndarray
     rewards: np.ndarray
     classical: np.ndarray
+    speed: np.ndarray
     ending: np.ndarray
     contact: np.ndarray
     neighbours_collided: np.ndarray
@@ -68,6 +70,7 @@ class Buffers(NamedTuple):
             signals=np.zeros((size, len(WEIGHTS))),
             rewards=np.zeros((size, 2)),
             classical=np.zeros((size, 2)),
+            speed=np.zeros(rows),
             ending=np.zeros(rows, np.int8),
             contact=np.zeros(rows, np.int8),
             neighbours_collided=np.zeros(rows, np.int64),

@@ -21,6 +21,12 @@ def kernel(function: Callable[..., Any]) -> Any:
     return numba.njit(inspect.unwrap(function), error_model="numpy", nogil=True)
 
 
+def entry_point(function: Callable[..., Any]) -> Any:
+    """Compile a function whose `prange` loops may run on several threads, and cache it on disk."""
+    options = {"error_model": "numpy", "nogil": True, "parallel": True, "cache": True}
+    return numba.njit(inspect.unwrap(function), **options)
+
+
 def fingerprint() -> int:
     """A number that changes whenever any source of the core does.
 

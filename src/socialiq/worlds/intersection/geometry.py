@@ -153,38 +153,8 @@ CONNECTED, CONNECTED_OFFSETS = _connected()
 """Lanes on which a driver with connected lanes looks for a leader, in the order of looking."""
 
 
-def _lanes_of_line() -> np.ndarray:
-    straight = [number for number in range(N_LANES) if LANES[number]["straight"]]
-    middle = [(LANES[n]["x"] + LANES[n]["along_x"], LANES[n]["y"]) for n in straight]
-    half = LANE_WIDTH / 2
-    upright = [abs(LANES[number]["along_y"]) > 0.5 for number in straight]
-    lines = [
-        [
-            number
-            for number, (x, y), vertical in zip(straight, middle, upright, strict=True)
-            if vertical == (line < 2) and abs((x if line < 2 else y) - side) < 1e-6
-        ]
-        for line, side in enumerate((-half, half, -half, half))
-    ]
-    return np.array(lines)
-
-
-def _turns_of_centre() -> np.ndarray:
-    turns = [number for number in range(N_LANES) if not LANES[number]["straight"]]
-    centres = sorted({(round(LANES[n]["x"]), round(LANES[n]["y"])) for n in turns})
-    return np.array(
-        [
-            [n for n in turns if (round(LANES[n]["x"]), round(LANES[n]["y"])) == centre]
-            for centre in centres
-        ]
-    )
-
-
-LANES_OF_LINE = _lanes_of_line()
-"""The three straight lanes on each of the lines x = -2, x = 2, y = -2, y = 2."""
-TURNS_OF_CENTRE = _turns_of_centre()
-"""The right turn and the left turn around each of the four corners."""
-_SLACK = 1e-6  # m; more than rounding can make of a distance
+_CLOSE = 1.0  # so near to a lane that no other can be, on an arm
+_OUTSIDE = 15.0  # m from the centre; the junction's own lanes reach 11 m
 
 
 @kernel
@@ -243,42 +213,21 @@ def on_lane(lane, x, y, margin):
 def closest_lane(x, y, heading, guess, tie):
     """The lane that a vehicle is on: closest in metres sideways, beyond the ends, and radians.
 
-    The guess only saves time: lanes that are too far sideways are not looked at further. Of lanes
-    that are equally close, within `tie`, the first counts.
+    The guess only saves time: lanes that are too far sideways are not looked at further, and on an
+    arm of the road, where the next lane is 3 m away or more, none is. Of lanes that are
+    equally close, within `tie`, the first counts.
     """
     best = guess
     least = _misfit(guess, x, y, heading, math.inf)
-    for line in range(4):
-        if abs(_beside(line, x, y)) <= least + _SLACK:
-            for lane in LANES_OF_LINE[line]:
-                best, least = _closer(lane, best, least, x, y, heading, tie)
-    for centre in range(4):
-        arc = LANES[TURNS_OF_CENTRE[centre, 0]]
-        dx, dy = x - arc.x, y - arc.y
-        squared = dx * dx + dy * dy
-        for lane in TURNS_OF_CENTRE[centre]:
-            radius, far = LANES[lane].radius, least + _SLACK
-            if (radius - far) * abs(radius - far) <= squared <= (radius + far) * (radius + far):
-                best, least = _closer(lane, best, least, x, y, heading, tie)
+    if least < _CLOSE and max(abs(x), abs(y)) > _OUTSIDE:
+        return best
+    for number in range(N_LANES):
+        if number == guess:
+            continue
+        found = _misfit(number, x, y, heading, least + tie)
+        if found < least - tie or (found <= least + tie and number < best):
+            best, least = number, found
     return best
-
-
-@kernel
-def _beside(line, x, y):
-    """Distance to one of the four lines on which all straight lanes lie, but for rounding."""
-    across = x if line < 2 else y
-    return across - LANE_WIDTH / 2 if line % 2 else across + LANE_WIDTH / 2
-
-
-@kernel
-def _closer(number, best, least, x, y, heading, tie):
-    """Keep the closer of a lane and the best so far."""
-    if number == best:
-        return best, least
-    found = _misfit(number, x, y, heading, least + tie)
-    if found < least - tie or (found <= least + tie and number < best):
-        return number, found
-    return best, least
 
 
 @kernel

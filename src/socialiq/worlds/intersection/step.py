@@ -11,7 +11,7 @@ from socialiq.types import Ending
 from socialiq.worlds.intersection import rewards, spawn, stream
 from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP
 from socialiq.worlds.intersection.collisions import collide
-from socialiq.worlds.intersection.compile import fingerprint, kernel
+from socialiq.worlds.intersection.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.intersection.ego import choose, control, route_coordinate
 from socialiq.worlds.intersection.observation import observe
 from socialiq.worlds.intersection.rules import enforce
@@ -91,6 +91,7 @@ def annotate(buffers, row, settings):
     buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
     own, others = rewards.classical(before, after, count, ego, settings)
     buffers.classical[row, 0], buffers.classical[row, 1] = own, others
+    buffers.speed[row] = after[ego].speed
     buffers.ending[row] = ending
     buffers.contact[row] = episode.contact if after[ego].crashed else _NO_CONTACT
     buffers.neighbours_collided[row] = rewards.neighbours_collided(before, after, count, ego)
@@ -122,7 +123,7 @@ def _one(buffers, row, command, action, settings):
 
 
 def _entry(sources: int):
-    @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+    @entry_point
     def run(buffers, commands, entropy, seeded, actions, settings):
         for row in numba.prange(len(commands)):
             if seeded[row]:

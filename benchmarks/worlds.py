@@ -1,0 +1,129 @@
+"""Policy steps per second of the intersection: the core beside the real highway-env, in one run.
+
+Both drive the same episodes, random actions, resets included. Measured in turn, so that a busy
+machine slows both; medians are given. Compilation is measured apart, in processes of their own.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+HIGHWAY_STEPS = 150
+CORE_STEPS = 30_000
+BATCH = 64  # for one thread
+WIDE_BATCH = 1024  # for two: below that they wait for one another
+DENSITIES = (0.0, 0.3, 0.6, 1.0)  # spawn probabilities
+
+_START = """
+import time
+import numba
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+begin = time.perf_counter()
+Batch(Options(), 1).reset(0)
+print(time.perf_counter() - begin)
+"""
+
+
+def run(repeats: int) -> dict[str, Any]:
+    """Measure each side in turn, `repeats` times.
+
+    Returns:
+        Medians by name: steps per second, ratios, seconds.
+
+    Raises:
+        UserError: If highway-env is not installed.
+    """
+    options = Options()
+    real = real_environment(options)
+    core = Batch(options, BATCH)
+    wide = {threads: Batch(options, WIDE_BATCH, threads) for threads in (1, 2)}
+    rates: dict[str, list[float]] = {}
+    for _ in range(repeats):
+        _note(rates, "highway_env_steps_per_s", lambda: real_steps_per_second(real))
+        _note(rates, "steps_per_s_1_thread", lambda: steps_per_second(core, CORE_STEPS))
+        for threads, batch in wide.items():
+            name = f"steps_per_s_{threads}_threads" if threads > 1 else "steps_per_s_wide_1_thread"
+            _note(rates, name, lambda batch=batch: steps_per_second(batch, 2 * CORE_STEPS))
+    found = {name: statistics.median(values) for name, values in rates.items()}
+    ratios = np.divide(rates["steps_per_s_1_thread"], rates["highway_env_steps_per_s"])
+    scaling = np.divide(rates["steps_per_s_2_threads"], rates["steps_per_s_wide_1_thread"])
+    return {
+        **found,
+        "ratio": float(np.median(ratios)),
+        "two_thread_scaling": float(np.median(scaling)),
+        **by_density(repeats),
+        **start_up(),
+    }
+
+
+def _note(rates: dict[str, list[float]], name: str, measure: Callable[[], float]) -> None:
+    rates.setdefault(name, []).append(measure())
+
+
+def real_environment(options: Options) -> Any:
+    """highway-env's own class with our configuration and nothing around it."""
+    from socialiq.worlds.intersection.highway import IntersectionEnv, environment_config
+
+    return IntersectionEnv(config=environment_config(options))
+
+
+def real_steps_per_second(environment: Any) -> float:
+    """Policy steps per second under random actions, resets included."""
+    actions = np.random.default_rng(0).integers(3, size=HIGHWAY_STEPS)
+    environment.reset(seed=0)
+    begin = time.perf_counter()
+    for action in actions:
+        _, _, terminated, truncated, _ = environment.step(int(action))
+        if terminated or truncated:
+            environment.reset()
+    return HIGHWAY_STEPS / (time.perf_counter() - begin)
+
+
+def steps_per_second(batch: Batch, steps: int) -> float:
+    """Policy steps per second of a batch under random actions, resets included."""
+    rounds = -(-steps // batch.size)
+    actions = np.random.default_rng(0).integers(3, size=(rounds, batch.size))
+    batch.reset(0)
+    begin = time.perf_counter()
+    for row in actions:
+        batch.step(row)
+    return rounds * batch.size / (time.perf_counter() - begin)
+
+
+def by_density(repeats: int) -> dict[str, float]:
+    """Microseconds of a step, and vehicles present, by spawn probability."""
+    found = {}
+    for probability in DENSITIES:
+        batch = Batch(Options(spawn_probability=probability), BATCH)
+        rates = [steps_per_second(batch, CORE_STEPS) for _ in range(repeats)]
+        name = f"spawn_{probability:g}"
+        found[f"{name}_us_per_step"] = 1e6 / statistics.median(rates)
+        found[f"{name}_vehicles"] = float(np.mean(batch.buffers.present[:, 0]))
+    return found
+
+
+def start_up() -> dict[str, float]:
+    """Seconds until the first episode has begun: compiled anew, and from the cache on disk."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"NUMBA_CACHE_DIR": folder}
+
+        def seconds() -> float:
+            done = subprocess.run(
+                [sys.executable, "-c", _START], env=environment, capture_output=True, check=True
+            )
+            return float(done.stdout)
+
+        return {"compile_s": seconds(), "cached_start_s": min(seconds() for _ in range(3))}

@@ -1,0 +1,107 @@
+"""Holding the core against the real highway-env: the same seeds, the same actions, every field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.types import Ending
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import RulePolicy, policy
+from socialiq.worlds.intersection.state import VEHICLE
+
+POLICIES = ("go", "idle", "wait", "random")  # in turn, by episode
+
+DISCRETE = tuple(
+    name for name in VEHICLE.names or () if not np.issubdtype(VEHICLE[name], np.floating)
+)
+CONTINUOUS = tuple(name for name in VEHICLE.names or () if name not in DISCRETE)
+
+
+class Compared(NamedTuple):
+    """One episode on both sides.
+
+    Attributes:
+        seed: Of the episode.
+        steps: Decisions compared; an episode is left at its first discrete difference.
+        discrete_differences: 1 if vehicles, their order, lanes, flags, ending or contact differ
+            anywhere, else 0.
+        max_deviation: Greatest difference of any continuous field: m, rad, m/s, m/s².
+        max_observation_deviation: Greatest difference of any number of the observation.
+        max_reward_deviation: Greatest difference of r_env or r_social.
+    """
+
+    seed: int
+    steps: int
+    discrete_differences: int
+    max_deviation: float
+    max_observation_deviation: float
+    max_reward_deviation: float
+
+
+def compare(options: Options, episodes: int, seed: int) -> Iterator[Compared]:
+    """Play seeded episodes on the core and on highway-env, and compare after every decision.
+
+    Args:
+        options: The scenario.
+        episodes: How many; the policies go, idle, wait and random take turns.
+        seed: Of the first; episode i has seed + i.
+
+    Raises:
+        UserError: If no episode is asked for, or highway-env is not installed.
+    """
+    if episodes < 1:
+        raise UserError(f"episodes must be at least 1, got {episodes}")
+    core, real = Batch(options, 1), Batch(options, 1, back_end="highway_env")
+    for number in range(episodes):
+        driver = policy(POLICIES[number % len(POLICIES)], seed + number)
+        yield _episode(core, real, driver, seed + number)
+
+
+def _episode(core: Batch, real: Batch, driver: RulePolicy, seed: int) -> Compared:
+    observation = core.reset([seed])
+    worst = np.array([0.0, np.abs(real.reset([seed]) - observation).max(), 0.0])
+    steps, going = 0, _same(core, real)
+    if going:
+        worst[0] = _deviation(core, real)
+    while going:
+        action, _ = driver.predict(observation)
+        ours, theirs = core.step(action, auto_reset=False), real.step(action, auto_reset=False)
+        steps += 1
+        ended_alike = ours.ending[0] == theirs.ending[0] and ours.contact[0] == theirs.contact[0]
+        if not (ended_alike and _same(core, real)):
+            return Compared(seed, steps, 1, *worst.tolist())
+        seen = np.abs(ours.observation - theirs.observation).max()
+        paid = np.abs(np.subtract(ours.rewards, theirs.rewards)).max()
+        worst = np.maximum(worst, [_deviation(core, real), seen, paid])
+        observation = ours.observation
+        going = int(ours.ending[0]) == Ending.NONE
+    return Compared(seed, steps, int(steps == 0), *worst.tolist())
+
+
+def _present(batch: Batch) -> np.ndarray:
+    return batch.buffers.vehicles[0, : int(batch.buffers.episodes[0]["vehicles"])]
+
+
+def _same(core: Batch, real: Batch) -> bool:
+    """Whether both have the same vehicles in the same order with the same lanes and flags."""
+    ours, theirs = _present(core), _present(real)
+    if len(ours) != len(theirs):
+        return False
+    return all(np.array_equal(ours[name], theirs[name]) for name in DISCRETE)
+
+
+def _deviation(core: Batch, real: Batch) -> float:
+    ours, theirs = _present(core), _present(real)
+    return max(
+        float(np.abs(_finite(ours[name]) - _finite(theirs[name])).max()) for name in CONTINUOUS
+    )
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    """Infinite desired speeds are equal on both sides; their difference should be 0."""
+    return np.where(np.isinf(values), 1e300, values)
