@@ -13,18 +13,18 @@ import socialiq
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 
-BENCHMARKS = ("learners",)
+BENCHMARKS = ("learners", "worlds")
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Measure speed: learners against an eager PyTorch IQ-Learn of the same sizes.
+    """Measure speed: learners beside eager PyTorch, worlds beside the real highway-env.
 
-    Example: socialiq bench learners
+    Example: socialiq bench worlds
     """
 
     benchmark: Annotated[str, tyro.conf.Positional]
-    """learners."""
+    """learners or worlds."""
     repeats: int = 3
     """Runs of each side, in turn; medians and their ratios are printed."""
     json: bool = False

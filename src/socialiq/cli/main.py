@@ -11,9 +11,11 @@ import tyro
 
 from socialiq.cli.bench import Bench
 from socialiq.cli.collect import Collect
+from socialiq.cli.conformance import Conformance
 from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
-from socialiq.cli.solve import Front, Render, Solve
+from socialiq.cli.render import Render
+from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Claims, Demo, Reproduce
 from socialiq.cli.train import Train
 from socialiq.errors import UserError
@@ -30,6 +32,7 @@ Command = (
     | Annotated[Evaluate, _name("evaluate")]
     | Annotated[Reproduce, _name("reproduce")]
     | Annotated[Claims, _name("claims")]
+    | Annotated[Conformance, _name("conformance")]
     | Annotated[Bench, _name("bench")]
 )
 

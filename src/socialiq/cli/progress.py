@@ -67,7 +67,7 @@ class Display:
 
 
 def describe(report: Report) -> str:
-    """Named loss terms, max |Q|, α̂ (least and greatest of the lanes), updates per second."""
+    """Named loss terms, max |Q|, α̂ (least and greatest of the lanes), the rate."""
     shown = {name: value for name, value in report.terms.items() if name != "max_q"}
     parts = [f"{name} {value:.3g}" for name, value in shown.items()]
     if "max_q" in report.terms:
@@ -76,4 +76,5 @@ def describe(report: Report) -> str:
         angles = report.monitored["greedy_angle"]
         low, high = np.min(angles), np.max(angles)
         parts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
-    return " ".join(parts) + f", {report.rate:,.0f} updates/s"
+    rate = f"{report.rate:,.0f}" if report.rate >= 10 else f"{report.rate:.1f}"
+    return " ".join([*parts, f"{rate} {report.unit}/s"])

@@ -1,9 +1,8 @@
-"""`solve`, `front` and `render`: a world's exact side, and its picture."""
+"""`solve` and `front`: a gridworld's exact side."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -11,15 +10,11 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
-from socialiq.evaluation.rollout import rollout_table
-from socialiq.figures.style import png
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.social.angle import angle_of, check_angle, weights
 from socialiq.social.score import score
-from socialiq.storage import write_atomically
-from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.experts import expert_policy
-from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
 
 World = Annotated[str, tyro.conf.Positional]
@@ -112,36 +107,3 @@ class Front:
             print_table(vertices, "Pareto front (degrees; optimal_from/to: angles it is best for)")
             print_table(radii, "Largest mean reward vector at each angle, by mixing policies")
         return 0
-
-
-@dataclass(frozen=True)
-class Render:
-    """Draw a world's first state, or one episode of its expert as a filmstrip.
-
-    Example: socialiq render crossing7 --angle 45 --out episode.png
-    """
-
-    world: World
-    """crossing5 or crossing7."""
-    out: Path
-    """PNG file to write."""
-    angle: float | None = None
-    """Draw an episode of this angle's expert; without it, the first state."""
-    seed: int = 0
-    """Of the episode."""
-
-    def run(self) -> int:
-        """Draw and write."""
-        table = tabulate(make_grid(self.world))
-        if self.angle is None:
-            drawn = picture(table.world, table.world.start[0][0])
-        else:
-            drawn = filmstrip(table.world, _episode(table, check_angle(self.angle), self.seed))
-        write_atomically(self.out, png({"picture": drawn})["picture"])
-        return 0
-
-
-def _episode(table: Table, angle: float, seed: int) -> list[list[int]]:
-    steps = rollout_table(table, expert_policy(table, angle), 1, seed).transitions
-    states = np.vstack([steps.observation, steps.next_observation[-1:]])
-    return states.astype(int).tolist()

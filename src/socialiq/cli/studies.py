@@ -18,6 +18,7 @@ from socialiq.errors import one_of
 from socialiq.figures import alternatives as alternatives_figures
 from socialiq.figures import classic_control as classic_control_figures
 from socialiq.figures import grid as grid_figures
+from socialiq.figures import intersection_world as intersection_world_figures
 from socialiq.figures import lambda_sweep as lambda_sweep_figures
 from socialiq.figures import poc as poc_figures
 from socialiq.figures import worlds as worlds_figures
@@ -27,6 +28,7 @@ from socialiq.thesis import (
     claims,
     classic_control,
     grid,
+    intersection_world,
     lambda_sweep,
     poc,
     store,
@@ -50,19 +52,21 @@ STUDIES = {
     "grid": Study(grid, grid_figures.draw, "pooled"),
     "lambda-sweep": Study(lambda_sweep, lambda_sweep_figures.draw, "pooled"),
     "alternatives": Study(alternatives, alternatives_figures.draw, "pooled"),
+    "intersection-world": Study(intersection_world, intersection_world_figures.draw, "outcomes"),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
 
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Run a study: worlds (5.1), poc (6.1), grid (6.2), alternatives (B), lambda-sweep (D).
+    """Run a study: worlds and intersection-world (5.1), poc (6.1), grid (6.2), and the appendices.
 
     Example: socialiq reproduce grid --out my-results
     """
 
     study: Annotated[str, tyro.conf.Positional]
-    """worlds, poc, grid, alternatives, lambda-sweep; or classic-control, an outside check."""
+    """worlds, intersection-world, poc, grid, alternatives (appendix B), lambda-sweep (D); or
+    classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()
@@ -196,6 +200,10 @@ def show(results: Results) -> None:
         angles = ("reading", "egoistic_angle", "prosocial_angle", "altruistic_angle")
         rows = [{key: row[key] for key in angles} for row in results.tables["crossing7_readings"]]
         print_table(rows, "crossing7: angle of the optimum by reading, degrees")
+    elif results.study == "intersection-world":
+        shown = ("population", "driver", *intersection_world.OUTCOMES, "ego_struck", "speed_kmh")
+        rows = [{key: row[key] for key in shown} for row in results.tables["outcomes"]]
+        print_table(rows, "shares of episodes; ego_struck: the ego ran into another")
     elif results.study == "lambda-sweep":
         kind = results.config["target_kinds"][0]
         rows = [

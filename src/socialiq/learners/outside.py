@@ -20,13 +20,14 @@ class Report(NamedTuple):
     """What a progress display is told after each chunk.
 
     Attributes:
-        done: Updates done, of each lane.
-        total: Updates to do.
-        rate: Updates per second, summed over lanes, since this process started.
+        done: Units of work done, of each lane.
+        total: Units to do.
+        rate: Units per second, summed over lanes, since this process started.
         seconds_left: Estimated.
         terms: Mean of each named term over the chunk and over sound lanes.
         monitored: What the monitor returned, each (lanes,).
         failures: One line for each lane that has stopped.
+        unit: What is counted.
     """
 
     done: int
@@ -36,6 +37,7 @@ class Report(NamedTuple):
     terms: dict[str, float]
     monitored: dict[str, np.ndarray]
     failures: tuple[str, ...]
+    unit: str = "updates"
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from socialiq.types import RewardPair
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds.intersection.batch import BackEnd, Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.render import Scene
 from socialiq.worlds.intersection.settings import WEIGHTS
@@ -26,7 +26,7 @@ def present_scene(batch: Batch, row: int = 0) -> Scene:
     charged = made.after["identity"][row][made.braking[row]]
     time = float(made.episodes[row]["time"])
     braking = np.isin(vehicles["identity"], charged) & (time > 0)
-    return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, f"{time:.1f} s")
+    return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "")
 
 
 def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
@@ -43,7 +43,29 @@ def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
     for frame, vehicles in enumerate(made.trace[row]):
         time = end - (len(made.trace[row]) - 1 - frame) / batch.options.simulation_frequency
         braking = made.braking[row, :count].copy()
-        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, f"{time:.1f} s")
+        yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "")
+
+
+def episode_scenes(
+    options: Options, policy: Policy, seed: int, back_end: BackEnd = "core"
+) -> list[Scene]:
+    """One episode: its first state, then every sub-step.
+
+    Args:
+        options: The scenario.
+        policy: Who drives.
+        seed: Of the episode.
+        back_end: "core", or "highway_env", which shows decisions only.
+    """
+    traced = back_end == "core"
+    batch = Batch(options, 1, back_end=back_end, traced=traced)
+    batch.reset([seed])
+    scenes, ending = [present_scene(batch)], Ending.NONE
+    while ending == Ending.NONE:
+        action, _ = policy.predict(batch.observation)
+        ending = Ending(int(batch.step(action, auto_reset=False).ending[0]))
+        scenes += decision_scenes(batch) if traced else [present_scene(batch)]
+    return [*scenes[:-1], scenes[-1]._replace(caption=ending.name.lower())]
 
 
 def _rewards(batch: Batch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:

@@ -1,0 +1,86 @@
+"""`conformance`: is the compiled intersection still highway-env?"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from socialiq.cli.output import print_json, print_table
+from socialiq.cli.progress import Display
+from socialiq.errors import UserError
+from socialiq.learners.outside import Clock
+from socialiq.worlds.intersection.options import Options
+
+PORTABLE = {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"}
+"""Makes numpy, and with it highway-env, use the C library's functions, as the core does."""
+
+
+@dataclass(frozen=True)
+class Conformance:
+    """Compare the compiled intersection with the real highway-env, decision by decision.
+
+    Exit status 1 if they differ.
+
+    Example: socialiq conformance --episodes 40 --seed 7 --population thesis
+    """
+
+    episodes: int = 20
+    """Episodes to compare; the drivers go, idle, wait and random take turns."""
+    seed: int = 0
+    """Of the first episode; the others follow."""
+    population: str = "highway_env"
+    """Other drivers: highway_env or thesis."""
+    connected: bool = False
+    """Drivers look beyond the end of their lane, as in intersection-v2."""
+    default_numpy: bool = False
+    """Leave numpy its AVX-512 routines, where highway-env itself is an ulp off. Tolerates
+    deviations, but no discrete difference."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Compare, in a process with portable arithmetic unless told otherwise."""
+        if self.seed < 0:
+            raise UserError(f"seed must be at least 0, got {self.seed}")
+        options = Options(population=self.population, connected_lanes=self.connected)
+        if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
+            return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
+        found = self.compare(options)
+        if self.json:
+            print_json(found)
+        else:
+            print_table([{"compared": name, "value": value} for name, value in found.items()])
+        exact = not self.default_numpy
+        return int(found["discrete_differences"] > 0 or (exact and found["max_deviation"] > 0))
+
+    def _again(self) -> list[str]:
+        command = [sys.executable, "-m", "socialiq", "conformance"]
+        command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
+        command += ["--population", self.population]
+        flags = {"--connected": self.connected, "--json": self.json}
+        return command + [flag for flag, wanted in flags.items() if wanted]
+
+    def compare(self, options: Options) -> dict[str, float]:
+        """Totals and worst deviations over the episodes."""
+        from socialiq.worlds.intersection.conformance import compare
+
+        rows = []
+        with Display() as display:
+            report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)
+            for episode in compare(options, self.episodes, self.seed):
+                rows.append(episode)
+                told = clock.report(len(rows), {}, {}, ())
+                report(told._replace(unit="episodes"))
+        columns = {name: [getattr(row, name) for row in rows] for name in rows[0]._fields}
+        return {
+            "episodes": len(rows),
+            "steps": int(np.sum(columns["steps"])),
+            "discrete_differences": int(np.sum(columns["discrete_differences"])),
+            "max_deviation": float(np.max(columns["max_deviation"])),
+            "max_observation_deviation": float(np.max(columns["max_observation_deviation"])),
+            "max_reward_deviation": float(np.max(columns["max_reward_deviation"])),
+        }
