@@ -1,4 +1,4 @@
-"""The benchmark runs to its end beside the real PyTorch; its figures are not judged here."""
+"""The benchmarks run to their end beside the real peers; their figures are not judged here."""
 
 import json
 
@@ -14,3 +14,11 @@ def test_bench_learners_prints_one_json_object(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["ratio_to_torch"] > 0
     assert found["sweep_lanes"] == 65
+
+
+def test_bench_worlds_prints_one_json_object(capsys):
+    pytest.importorskip("highway_env", reason="extra `highway` is not installed")
+    assert main(["bench", "worlds", "--repeats", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ratio"] > 0
+    assert found["steps_per_s_2_threads"] > 0

@@ -1,0 +1,62 @@
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from socialiq.worlds.intersection.batch import Batch, Decisions
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import VEHICLE
+
+
+@pytest.fixture
+def as_a_user_runs_it() -> Iterator[None]:
+    """Run-time type checks, which users don't have, would refuse some mistakes first."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.ndarray:
+    """A vehicle's record; 0 degrees is east, -90 north."""
+    record = np.zeros((), VEHICLE)
+    heading = math.radians(degrees)
+    place = {"x": x, "y": y, "heading": heading, "speed": speed}
+    for name, value in {**place, "desired_speed": math.inf, **fields}.items():
+        record[name] = value
+    record["along_x"], record["along_y"] = round(math.cos(heading), 15), round(math.sin(heading), 15)
+    return record
+
+
+@pytest.fixture(name="car", scope="session")
+def car_fixture() -> Callable[..., np.ndarray]:
+    return car
+
+
+def actions_of(size: int, seed: int) -> Iterator[np.ndarray]:
+    """Random actions of a batch, for ever."""
+    rng = np.random.default_rng(seed)
+    return (rng.integers(3, size=size) for _ in itertools.count())
+
+
+@pytest.fixture(name="actions_of", scope="session")
+def actions_fixture() -> Callable[[int, int], Iterator[np.ndarray]]:
+    return actions_of
+
+
+def drive(
+    options: Options, size: int, steps: int, seed: int = 0, traced: bool = False
+) -> Iterator[tuple[Batch, Decisions]]:
+    """Random decisions with automatic resets; the same batch is yielded after each."""
+    batch = Batch(options, size, traced=traced)
+    batch.reset(seed)
+    for action in itertools.islice(actions_of(size, seed), steps):
+        yield batch, batch.step(action)
+
+
+@pytest.fixture(name="drive", scope="session")
+def drive_fixture() -> Callable[..., Iterator[tuple[Batch, Decisions]]]:
+    return drive
