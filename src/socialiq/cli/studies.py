@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
-from socialiq.errors import one_of
+from socialiq.errors import UserError, one_of
 from socialiq.figures import alternatives as alternatives_figures
 from socialiq.figures import classic_control as classic_control_figures
 from socialiq.figures import grid as grid_figures
@@ -36,6 +37,7 @@ from socialiq.thesis import (
 )
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.store import Results, Row
+from socialiq.worlds.intersection.batch import BACK_ENDS
 
 
 class Study(NamedTuple):
@@ -71,6 +73,10 @@ class Reproduce:
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()
     """Training seeds; by default those of the committed results."""
+    episodes: int | None = None
+    """Episodes, in studies that count them."""
+    back_end: str = ""
+    """core or highway_env, in studies of the intersection."""
     replace: bool = False
     """Replace the results that are in the folder."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -97,9 +103,27 @@ class Reproduce:
     def compute(self) -> Results:
         """Run the study with its progress shown."""
         module = STUDIES[self.study].module
-        config = module.Config(seeds=self.seeds) if self.seeds else module.Config()
+        config = module.Config(**self.given(module.Config))
         with Display() as display:
             return module.run(config, display.stage)
+
+    def given(self, kind: Any) -> dict[str, Any]:
+        """The options of the study that were given.
+
+        Raises:
+            UserError: If the study has no such option.
+        """
+        options = {"seeds": self.seeds, "episodes": self.episodes, "back_end": self.back_end}
+        found = {name: value for name, value in options.items() if value not in ((), None, "")}
+        names = {field.name for field in dataclasses.fields(kind)}
+        for name in found:
+            if name not in names:
+                raise UserError(f"{self.study} has no --{name.replace('_', '-')}: leave it out")
+        if "back_end" in found:
+            one_of("back end", self.back_end, BACK_ENDS)
+        if self.episodes is not None and self.episodes < 1:
+            raise UserError(f"episodes must be at least 1, got {self.episodes}")
+        return found
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ STUDIES = (
     "worlds",
     "alternatives",
     "theory",
+    "intersection-world",
     "intersection",
     "none",
 )
@@ -39,6 +40,7 @@ _COMMANDS = {
     "worlds": "socialiq reproduce worlds",
     "alternatives": "socialiq reproduce alternatives",
     "theory": "pytest tests/identities",
+    "intersection-world": "socialiq reproduce intersection-world",
     "intersection": "",
     "none": "",
 }

@@ -15,13 +15,14 @@ from socialiq.learners.outside import Clock
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.store import Results, Row
 from socialiq.types import Ending
+from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES, policy
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import make
 
 STUDY = "intersection-world"
-BATCH = 1024
+BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
 KMH = 3.6  # km/h of a m/s
 
 POPULATIONS = ("highway_env", "thesis")
@@ -58,6 +59,8 @@ class Config:
     """For each reading of the reward and driver."""
     threads: int = 2
     """Threads that share the episodes; nothing depends on it."""
+    back_end: BackEnd = "core"
+    """core, or highway_env for the real one, which takes hundreds of times as long."""
 
 
 def run(config: Config | None = None, watch: Watch = silent) -> Results:
@@ -77,7 +80,8 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
         for (reading, driver), episodes in _read(config, watch)
     ]
     tables = {"outcomes": outcomes, "readings": readings}
-    return Results.of(STUDY, config, tables, _summary(outcomes, readings))
+    summary = _summary(outcomes, readings) | {"start": start_row(config)}
+    return Results.of(STUDY, config, tables, summary)
 
 
 Cells = list[tuple[tuple[str, str], dict[str, Any]]]
@@ -96,7 +100,8 @@ def _read(config: Config, watch: Watch) -> Iterator[tuple[tuple[str, str], Episo
     cells: Cells = [
         ((_name(reading), driver), reading) for reading in READINGS for driver in READING_DRIVERS
     ]
-    yield from _cells(cells, config.reading_episodes, config, watch, "readings")
+    episodes = min(config.reading_episodes, config.episodes)
+    yield from _cells(cells, episodes, config, watch, "readings")
 
 
 def _cells(
@@ -106,7 +111,8 @@ def _cells(
     report, clock = watch(stage), Clock(0, len(cells) * episodes, 1)
     first = config.seeds[0]
     for number, (key, options) in enumerate(cells, start=1):
-        batch = make(Options(**options)).batch(min(BATCH, episodes), config.threads)
+        size = min(BATCH[config.back_end], episodes)
+        batch = make(Options(**options)).batch(size, config.threads, config.back_end)
         yield key, episodes_of(batch, policy(key[1], first), np.arange(first, first + episodes))
         if report is not None:
             told = clock.report(number * episodes, {}, {}, ())
@@ -161,6 +167,23 @@ def reward_row(episodes: Episodes) -> Row:
     }
 
 
+def start_row(config: Config) -> Row:
+    """Who is there when an episode begins, the ego included, and how far the ego is along."""
+    count, first = config.reading_episodes, config.seeds[0]
+    batch = make(Options()).batch(count, config.threads)
+    batch.reset(np.arange(first, first + count))
+    present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"]
+    return {
+        "episodes": count,
+        "vehicles_mean": float(present.mean()),
+        "vehicles_least": int(present.min()),
+        "vehicles_most": int(present.max()),
+        "share_with_five": float((present == 5).mean()),
+        "ego_metres_least": float(began.min()),
+        "ego_metres_mean": float(began.mean()),
+    }
+
+
 def _summary(outcomes: list[Row], readings: list[Row]) -> dict[str, Any]:
     def nested(rows: list[Row], first: str, second: str) -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -176,4 +199,6 @@ def _summary(outcomes: list[Row], readings: list[Row]) -> dict[str, Any]:
             [row for row in readings if row["reading"] == "default"], "reading", "driver"
         )["default"],
         "options": options,
+        "features": make(Options()).n_features,
+        "actions": make(Options()).n_actions,
     }

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import typing
 from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import crossing5, crossing7, intersection
+from socialiq.worlds.choices import chosen
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.world import Intersection
 
@@ -27,13 +26,7 @@ def make(name: str, **options: Any) -> GridWorld | Intersection:
     """
     one_of("world", name, tuple(WORLDS))
     module = WORLDS[name]
-    fields = {field.name: field for field in dataclasses.fields(module.Options)}
-    for option in options:
-        one_of(f"option of {name}", option, tuple(fields))
-    kinds = typing.get_type_hints(module.Options)
-    for option, value in options.items():
-        _check_literal(name, option, value, kinds[option])
-    return module.make(module.Options(**options))
+    return module.make(chosen(name, module.Options, options))
 
 
 def make_grid(name: str, **options: Any) -> GridWorld:
@@ -51,13 +44,3 @@ def make_grid(name: str, **options: Any) -> GridWorld:
     world = make(name, **options)
     assert isinstance(world, GridWorld)
     return world
-
-
-def _check_literal(world: str, option: str, value: Any, kind: Any) -> None:
-    """Refuse a value that the option's Literal type doesn't list."""
-    allowed = typing.get_args(kind)
-    if typing.get_origin(kind) is typing.Literal and value not in allowed:
-        raise UserError(
-            f"unknown value '{value}' for {option} of {world}: "
-            f"choose one of {', '.join(map(str, allowed))}"
-        )

@@ -14,8 +14,9 @@ from socialiq.errors import UserError
 from socialiq.social.angle import check_angle, weights
 from socialiq.social.score import score
 from socialiq.types import Ending
-from socialiq.worlds import registry
+from socialiq.worlds.choices import chosen
 from socialiq.worlds.intersection.batch import BackEnd, Batch, Decisions
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import Intersection
 
@@ -56,7 +57,7 @@ class IntersectionEnv(gymnasium.Env):
         back_end: BackEnd = "core",
         **options: Any,
     ) -> None:
-        self.world = _world(options)
+        self.world = Intersection(chosen("intersection", Options, options))
         self.render_mode = render_mode
         self._weights = weights(check_angle(angle))
         self.observation_space, self.action_space = _spaces(self.world)
@@ -129,7 +130,7 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
         **options: Any,
     ) -> None:
-        self.world = _world(options)
+        self.world = Intersection(chosen("intersection", Options, options))
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": autoreset_mode}
         self.autoreset_mode = autoreset_mode
@@ -182,12 +183,6 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
         if same_step and (terminated | truncated).any():
             info |= _final(made.observation, terminated | truncated)
         return self.batch.observation, reward, terminated, truncated, info
-
-
-def _world(options: dict[str, Any]) -> Intersection:
-    world = registry.make("intersection", **options)
-    assert isinstance(world, Intersection)
-    return world
 
 
 def _masked(made: Decisions, mask: np.ndarray) -> dict[str, Any]:

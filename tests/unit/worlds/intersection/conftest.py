@@ -27,7 +27,10 @@ def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.n
     place = {"x": x, "y": y, "heading": heading, "speed": speed}
     for name, value in {**place, "desired_speed": math.inf, **fields}.items():
         record[name] = value
-    record["along_x"], record["along_y"] = round(math.cos(heading), 15), round(math.sin(heading), 15)
+    record["along_x"], record["along_y"] = (
+        round(math.cos(heading), 15),
+        round(math.sin(heading), 15),
+    )
     return record
 
 

@@ -61,7 +61,7 @@ def test_who_will_touch_is_pushed_now_and_crashes_later(car):
 
 @pytest.mark.parametrize(
     ("x", "y", "degrees"),
-    [(4.1, 0, NORTH), (2, 5.1, NORTH), (2, 3.6, EAST), (4.6, 3.6, 45.0), (2, -5.1, NORTH)],
+    [(4.1, 0, NORTH), (2, 5.1, NORTH), (2, 3.6, EAST), (5.2, 4.2, 45.0), (2, -5.1, NORTH)],
 )
 def test_cars_apart_are_left_alone(x, y, degrees, car):
     vehicles, contact = collided(car(2, 0, NORTH, 0), car(x, y, degrees, 0))
