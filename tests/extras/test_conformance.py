@@ -1,12 +1,18 @@
 """The compiled intersection is highway-env: 208 seeded episodes, every field, to the last bit."""
 
+import dataclasses
 import json
 import subprocess
 import sys
 
 import pytest
 
-EPISODES = 52
+pytest.importorskip("highway_env", reason="extra `highway` is not installed")
+
+from socialiq.worlds.intersection import conformance as conformance_module
+from socialiq.worlds.intersection.options import Options
+
+EPISODES = 52  # of each population and lane mode
 
 
 def conformance(*arguments):
@@ -36,3 +42,23 @@ def test_default_numpy_has_no_discrete_difference():
     status, found = conformance("--episodes", 12, "--seed", 32_000, "--default-numpy")
     assert found["discrete_differences"] == 0
     assert status == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "noticed"),
+    [
+        ({"spawn_probability": 0.9}, "discrete_differences"),
+        ({"target_speeds": (0.0, 4.4, 8.8)}, "max_deviation"),
+        ({"progress_unit": 27.0}, "max_reward_deviation"),
+    ],
+)
+def test_a_difference_is_noticed(monkeypatch, change, noticed):
+    real = conformance_module.Batch
+
+    def batch(options, size, back_end="core"):
+        options = dataclasses.replace(options, **change) if back_end == "core" else options
+        return real(options, size, back_end=back_end)
+
+    monkeypatch.setattr(conformance_module, "Batch", batch)
+    compared = list(conformance_module.compare(Options(), 4, 0))
+    assert max(getattr(episode, noticed) for episode in compared) > 0

@@ -7,13 +7,14 @@ discrete, of runs whose decisions are not close calls.
 
 import pytest
 
-from socialiq.thesis import claims, grid, lambda_sweep, poc, store, worlds
+from socialiq.thesis import claims, grid, intersection_world, lambda_sweep, poc, store, worlds
 
 
 @pytest.fixture(scope="module")
 def committed():
     folder = claims.packaged_results()
-    return {name: store.load(folder / name) for name in ("worlds", "poc", "grid", "lambda-sweep")}
+    names = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world")
+    return {name: store.load(folder / name) for name in names}
 
 
 def test_exact_facts_are_equal(committed):
@@ -82,3 +83,23 @@ def test_the_ends_of_the_sweep_are_equal(committed):
             assert row["angle"] == pytest.approx(theirs[key]["angle"], abs=1e-5)
             compared += 1
     assert compared == 3  # the baseline, and both ends
+
+
+@pytest.mark.parametrize("driver", ["go", "gap_3s"])
+def test_the_intersection_pays_and_ends_as_before(committed, driver):
+    results = committed["intersection-world"]
+    seed, episodes = results.config["seeds"][0], results.config["reading_episodes"]
+    again = intersection_world.drive({}, driver, range(seed, seed + episodes))
+    theirs = results.summary["default_reading"][driver]
+    found = intersection_world.reward_row(again)
+    for name in ("collision", "arrival", "timeout"):
+        # A processor may round an episode or two out of five thousand to another end.
+        assert found[name] == pytest.approx(theirs[name], abs=4.1e-4)
+    for name in ("r_env", "r_social", "classical_own", "yielding_active"):
+        assert found[name] == pytest.approx(theirs[name], abs=0.01)
+
+
+def test_the_intersection_begins_as_before(committed):
+    results = committed["intersection-world"]
+    again = intersection_world.start_row(intersection_world.Config())
+    assert store.rounded(again) == results.summary["start"]

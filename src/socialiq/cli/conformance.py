@@ -46,6 +46,8 @@ class Conformance:
         """Compare, in a process with portable arithmetic unless told otherwise."""
         if self.seed < 0:
             raise UserError(f"seed must be at least 0, got {self.seed}")
+        if self.episodes < 1:
+            raise UserError(f"episodes must be at least 1, got {self.episodes}")
         options = Options(population=self.population, connected_lanes=self.connected)
         if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
             return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode

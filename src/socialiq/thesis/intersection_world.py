@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,8 +57,8 @@ class Config:
     """For the outcome rates, of each driver and population."""
     reading_episodes: int = 5_000
     """For each reading of the reward and driver."""
-    threads: int = 2
-    """Threads that share the episodes; nothing depends on it."""
+    threads: int = 1
+    """Threads that share the episodes; nothing depends on it, and beside other work one is best."""
     back_end: BackEnd = "core"
     """core, or highway_env for the real one, which takes hundreds of times as long."""
 
@@ -111,12 +111,32 @@ def _cells(
     report, clock = watch(stage), Clock(0, len(cells) * episodes, 1)
     first = config.seeds[0]
     for number, (key, options) in enumerate(cells, start=1):
-        size = min(BATCH[config.back_end], episodes)
-        batch = make(Options(**options)).batch(size, config.threads, config.back_end)
-        yield key, episodes_of(batch, policy(key[1], first), np.arange(first, first + episodes))
+        seeds = range(first, first + episodes)
+        yield key, drive(options, key[1], seeds, config.threads, config.back_end)
         if report is not None:
             told = clock.report(number * episodes, {}, {}, ())
             report(told._replace(unit="episodes"))
+
+
+def drive(
+    options: Mapping[str, Any],
+    driver: str,
+    seeds: Sequence[int],
+    threads: int = 1,
+    back_end: BackEnd = "core",
+) -> Episodes:
+    """One episode of a reference driver for each seed.
+
+    Args:
+        options: Fields of the intersection's `Options`.
+        driver: Its name; the random one draws from the first seed.
+        seeds: Of the episodes.
+        threads: Threads that share them.
+        back_end: "core" or "highway_env".
+    """
+    size = min(BATCH[back_end], len(seeds))
+    batch = make(Options(**options)).batch(size, threads, back_end)
+    return episodes_of(batch, policy(driver, seeds[0]), seeds)
 
 
 def _name(reading: Mapping[str, Any]) -> str:

@@ -49,7 +49,22 @@ def refused(capsys, *arguments):
         (["sovle", "crossing7"], "Available subcommands"),
         (["reproduce", "fig7"], "choose one of worlds, poc, grid"),
         (["claims", "--verdict", "maybe"], "choose one of reproduced, partly, not, untested"),
-        (["bench", "cars"], "choose one of learners"),
+        (["bench", "cars"], "choose one of learners, worlds"),
+        (["solve", "intersection"], "can't be listed"),
+        (["front", "intersection"], "choose one of crossing5, crossing7"),
+        (["collect", "intersection", "--out", "x"], "can't be listed"),
+        (["render", "intersection", "--angle", "3", "--out", "x.png"], "use --driver"),
+        (["render", "crossing5", "--driver", "go", "--out", "x.png"], "use --angle"),
+        (["render", "intersection", "--driver", "tom", "--out", "x.png"], "choose one of go, idle"),
+        (["render", "intersection", "--out", "x.gif"], "add --driver"),
+        (["render", "intersection", "--seed", "-1", "--out", "x.png"], "seed must be at least 0"),
+        (["reproduce", "worlds", "--episodes", "5"], "worlds has no --episodes"),
+        (["reproduce", "poc", "--back-end", "core"], "poc has no --back-end"),
+        (["reproduce", "intersection-world", "--back-end", "x"], "choose one of core, highway_env"),
+        (["reproduce", "intersection-world", "--episodes", "0"], "at least 1, got 0"),
+        (["conformance", "--seed", "-1"], "seed must be at least 0"),
+        (["conformance", "--population", "x"], "choose one of highway_env, thesis"),
+        (["conformance", "--episodes", "0"], "episodes must be at least 1"),
         (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
         (["train", "nowhere.safetensors", "--out", "x"], "no such file: nowhere.safetensors"),
     ],
@@ -179,6 +194,24 @@ def test_a_missing_extra(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     line = refused(capsys, "bench", "learners", "--repeats", "1")
     assert "pip install 'socialiq[bench]'" in line
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["conformance", "--default-numpy", "--episodes", "1"],
+        ["reproduce", "intersection-world", "--back-end", "highway_env", "--episodes", "1"],
+    ],
+)
+def test_a_missing_simulator(capsys, monkeypatch, tmp_path, command):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "highway_env", None)
+    for module in ("highway", "reference"):
+        monkeypatch.delitem(sys.modules, f"socialiq.worlds.intersection.{module}", raising=False)
+    assert main(command) == 2
+    captured = capsys.readouterr()
+    assert "pip install 'socialiq[highway]'" in captured.err.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_json_failures_keep_standard_output_empty(capsys):

@@ -64,6 +64,48 @@ def test_render_writes_a_png(tmp_path, world, extra):
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize(
+    ("file", "extra", "magic"),
+    [
+        ("picture.png", [], b"\x89PNG"),
+        ("picture.png", ["--driver", "go", "--seed", "4"], b"\x89PNG"),
+        ("film.gif", ["--driver", "go"], b"GIF89a"),
+    ],
+)
+def test_render_draws_the_intersection(tmp_path, file, extra, magic):
+    path = tmp_path / file
+    assert main(["render", "intersection", "--out", str(path), *extra]) == 0
+    assert path.read_bytes().startswith(magic)
+
+
+def test_render_takes_a_policy_file_that_fits(tmp_path, capsys):
+    weights, biases = np.zeros((3, 70), np.float32), np.array([0, 0, 1], np.float32)
+    policy = tmp_path / "faster.safetensors"
+    QPolicy((weights,), (biases,), "relu", 1.0).save(policy)
+    path = tmp_path / "film.png"
+    command = ["render", "intersection", "--driver", str(policy), "--out", str(path)]
+    assert main(command) == 0 and path.exists()
+    narrow = tmp_path / "narrow.safetensors"
+    QPolicy((weights[:, :6],), (biases,), "relu", 1.0).save(narrow)
+    command[3] = str(narrow)
+    assert main(command) == 2
+    assert "the intersection has 70 and 3" in capsys.readouterr().err
+
+
+def test_reproduce_intersection_world_in_small(tmp_path, capsys):
+    out = tmp_path / "results"
+    command = ["reproduce", "intersection-world", "--episodes", "8", "--seeds", "5"]
+    found = json_of(capsys, *command, "--out", str(out))
+    assert found["config"]["episodes"] == 8
+    go = found["outcomes"]["highway_env"]["go"]
+    assert go["collision"] + go["arrival"] + go["timeout"] == pytest.approx(1.0)
+    assert {path.name for path in out.glob("*.png")} == {
+        "fig_5_3.png",
+        "gap_3s_episode.png",
+        "outcomes.png",
+    }
+
+
 def test_collect_mixes_equal_numbers_of_episodes(demonstrations):
     counts = files.load(demonstrations).counts()
     assert {mode: episodes for mode, (episodes, _) in counts.items()} == {

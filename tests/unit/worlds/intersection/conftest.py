@@ -1,6 +1,6 @@
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jaxtyping
@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.intersection.batch import Batch, Decisions
+from socialiq.worlds.intersection.buffers import ANNOTATE, Buffers
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import VEHICLE
+from socialiq.worlds.intersection.settings import settings_of
+from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 
 @pytest.fixture
@@ -37,6 +39,38 @@ def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.n
 @pytest.fixture(name="car", scope="session")
 def car_fixture() -> Callable[..., np.ndarray]:
     return car
+
+
+def annotated(
+    before: Sequence[np.ndarray],
+    after: Sequence[np.ndarray],
+    options: Options | None = None,
+    ego: int = 0,
+    start: float = 60.0,
+    time: float = 3.0,
+    contact: Contact = Contact.NONE,
+) -> Buffers:
+    """What the core makes of a decision between two lists of cars, in the buffers' only row."""
+    from socialiq.worlds.intersection import step
+
+    options = options or Options()
+    made = Buffers.of(options, 1)
+    for column, cars in ((made.before, before), (made.after, after)):
+        for slot, one in enumerate(cars):
+            column[0, slot] = one
+            column[0, slot]["identity"] = slot
+    made.present[0] = len(after), ego
+    made.episodes["start"], made.episodes["time"] = start, time
+    made.episodes["contact"] = contact
+    command, nothing = np.array([ANNOTATE], np.int8), np.zeros(1, np.int64)
+    unseeded = nothing.astype(np.uint64), nothing.astype(bool)
+    step.on_threads(1, made, command, *unseeded, nothing, settings_of(options))
+    return made
+
+
+@pytest.fixture(name="annotated", scope="session")
+def annotated_fixture() -> Callable[..., Buffers]:
+    return annotated
 
 
 def actions_of(size: int, seed: int) -> Iterator[np.ndarray]:
