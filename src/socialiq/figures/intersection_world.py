@@ -50,5 +50,5 @@ def _outcomes(results: Results) -> Figure:
             left = {d: left[d] + w for d, w in zip(DRIVERS, widths, strict=True)}
         axes.set(title=f"population {population}", xlabel="% of episodes", xlim=(0, 100))
         axes.invert_yaxis() if axes is panels[0] else None
-    panels[0].legend(loc="upper center", bbox_to_anchor=(1.0, -0.2), ncols=3, frameon=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

@@ -1,0 +1,180 @@
+"""What the intersection promises to whoever uses it as an environment."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from socialiq.errors import UserError
+from socialiq.social.angle import weights
+from socialiq.types import Ending
+from socialiq.worlds import registry
+from socialiq.worlds.ids import IDS
+from socialiq.worlds.intersection.gym import IntersectionEnv
+from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.settings import WEIGHTS
+from socialiq.worlds.intersection.world import Intersection
+
+ID = IDS["intersection"]
+
+
+@pytest.fixture
+def env():
+    return gymnasium.make(ID)
+
+
+def walk(env, steps, seed, driver="random"):
+    """A drive over several episodes: (observation, action, step)."""
+    decide = policy(driver, seed)
+    observation, _ = env.reset(seed=seed)
+    for _ in range(steps):
+        action = int(decide.predict(observation)[0])
+        step = env.step(action)
+        yield observation, action, step
+        observation = env.reset()[0] if step[2] or step[3] else step[0]
+
+
+def test_gymnasium_accepts_it():
+    check_env(gymnasium.make(ID, render_mode="rgb_array").unwrapped)
+
+
+def test_walks_stay_in_the_spaces(env):
+    assert env.action_space.n == 3 and env.observation_space.shape == (70,)
+    for observation, action, step in walk(env, 300, seed=0):
+        assert env.observation_space.contains(observation)
+        assert env.observation_space.contains(step[0])
+        assert env.action_space.contains(action)
+
+
+def test_seeded_walks_are_reproducible(env):
+    first, second = (list(walk(one, 150, seed=3)) for one in (env, gymnasium.make(ID)))
+    for (seen, action, step), (same, same_action, again) in zip(first, second, strict=True):
+        np.testing.assert_array_equal(seen, same)
+        np.testing.assert_array_equal(step[0], again[0])
+        assert (action, *step[1:4]) == (same_action, *again[1:4])
+        np.testing.assert_equal(step[4], again[4])
+
+
+def test_other_seeds_are_other_episodes(env):
+    starts = [env.reset(seed=seed)[0] for seed in range(20)]
+    assert len(np.unique(starts, axis=0)) == 20
+
+
+def test_without_a_seed_it_begins_too():
+    starts = [gymnasium.make(ID).reset()[0] for _ in range(3)]
+    assert len(np.unique(starts, axis=0)) == 3
+
+
+def test_an_unseeded_reset_is_another_episode(env):
+    first, second = env.reset(seed=1)[0], env.reset()[0]
+    assert (first != second).any()
+    env.reset(seed=1)
+    np.testing.assert_array_equal(env.reset()[0], second)
+
+
+def test_info_tells_the_pairs_the_signals_and_the_ending(env):
+    endings, contacts = set(), set()
+    for driver in ("random", "wait", "go"):
+        for *_, (_, _, terminated, truncated, info) in walk(env, 150, 1, driver):
+            assert info["reward_pair"].shape == info["classical"].shape == (2,)
+            assert info["reward_pair"].dtype == info["classical"].dtype == np.float64
+            assert set(info["signals"]) == set(WEIGHTS)
+            assert {type(value) for value in info["signals"].values()} == {float}
+            ending = Ending[info["ending"].upper()]
+            assert (ending == Ending.NONE) == (not terminated and not truncated)
+            assert (ending == Ending.TIMEOUT) == truncated
+            assert not (terminated and truncated)
+            assert (info["contact"] == "none") == (ending != Ending.COLLISION)
+            assert type(info["neighbours_collided"]) is int
+            assert type(info["speed"]) is float and -1.0 < info["speed"] <= 10.0
+            assert type(terminated) is type(truncated) is bool
+            endings.add(info["ending"])
+            contacts.add(info["contact"])
+    assert endings == {"none", "arrival", "collision", "timeout"}
+    assert contacts == {"none", "ego_struck", "ego_was_struck"}
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 270.0])
+def test_reward_is_the_pair_scored_at_the_angle(angle):
+    env = gymnasium.make(ID, angle=angle)
+    for *_, (_, reward, *_, info) in walk(env, 60, seed=2):
+        assert type(reward) is float
+        assert reward == pytest.approx(np.dot(weights(angle), info["reward_pair"]), abs=1e-12)
+
+
+@pytest.mark.parametrize("angle", [-1.0, 360.0, float("nan"), float("inf")])
+def test_angles_outside_are_refused(angle):
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(UserError, match=r"is outside \[0, 360\) degrees"):
+            make(ID, angle=angle)
+
+
+def test_an_episode_that_ended_must_be_reset(env):
+    inner = env.unwrapped
+    inner.reset(seed=0)
+    while not any(inner.step(2)[2:4]):
+        pass
+    with pytest.raises(UserError, match="reset it first"):
+        inner.step(2)
+    inner.reset()
+    inner.step(2)
+
+
+@pytest.mark.parametrize("action", [3, -1])
+def test_unknown_actions_are_refused(action):
+    env = IntersectionEnv()
+    env.reset(seed=0)
+    with pytest.raises(UserError, match=r"actions must be 0, 1 or 2"):
+        env.step(action)
+
+
+def test_it_renders_an_image():
+    env = gymnasium.make(ID, render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    env.step(2)
+    after = env.render()
+    assert before.dtype == np.uint8
+    assert before.shape == after.shape == (750, 600, 3)
+    assert (before != after).any()
+
+
+def test_without_a_render_mode_it_renders_nothing():
+    env = IntersectionEnv()
+    env.reset(seed=0)
+    assert env.render() is None
+
+
+def test_options_reach_the_environments_world():
+    env = gymnasium.make(ID, observed_vehicles=4, duration=3.0)
+    assert (
+        env.unwrapped.world.options
+        == registry.make("intersection", observed_vehicles=4, duration=3.0).options
+    )
+    assert env.reset(seed=0)[0].shape == (28,)
+    assert [env.step(0)[3] for _ in range(3)] == [False, False, True]
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_unknown_options_and_values_are_refused(make):
+    with pytest.raises(UserError, match="unknown option of intersection 'colour': choose one of "):
+        make(ID, colour="red")
+    with pytest.raises(UserError, match="unknown value 'x' for zone of intersection: choose one "):
+        make(ID, zone="x")
+
+
+def test_names_and_sizes_agree():
+    world = registry.make("intersection", observed_vehicles=6)
+    assert isinstance(world, Intersection)
+    assert world.n_actions == len(world.actions) == 3
+    assert world.n_features == 42 == world.batch(2).reset(0).shape[1]
+    assert len(set(world.signal_names)) == len(world.signal_names) == 9
+    assert "observed_vehicles=6" in world.description
+    assert world.description != registry.make("intersection").description
+
+
+def test_worlds_of_equal_options_are_equal():
+    assert registry.make("intersection", duration=5.0) == registry.make(
+        "intersection", duration=5.0
+    )
+    assert registry.make("intersection", duration=5.0) != registry.make("intersection")
