@@ -75,7 +75,7 @@ def _note(rates: dict[str, list[float]], name: str, measure: Callable[[], float]
 
 def real_environment(options: Options) -> Any:
     """highway-env's own class with our configuration and nothing around it."""
-    from socialiq.worlds.intersection.highway import IntersectionEnv, environment_config
+    from socialiq.worlds.intersection.reference.highway import IntersectionEnv, environment_config
 
     return IntersectionEnv(config=environment_config(options))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.worlds.intersection.geometry import LANES
+from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.population import POPULATIONS
 from socialiq.worlds.intersection.state import Contact
@@ -17,8 +17,12 @@ pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
 from highway_env.envs.intersection_env import IntersectionEnv
 
-from socialiq.worlds.intersection import highway
-from socialiq.worlds.intersection.highway import Driver, HighwayIntersection, environment_config
+from socialiq.worlds.intersection.reference import highway
+from socialiq.worlds.intersection.reference.highway import (
+    Driver,
+    HighwayIntersection,
+    environment_config,
+)
 
 SEEDS = range(6)
 

@@ -68,7 +68,7 @@ class Conformance:
 
     def compare(self, options: Options) -> dict[str, float]:
         """Totals and worst deviations over the episodes."""
-        from socialiq.worlds.intersection.conformance import compare
+        from socialiq.worlds.intersection.reference.conformance import compare
 
         rows = []
         with Display() as display:

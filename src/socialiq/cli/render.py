@@ -69,7 +69,7 @@ class Render:
 
     def intersection(self, options: Options) -> None:
         """Draw the first state, an episode's decisions, or a film of all its sub-steps."""
-        from socialiq.worlds.intersection import render, scenes
+        from socialiq.worlds.intersection.pictures import render, scenes
 
         if not self.driver:
             if self.out.suffix in FILMS:

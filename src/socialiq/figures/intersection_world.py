@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 
 from socialiq.thesis.store import Results
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.pictures.render import filmstrip, picture
+from socialiq.worlds.intersection.pictures.scenes import episode_scenes
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.render import filmstrip, picture
-from socialiq.worlds.intersection.scenes import episode_scenes
 
 EPISODE_SEED = 3
 OUTCOME_COLORS = {"arrival": "#4d9221", "collision": "#c51b7d", "timeout": "#bdbdbd"}

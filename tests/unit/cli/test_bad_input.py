@@ -206,8 +206,9 @@ def test_a_missing_extra(capsys, monkeypatch):
 def test_a_missing_simulator(capsys, monkeypatch, tmp_path, command):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "highway_env", None)
-    for module in ("highway", "reference"):
-        monkeypatch.delitem(sys.modules, f"socialiq.worlds.intersection.{module}", raising=False)
+    for module in ("drivers", "highway", "engine"):
+        name = f"socialiq.worlds.intersection.reference.{module}"
+        monkeypatch.delitem(sys.modules, name, raising=False)
     assert main(command) == 2
     captured = capsys.readouterr()
     assert "pip install 'socialiq[highway]'" in captured.err.splitlines()[-1]

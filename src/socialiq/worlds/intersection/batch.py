@@ -81,7 +81,7 @@ class Core:
     """The compiled core as an engine."""
 
     def __init__(self, options: Options, buffers: Buffers, threads: int) -> None:
-        from socialiq.worlds.intersection import step  # Numba loads when it is needed
+        from socialiq.worlds.intersection.core import step  # Numba loads when it is needed
 
         self._step = step
         self._buffers, self._threads = buffers, threads
@@ -135,7 +135,7 @@ class Batch:
     def _engine_of(self, back_end: BackEnd, threads: int) -> Engine:
         if back_end == "core":
             return Core(self.options, self.buffers, threads)
-        from socialiq.worlds.intersection.reference import Reference
+        from socialiq.worlds.intersection.reference.engine import Reference
 
         return Reference(self.options, self.buffers)
 

@@ -95,8 +95,8 @@ class IntersectionEnv(gymnasium.Env):
         """Picture of the present state, uint8 (height, width, 3)."""
         if self.render_mode != "rgb_array":
             return None
-        from socialiq.worlds.intersection.render import picture
-        from socialiq.worlds.intersection.scenes import present_scene
+        from socialiq.worlds.intersection.pictures.render import picture
+        from socialiq.worlds.intersection.pictures.scenes import present_scene
         from socialiq.worlds.pictures import pixels
 
         return pixels(picture(present_scene(self.batch)))

@@ -104,6 +104,9 @@ class Options:
         self._check_clock()
         self._check_traffic()
         self._check_ego()
+        for name, kind in get_type_hints(Options).items():
+            if kind is float and not math.isfinite(getattr(self, name)):
+                raise UserError(f"{name} must be a finite number, got {getattr(self, name)}")
         for name in ("progress_unit", "conflict_distance", "speed_cap"):
             if not getattr(self, name) > 0:
                 raise UserError(f"{name} must be positive, got {getattr(self, name)}")

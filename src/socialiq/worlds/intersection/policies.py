@@ -125,7 +125,7 @@ def _to_stop_line(seen: Seen) -> Float[np.ndarray, " batch"]:
     return seen[:, 0, 2] - STOP_LINE
 
 
-def _conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch vehicle"]:
+def _conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
     """Which vehicles are in the junction, or will be there within some seconds at their speed."""
     x, y, vx, vy = (seen[:, 1:, number] for number in range(1, 5))
     there = seen[:, 1:, 0] > 0

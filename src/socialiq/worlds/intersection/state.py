@@ -68,6 +68,7 @@ EPISODE = np.dtype(
         ("start", np.float64),  # route coordinate at which the ego began, m
         ("next_identity", np.int32),
         ("contact", np.int8),  # a Contact: who ran into whom when the ego was last touched
+        ("touched", np.int32),  # identity of the vehicle that it touched, -1 if none
     ],
     align=True,
 )

@@ -51,7 +51,7 @@ def annotated(
     contact: Contact = Contact.NONE,
 ) -> Buffers:
     """What the core makes of a decision between two lists of cars, in the buffers' only row."""
-    from socialiq.worlds.intersection import step
+    from socialiq.worlds.intersection.core import step
 
     options = options or Options()
     made = Buffers.of(options, 1)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.scenes import weight_of
+from socialiq.worlds.intersection.pictures.scenes import weight_of
 from socialiq.worlds.intersection.settings import ENV_SIGNALS, SOCIAL_SIGNALS, WEIGHTS
 from socialiq.worlds.intersection.state import VEHICLE
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection.collisions import collide
+from socialiq.worlds.intersection.core.collisions import collide
 from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 DT = 0.1

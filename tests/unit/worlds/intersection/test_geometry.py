@@ -6,8 +6,8 @@ import numba
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection import geometry
-from socialiq.worlds.intersection.geometry import (
+from socialiq.worlds.intersection.core import geometry
+from socialiq.worlds.intersection.core.geometry import (
     APPROACH,
     CONNECTED,
     CONNECTED_OFFSETS,

@@ -9,8 +9,8 @@ from PIL import Image
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
 from socialiq.worlds import drawing
-from socialiq.worlds.intersection import encoding, render, shapes
-from socialiq.worlds.intersection.geometry import LANES, STRAIGHT
+from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
+from socialiq.worlds.intersection.pictures import encoding, render, shapes
 from socialiq.worlds.intersection.state import VEHICLE
 from socialiq.worlds.pictures import pixels
 

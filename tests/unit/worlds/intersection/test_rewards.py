@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.geometry import APPROACH, EXIT, LEFT
+from socialiq.worlds.intersection.core.geometry import APPROACH, EXIT, LEFT
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import WEIGHTS
 from socialiq.worlds.intersection.state import Contact

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection import stream
+from socialiq.worlds.intersection.core import stream
 from socialiq.worlds.intersection.state import EPISODE
 
 SEEDS = (0, 1, 5302, 2**31, 2**40 + 7, 2**63)

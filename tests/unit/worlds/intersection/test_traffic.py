@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.geometry import EXIT, LANES
+from socialiq.worlds.intersection.core.geometry import EXIT, LANES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.population import POPULATIONS
 from socialiq.worlds.intersection.state import Contact

@@ -1,7 +1,8 @@
 """The reward pair of thesis 4.1: named signals of two consecutive snapshots, weighted and summed.
 
 A snapshot is the vehicles at a decision (before) or when its sub-steps are over (after), before
-anyone is cleared or spawned. Vehicles are matched by identity.
+anyone is cleared or spawned. Nobody comes or goes in between, so a vehicle has the same slot in
+both.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ from __future__ import annotations
 from typing import get_args
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.ego import arrived, route_coordinate
-from socialiq.worlds.intersection.geometry import LANES, distance, on_lane
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.ego import arrived, route_coordinate
+from socialiq.worlds.intersection.core.geometry import LANES, distance, on_lane
+from socialiq.worlds.intersection.core.traffic import clip
+from socialiq.worlds.intersection.core.zone import counts, in_zone
 from socialiq.worlds.intersection.options import Crash, Disruption
 from socialiq.worlds.intersection.settings import ENV_SIGNALS, WEIGHTS
-from socialiq.worlds.intersection.traffic import clip
-from socialiq.worlds.intersection.zone import counts, in_zone
 
 _N_ENV, _N_SIGNALS = len(ENV_SIGNALS), len(WEIGHTS)
 _DEAD_ZONE, _LITERAL = range(len(get_args(Disruption)))
@@ -169,10 +170,11 @@ def _paid(before, after, settings):
 
 
 @kernel
-def neighbours_collided(before, after, count, ego):
-    """How many vehicles crashed since the decision, without the ego and the one it met."""
-    crashed = -1 if after[ego].crashed and not before[ego].crashed else 0
+def neighbours_collided(before, after, count, ego, touched):
+    """How many vehicles crashed since the decision, without the ego and the one that it touched."""
+    crashed = 0
     for slot in range(count):
-        if slot != ego and after[slot].crashed and not before[slot].crashed:
+        fresh = after[slot].crashed and not before[slot].crashed
+        if fresh and slot != ego and after[slot].identity != touched:
             crashed += 1
-    return max(crashed, 0)
+    return crashed

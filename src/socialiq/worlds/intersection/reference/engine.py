@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection import step
 from socialiq.worlds.intersection.buffers import (
     ANNOTATE,
     DECIDE,
@@ -20,9 +19,10 @@ from socialiq.worlds.intersection.buffers import (
     SKIP,
     Buffers,
 )
-from socialiq.worlds.intersection.ego import route_coordinate
-from socialiq.worlds.intersection.highway import HighwayIntersection
+from socialiq.worlds.intersection.core import step
+from socialiq.worlds.intersection.core.ego import route_coordinate
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.reference.highway import HighwayIntersection
 from socialiq.worlds.intersection.settings import settings_of
 
 
@@ -75,4 +75,5 @@ class Reference:
         vehicles, episode = real.vehicles, made.episodes[row]
         made.vehicles[row, : len(vehicles)] = vehicles
         episode["vehicles"], episode["ego"] = len(vehicles), real.ego
-        episode["time"], episode["contact"] = real.time, real.contact
+        episode["time"] = real.time
+        episode["contact"], episode["touched"] = real.contact, real.touched

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.worlds.drawing import EGO, OTHER
-from socialiq.worlds.intersection.ego import EXIT_DISTANCE
-from socialiq.worlds.intersection.geometry import (
+from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
+from socialiq.worlds.intersection.core.geometry import (
     LANE_WIDTH,
     LANES,
     STRAIGHT,

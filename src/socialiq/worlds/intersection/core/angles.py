@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from socialiq.worlds.intersection.compile import kernel
+from socialiq.worlds.intersection.core.compile import kernel
 
 _SMALL = 1e-9
 

@@ -9,7 +9,7 @@ import numpy as np
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.intersection.batch import BackEnd, Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.render import Scene
+from socialiq.worlds.intersection.pictures.render import Scene
 from socialiq.worlds.intersection.settings import WEIGHTS
 
 

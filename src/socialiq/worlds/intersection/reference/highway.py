@@ -12,27 +12,27 @@ Set NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512_ICL" before Python starts to get the
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.worlds.intersection.collisions import contact_of
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.population import POPULATIONS, Normal, Population
+from socialiq.worlds.intersection.core.collisions import contact_of
+from socialiq.worlds.intersection.options import FEATURES, Options
 from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 try:
     from highway_env.envs.intersection_env import IntersectionEnv
     from highway_env.road.regulation import RegulatedRoad
     from highway_env.vehicle.behavior import IDMVehicle
+
+    from socialiq.worlds.intersection.reference.drivers import DRIVERS
 except ImportError as error:
     raise UserError(
         "the reference needs highway-env, which is not installed: pip install 'socialiq[highway]'"
     ) from error
 
 ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
-FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
 
 
 def environment_config(options: Options) -> dict[str, Any]:
@@ -78,59 +78,6 @@ def environment_config(options: Options) -> dict[str, Any]:
     }
 
 
-class Driver(IDMVehicle):
-    """highway-env's driver, with its own draw of every parameter that the population varies.
-
-    Who has a desired speed enters with it as target. Road rules set the target speed to 0 for a
-    yield and to the road's limit after it; so that this doesn't wipe out the preference, the target
-    speed is never above the desired one. Subclasses name the population.
-    """
-
-    population: ClassVar[Population] = POPULATIONS["highway_env"]
-    desired_speed = math.inf  # until the draw, which follows the construction
-    _target_speed = 0.0
-
-    @property
-    def target_speed(self) -> float:
-        """Speed that it aims for on a free road, m/s."""
-        return self._target_speed
-
-    @target_speed.setter
-    def target_speed(self, value: float | int) -> None:
-        self._target_speed = min(float(value), self.desired_speed)
-
-    def randomize_behavior(self) -> None:
-        """Draw the exponent, then the fields of the population in their order."""
-        super().randomize_behavior()
-        desired, headway, gap, acceleration, deceleration = (
-            _drawn(normal, self.road.np_random) for normal in self.population
-        )
-        self.TIME_WANTED = headway
-        self.DISTANCE_WANTED = gap
-        self.COMFORT_ACC_MAX = acceleration
-        self.COMFORT_ACC_MIN = -deceleration
-        self.desired_speed = desired
-        if math.isfinite(desired):
-            self.target_speed = desired  # pyright: ignore[reportIncompatibleVariableOverride]
-
-
-def _drawn(normal: Normal, random: Any) -> float:
-    if normal.deviation == 0:
-        return normal.mean
-    value = normal.mean + normal.deviation * random.normal()
-    return min(max(value, normal.low), normal.high)
-
-
-DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
-    name: type(f"Driver_{name}", (Driver,), {"population": population, "__module__": __name__})
-    for name, population in POPULATIONS.items()
-    if name != "highway_env"
-}
-"""The class of the other vehicles in each population."""
-# highway-env looks its drivers up by dotted path.
-globals().update({driver.__name__: driver for driver in DRIVERS.values()})
-
-
 class _Entry(NamedTuple):
     """What a vehicle no longer tells once it has driven a part of its route."""
 
@@ -149,7 +96,7 @@ class _WatchedRoad(RegulatedRoad):
             neighbour_vehicles_connected_lanes=road.neighbour_vehicles_connected_lanes,
         )
         self.ego: Any = None
-        self.contact = int(Contact.NONE)
+        self.contact, self.touched = int(Contact.NONE), -1
         self._entries: dict[Any, _Entry] = {}
         lanes = ((start, end) for start, ends in road.network.graph.items() for end in ends)
         self._lane_numbers = {lane: number for number, lane in enumerate(lanes)}
@@ -168,7 +115,8 @@ class _WatchedRoad(RegulatedRoad):
         super().step(dt)
         if untouched:
             slot = self.vehicles.index(ego)
-            self.contact = int(contact_of(self.records(), slot, dt, self.contact))
+            found = contact_of(self.records(), slot, dt, self.contact, self.touched)
+            self.contact, self.touched = int(found[0]), int(found[1])
 
     def records(self) -> np.ndarray:
         """The vehicles as they are now, in list order: VEHICLE (vehicles,)."""
@@ -309,6 +257,11 @@ class HighwayIntersection:
     def contact(self) -> int:
         """A `Contact`: who ran into whom when the ego was last touched."""
         return self.environment.road.contact
+
+    @property
+    def touched(self) -> int:
+        """Identity of the vehicle that the ego last touched, -1 if none."""
+        return self.environment.road.touched
 
     @property
     def time(self) -> float:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import get_args
 
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.ego import route_coordinate
-from socialiq.worlds.intersection.geometry import APPROACH, EXIT, LANES, distance, longitudinal
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.ego import route_coordinate
+from socialiq.worlds.intersection.core.geometry import APPROACH, EXIT, LANES, distance, longitudinal
 from socialiq.worlds.intersection.options import Counted, Zone
 
 _LAST_20_M, _LAST_8_M, _BEYOND_8_M, _TRAVELLED_8_M = range(len(get_args(Zone)))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.geometry import EXIT, LANES, ROUTES, longitudinal
-from socialiq.worlds.intersection.traffic import clip, follow_road, steering
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.geometry import EXIT, LANES, ROUTES, longitudinal
+from socialiq.worlds.intersection.core.traffic import clip, follow_road, steering
 
 SLOWER, IDLE, FASTER = range(3)
 """The actions: one target speed down, keep, one up, counted from the present speed."""

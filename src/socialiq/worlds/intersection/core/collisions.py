@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH, distance
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH, distance
 from socialiq.worlds.intersection.state import Contact
 
 DIAGONAL = math.sqrt(VEHICLE_LENGTH**2 + VEHICLE_WIDTH**2)
@@ -22,14 +22,14 @@ _ACROSS = np.array([-VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, -V
 
 
 @kernel
-def collide(vehicles, count, ego, dt, tie, contact):
+def collide(vehicles, count, ego, dt, tie, contact, touched):
     """Crash vehicles that overlap, and push apart those that overlap or will.
 
     A push is carried out, and crashes the vehicle, in the next sub-step. When several pairs push
     the same vehicle, the last one counts.
 
     Returns:
-        The ego's `Contact`, the one given if nothing new touched it.
+        The ego's `Contact` and the identity of what it touched; those given if nothing new did.
     """
     intact = ego >= 0 and not vehicles[ego].crashed
     for first in range(count - 1):
@@ -48,13 +48,13 @@ def collide(vehicles, count, ego, dt, tie, contact):
                 other.crashed = True
             if intact and (overlap or will_overlap) and (first == ego or second == ego):
                 touching = other if first == ego else one
-                contact = who_struck(vehicles[ego], touching)
-    return contact
+                contact, touched = who_struck(vehicles[ego], touching), touching.identity
+    return contact, touched
 
 
 @kernel
-def contact_of(vehicles, ego, dt, contact):
-    """The ego's `Contact` after a sub-step's movement, in the order of `collide`'s pairs."""
+def contact_of(vehicles, ego, dt, contact, touched):
+    """The ego's contact after a sub-step's movement, in the order of `collide`'s pairs."""
     for slot in range(len(vehicles)):
         if slot == ego:
             continue
@@ -63,8 +63,8 @@ def contact_of(vehicles, ego, dt, contact):
             continue
         overlap, will_overlap, _, _ = separate(one, other, dt, 0.0)
         if overlap or will_overlap:
-            contact = who_struck(vehicles[ego], vehicles[slot])
-    return contact
+            contact, touched = who_struck(vehicles[ego], vehicles[slot]), vehicles[slot].identity
+    return contact, touched
 
 
 @kernel

@@ -12,8 +12,8 @@ from socialiq.errors import UserError
 from socialiq.storage import write_atomically
 from socialiq.types import RewardPair
 from socialiq.worlds import drawing
-from socialiq.worlds.intersection import encoding, shapes
-from socialiq.worlds.intersection.geometry import ROUTES, VEHICLE_LENGTH
+from socialiq.worlds.intersection.core.geometry import ROUTES, VEHICLE_LENGTH
+from socialiq.worlds.intersection.pictures import encoding, shapes
 from socialiq.worlds.intersection.settings import SOCIAL_SIGNALS
 from socialiq.worlds.pictures import pixels
 

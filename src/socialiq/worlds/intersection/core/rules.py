@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.geometry import (
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.geometry import (
     LANES,
     ROUTES,
     SPEED_LIMIT,
@@ -17,7 +17,7 @@ from socialiq.worlds.intersection.geometry import (
     longitudinal,
     position,
 )
-from socialiq.worlds.intersection.traffic import LEG_COUNT
+from socialiq.worlds.intersection.core.traffic import LEG_COUNT
 
 N_PREDICTIONS = 11  # every quarter of a second up to 2.75 s
 PREDICTION_STEP = 0.25  # s

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.worlds.intersection.angles import wrap_to_pi
-from socialiq.worlds.intersection.compile import kernel
+from socialiq.worlds.intersection.core.angles import wrap_to_pi
+from socialiq.worlds.intersection.core.compile import kernel
 
 N_LANES = 20
 LANE_WIDTH = 4.0

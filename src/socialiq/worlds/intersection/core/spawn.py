@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from socialiq.worlds.intersection import stream
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.ego import speed_index
-from socialiq.worlds.intersection.geometry import (
+from socialiq.worlds.intersection.core import stream
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.ego import speed_index
+from socialiq.worlds.intersection.core.geometry import (
     EXIT,
     LANES,
     SPEED_LIMIT,
@@ -136,6 +136,7 @@ def enter_ego(episode, vehicles, settings):
     ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
     ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
     episode.contact = _NO_CONTACT
+    episode.touched = -1
     kept = 0
     for slot in range(episode.vehicles):
         other = vehicles[slot]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from socialiq.worlds.intersection.angles import asin, atan, sin, tan, wrap_to_pi
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.geometry import (
+from socialiq.worlds.intersection.core.angles import asin, atan, sin, tan, wrap_to_pi
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.geometry import (
     CONNECTED,
     CONNECTED_OFFSETS,
     LANE_WIDTH,

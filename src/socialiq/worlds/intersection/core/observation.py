@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.compile import kernel
-from socialiq.worlds.intersection.geometry import LANES, VEHICLE_LENGTH, distance, longitudinal
-from socialiq.worlds.intersection.traffic import clip
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.geometry import LANES, VEHICLE_LENGTH, distance, longitudinal
+from socialiq.worlds.intersection.core.traffic import clip
 
 PERCEPTION = 200.0  # m
 POSITION_RANGE = 100.0  # m, becomes 1

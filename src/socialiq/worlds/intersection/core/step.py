@@ -8,15 +8,15 @@ import numba
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.intersection import rewards, spawn, stream
 from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP
-from socialiq.worlds.intersection.collisions import collide
-from socialiq.worlds.intersection.compile import entry_point, fingerprint, kernel
-from socialiq.worlds.intersection.ego import choose, control, route_coordinate
-from socialiq.worlds.intersection.observation import observe
-from socialiq.worlds.intersection.rules import enforce
+from socialiq.worlds.intersection.core import rewards, spawn, stream
+from socialiq.worlds.intersection.core.collisions import collide
+from socialiq.worlds.intersection.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.intersection.core.ego import choose, control, route_coordinate
+from socialiq.worlds.intersection.core.observation import observe
+from socialiq.worlds.intersection.core.rules import enforce
+from socialiq.worlds.intersection.core.traffic import drive, move
 from socialiq.worlds.intersection.state import Contact
-from socialiq.worlds.intersection.traffic import drive, move
 
 _NOTHING = int(Ending.NONE)
 _NO_CONTACT = int(Contact.NONE)
@@ -36,7 +36,9 @@ def sub_step(episode, vehicles, settings):
         enforce(vehicles, count, ego, settings.tie)
     for slot in range(count):
         move(vehicles[slot], settings.dt, settings.tie)
-    episode.contact = collide(vehicles, count, ego, settings.dt, settings.tie, episode.contact)
+    contact, touched = episode.contact, episode.touched
+    found = collide(vehicles, count, ego, settings.dt, settings.tie, contact, touched)
+    episode.contact, episode.touched = found
 
 
 @kernel
@@ -48,6 +50,7 @@ def reset(episode, vehicles, settings):
     episode.ego = -1
     episode.next_identity = 0
     episode.contact = _NO_CONTACT
+    episode.touched = -1
     spawn.fill(episode, vehicles, settings)
     for _ in range(settings.warm_up):
         sub_step(episode, vehicles, settings)
@@ -94,7 +97,10 @@ def annotate(buffers, row, settings):
     buffers.speed[row] = after[ego].speed
     buffers.ending[row] = ending
     buffers.contact[row] = episode.contact if after[ego].crashed else _NO_CONTACT
-    buffers.neighbours_collided[row] = rewards.neighbours_collided(before, after, count, ego)
+    touched = episode.touched if after[ego].crashed else -1
+    buffers.neighbours_collided[row] = rewards.neighbours_collided(
+        before, after, count, ego, touched
+    )
     return ending
 
 

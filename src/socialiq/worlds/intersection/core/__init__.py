@@ -1,0 +1,1 @@
+"""The compiled core: highway-env's model of the crossing, kernel by kernel."""

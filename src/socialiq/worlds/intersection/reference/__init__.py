@@ -1,0 +1,1 @@
+"""The real highway-env, and the core held against it."""
