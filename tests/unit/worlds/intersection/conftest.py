@@ -49,6 +49,7 @@ def annotated(
     start: float = 60.0,
     time: float = 3.0,
     contact: Contact = Contact.NONE,
+    touched: int = -1,
 ) -> Buffers:
     """What the core makes of a decision between two lists of cars, in the buffers' only row."""
     from socialiq.worlds.intersection.core import step
@@ -61,7 +62,7 @@ def annotated(
             column[0, slot]["identity"] = slot
     made.present[0] = len(after), ego
     made.episodes["start"], made.episodes["time"] = start, time
-    made.episodes["contact"] = contact
+    made.episodes["contact"], made.episodes["touched"] = contact, touched
     command, nothing = np.array([ANNOTATE], np.int8), np.zeros(1, np.int64)
     unseeded = nothing.astype(np.uint64), nothing.astype(bool)
     step.on_threads(1, made, command, *unseeded, nothing, settings_of(options))

@@ -10,13 +10,16 @@ from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 DT = 0.1
 NORTH, EAST = -90.0, 0.0
-NONE, STRUCK, WAS_STRUCK = Contact.NONE, Contact.EGO_STRUCK, Contact.EGO_WAS_STRUCK
+STRUCK, WAS_STRUCK = Contact.EGO_STRUCK, Contact.EGO_WAS_STRUCK
+NOTHING = Contact.NONE, -1
 
 
-def collided(*cars, ego=0, contact=NONE):
-    """The cars after the collisions of one sub-step, and the ego's contact."""
+def collided(*cars, ego=0, contact=NOTHING):
+    """The cars, numbered from 10, after the collisions of a sub-step; the ego's contact, and with whom."""
     vehicles = np.array([one[()] for one in cars], VEHICLE)
-    return vehicles, Contact(collide(vehicles, len(vehicles), ego, DT, 0.0, int(contact)))
+    vehicles["identity"] = 10 + np.arange(len(cars))
+    found = collide(vehicles, len(vehicles), ego, DT, 0.0, int(contact[0]), contact[1])
+    return vehicles, (Contact(found[0]), found[1])
 
 
 def pushes(vehicles):
@@ -27,7 +30,7 @@ def test_a_follower_that_runs_into_the_ego_struck_it(car):
     for ego, behind in ((0, 1), (1, 0)):
         cars = [car(2, 50, NORTH, 1), car(2, 54.9, NORTH, 5)]
         vehicles, contact = collided(cars[ego], cars[behind], ego=ego)
-        assert contact == WAS_STRUCK
+        assert contact == (WAS_STRUCK, 10 + behind)
         assert vehicles["crashed"].all() and vehicles["pushed"].all()
         # 0.1 m of overlap and 0.4 m of approach: each is pushed by half of it
         np.testing.assert_allclose(pushes(vehicles)[ego], [0, -0.25], atol=1e-12)
@@ -36,7 +39,7 @@ def test_a_follower_that_runs_into_the_ego_struck_it(car):
 
 def test_the_ego_strikes_the_side_of_a_crossing_car(car):
     vehicles, contact = collided(car(2, 3.4, NORTH, 5), car(2, 0, EAST, 5))
-    assert contact == STRUCK
+    assert contact == (STRUCK, 11)
     assert vehicles["crashed"].all()
     # its front is 0.1 m inside, and gets 0.5 m further
     np.testing.assert_allclose(pushes(vehicles), [[0, 0.3], [0, -0.3]], atol=1e-12)
@@ -44,17 +47,17 @@ def test_the_ego_strikes_the_side_of_a_crossing_car(car):
 
 def test_a_crossing_car_strikes_the_egos_side(car):
     _, contact = collided(car(2, 0, NORTH, 5), car(-1.4, 0, EAST, 5))
-    assert contact == WAS_STRUCK
+    assert contact == (WAS_STRUCK, 11)
 
 
 def test_of_equal_motions_the_ego_is_to_blame(car):
     _, contact = collided(car(2, 4.9, NORTH, 5), car(2, 0, -NORTH, 5))
-    assert contact == STRUCK
+    assert contact == (STRUCK, 11)
 
 
 def test_who_will_touch_is_pushed_now_and_crashes_later(car):
     vehicles, contact = collided(car(2, 5.2, NORTH, 5), car(2, 0, NORTH, 0))
-    assert contact == STRUCK
+    assert contact == (STRUCK, 11)
     assert vehicles["pushed"].all() and not vehicles["crashed"].any()
     np.testing.assert_allclose(pushes(vehicles), [[0, 0.15], [0, -0.15]], atol=1e-12)
 
@@ -65,7 +68,7 @@ def test_who_will_touch_is_pushed_now_and_crashes_later(car):
 )
 def test_cars_apart_are_left_alone(x, y, degrees, car):
     vehicles, contact = collided(car(2, 0, NORTH, 0), car(x, y, degrees, 0))
-    assert contact == NONE
+    assert contact == NOTHING
     assert not vehicles["crashed"].any() and not vehicles["pushed"].any()
     assert not pushes(vehicles).any()
 
@@ -73,24 +76,26 @@ def test_cars_apart_are_left_alone(x, y, degrees, car):
 def test_the_last_push_counts(car):
     # bumper to bumper: the one in the middle is pushed forwards, then back
     row = [car(2, y, NORTH, 0) for y in (4.8, 0, -4.9)]
-    vehicles, contact = collided(*row, ego=-1, contact=NONE)
+    vehicles, contact = collided(*row, ego=-1)
     np.testing.assert_allclose(pushes(vehicles), [[0, 0.1], [0, 0.05], [0, -0.05]], atol=1e-12)
-    assert vehicles["crashed"].all() and contact == NONE
+    assert vehicles["crashed"].all() and contact == NOTHING
 
 
 def test_a_contact_stays_until_there_is_another(car):
     ego, far, near = car(2, 0, NORTH, 5), car(2, 50, NORTH, 5), car(2, 4.9, NORTH, 9)
-    assert collided(ego, far, contact=STRUCK)[1] == STRUCK
-    assert collided(ego, near, contact=STRUCK)[1] == WAS_STRUCK
+    before = STRUCK, 7
+    assert collided(ego, far, contact=before)[1] == before
+    assert collided(ego, near, contact=before)[1] == (WAS_STRUCK, 11)
+    assert collided(ego, far, near, contact=before)[1] == (WAS_STRUCK, 12)
     ego["crashed"] = True
-    assert collided(ego, near, contact=STRUCK)[1] == STRUCK
+    assert collided(ego, near, contact=before)[1] == before
 
 
 def test_others_collisions_are_no_contact_of_the_ego(car):
     cars = [car(2, 50, NORTH, 5), car(2, 0, NORTH, 5), car(2, 4.9, NORTH, 9)]
     vehicles, contact = collided(*cars)
     assert vehicles["crashed"].tolist() == [False, True, True]
-    assert contact == NONE
+    assert contact == NOTHING
 
 
 def sampled(vehicle, reserve):

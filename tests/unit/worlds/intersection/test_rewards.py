@@ -292,26 +292,27 @@ def test_classically_arrival_and_timeout_are_worth_nothing_and_a_crash_is(ego, a
 
 
 @pytest.mark.parametrize(
-    ("already", "crashed", "collided"),
+    ("already", "crashed", "touched", "collided"),
     [
-        ([], [], 0),
-        ([], [1, 2], 2),
-        ([], [0, 1], 0),
-        ([], [0, 1, 2], 1),
-        ([1, 2], [1, 2], 0),
-        ([1], [0, 1], 0),
-        ([1], [1, 2, 3], 2),
+        ([], [], -1, 0),
+        ([], [1, 2], -1, 2),
+        ([], [1, 2], 1, 2),  # a touch that was no crash
+        ([], [0, 1], 1, 0),
+        ([], [0, 1, 2], 1, 1),
+        ([1, 2], [1, 2], -1, 0),
+        ([1], [0, 1], 1, 0),
+        ([1], [0, 1, 2, 3], 1, 2),
     ],
 )
 def test_neighbours_that_ran_into_one_another_are_counted(
-    already, crashed, collided, ego, crossing, annotated
+    already, crashed, touched, collided, ego, crossing, annotated
 ):
     cars = [ego(15.0, 4.5), *(crossing(x, 8.0) for x in (-10, -20, -30))]
     before, after = [one.copy() for one in cars], [one.copy() for one in cars]
     for moment, slots in ((before, already), (after, crashed)):
         for slot in slots:
             moment[slot]["crashed"] = True
-    assert annotated(before, after).neighbours_collided[0] == collided
+    assert annotated(before, after, touched=touched).neighbours_collided[0] == collided
 
 
 def test_contact_is_told_only_of_a_crash(scene, ego):

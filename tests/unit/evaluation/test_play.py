@@ -1,0 +1,153 @@
+"""Seeded episodes: every seed once, the same whatever the batch, summed up as by hand."""
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.evaluation.play import episodes_of, play
+from socialiq.social.angle import angle_of
+from socialiq.types import Ending
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.settings import WEIGHTS
+
+SEEDS = [5, 900, 17, 17, 2**40, 3, 0, 88, 61, 12, 13, 14, 15, 16, 40, 41, 42, 43, 44, 45]
+
+
+def columns(episodes):
+    made = episodes._asdict()
+    made |= {"env": episodes.totals.env, "social": episodes.totals.social}
+    made |= {"own": episodes.classical.env, "others": episodes.classical.social}
+    return {name: value for name, value in made.items() if isinstance(value, np.ndarray)}
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return Batch(Options(), 7)
+
+
+@pytest.fixture(scope="module")
+def played(batch):
+    return episodes_of(batch, policy("gap_3s"), SEEDS)
+
+
+@pytest.mark.parametrize("name", ["gap_3s", "go", "stop_line"])
+def test_the_batchs_size_does_not_matter(name, batch):
+    runs = [
+        columns(episodes_of(one, policy(name), SEEDS))
+        for one in (Batch(Options(), 1), batch, Batch(Options(), 64))
+    ]
+    assert len(runs[0]) == 13 - 1
+    for run in runs[1:]:
+        for column, values in run.items():
+            np.testing.assert_array_equal(values, runs[0][column], err_msg=column)
+
+
+def test_what_was_played_before_does_not_matter(batch, played):
+    again = columns(episodes_of(batch, policy("gap_3s"), SEEDS[::-1]))
+    for name, values in columns(played).items():
+        np.testing.assert_array_equal(values, again[name][::-1])
+
+
+def test_seeds_may_be_an_array(batch, played):
+    again = episodes_of(batch, policy("gap_3s"), np.array(SEEDS))
+    np.testing.assert_array_equal(again.totals.env, played.totals.env)
+
+
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_every_seed_is_played_once_to_its_end(size):
+    batch, starts = Batch(Options(), size), {}
+    ends, lengths = np.zeros(len(SEEDS), int), np.zeros(len(SEEDS), int)
+    for step in play(batch, policy("stop_line"), SEEDS):
+        for row in np.flatnonzero(step.running):
+            number = step.episode[row]
+            assert not ends[number]
+            starts.setdefault(number, step.observation[row].copy())
+            lengths[number] += 1
+            ends[number] += step.made.ending[row] != Ending.NONE
+        assert len(set(step.episode[step.running].tolist())) == step.running.sum()
+    assert (ends == 1).all()
+    expected = episodes_of(batch, policy("stop_line"), SEEDS).length
+    np.testing.assert_array_equal(lengths, expected)
+    begin = Batch(Options(), len(SEEDS)).reset(SEEDS)
+    np.testing.assert_array_equal([starts[number] for number in range(len(SEEDS))], begin)
+
+
+def test_the_batch_stays_full_until_seeds_run_out(batch):
+    running = [step.running.sum() for step in play(batch, policy("go"), range(40))]
+    assert (np.diff(running) <= 0).all()
+    assert running[0] == 7 and running.count(7) > len(running) / 2
+
+
+def test_sums_are_those_of_a_hand_played_episode(played):
+    for number in range(6):
+        batch, driver = Batch(Options(), 1), policy("gap_3s")
+        observation, steps = batch.reset([SEEDS[number]]), []
+        while not steps or not steps[-1].ending[0]:
+            steps.append(batch.step(driver.predict(observation)[0], auto_reset=False))
+            observation = batch.observation
+        rewards = np.array([step.rewards for step in steps])[..., 0]
+        classical = np.array([step.classical for step in steps])[..., 0]
+        speeds = np.array([step.speed[0] for step in steps])
+        signals = np.array([[step.signals[name][0] for name in WEIGHTS] for step in steps])
+        assert played.signal_names == WEIGHTS
+        expected = {
+            "env": rewards[:, 0].sum(),
+            "social": rewards[:, 1].sum(),
+            "own": classical[:, 0].sum(),
+            "others": classical[:, 1].sum(),
+            "ending": steps[-1].ending[0],
+            "contact": steps[-1].contact[0],
+            "length": len(steps),
+            "speed": speeds.mean(),
+            "stopped": (speeds < 0.5).mean(),
+            "neighbours_collided": sum(step.neighbours_collided[0] for step in steps),
+            "signals": signals.sum(axis=0),
+            "active": (signals != 0).sum(axis=0),
+        }
+        found = columns(played)
+        assert set(found) == set(expected)
+        for name, value in expected.items():
+            np.testing.assert_allclose(found[name][number], value, atol=1e-12, err_msg=name)
+
+
+def test_metrics_are_means_over_the_episodes(played):
+    metrics = played.metrics()
+    env, social = played.totals.env.mean(), played.totals.social.mean()
+    assert (metrics.r_env, metrics.r_social) == pytest.approx((env, social))
+    assert metrics.angle == pytest.approx(angle_of(env, social))
+    shares = [(played.ending == kind).mean() for kind in (1, 2, 3)]
+    assert [metrics.arrival, metrics.collision, metrics.timeout] == pytest.approx(shares)
+    assert sum(shares) == 1 and shares[0] > 0
+    assert metrics.mean_speed == pytest.approx(played.speed.mean())
+    assert metrics.stopped == pytest.approx(played.stopped.mean())
+    assert metrics.length == pytest.approx(played.length.mean())
+
+
+def test_a_policy_that_waits_stands(batch):
+    episodes = episodes_of(batch, policy("wait"), range(30))
+    late = episodes.ending == Ending.TIMEOUT
+    assert late.sum() > 5
+    assert (episodes.length[late] == 20).all()
+    assert (episodes.stopped[late] > 0.5).all() and (episodes.speed[late] < 3).all()
+
+
+def test_the_policy_is_told_whether_to_be_deterministic(batch):
+    class Asked:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            asked.append(deterministic)
+            return np.full(len(observation), 2), state
+
+    asked = []
+    episodes_of(batch, Asked(), [1, 2])
+    assert asked and all(asked)
+    asked.clear()
+    episodes_of(batch, Asked(), [1, 2], deterministic=False)
+    assert asked and not any(asked)
+
+
+@pytest.mark.parametrize("seeds", [[], np.array([], int)])
+def test_no_seeds_are_refused(seeds, batch):
+    with pytest.raises(UserError, match="^episodes must be at least 1, got 0$"):
+        episodes_of(batch, policy("go"), seeds)
