@@ -38,7 +38,6 @@ def test_the_batchs_size_does_not_matter(name, batch):
         columns(episodes_of(one, policy(name), SEEDS))
         for one in (Batch(Options(), 1), batch, Batch(Options(), 64))
     ]
-    assert len(runs[0]) == 13 - 1
     for run in runs[1:]:
         for column, values in run.items():
             np.testing.assert_array_equal(values, runs[0][column], err_msg=column)
@@ -149,5 +148,5 @@ def test_the_policy_is_told_whether_to_be_deterministic(batch):
 
 @pytest.mark.parametrize("seeds", [[], np.array([], int)])
 def test_no_seeds_are_refused(seeds, batch):
-    with pytest.raises(UserError, match="^episodes must be at least 1, got 0$"):
+    with pytest.raises(UserError, match=r"^episodes must be at least 1, got 0$"):
         episodes_of(batch, policy("go"), seeds)

@@ -254,7 +254,7 @@ class Batch:
                 )
         for column, saved in zip(kept, state, strict=True):
             column[:] = saved
-        self._begun[:] = True
+        self._begun[:] = made.episodes["increment_low"] != 0  # odd in every stream
 
     def _check_core(self, what: str) -> None:
         if not isinstance(self._engine, Core):
@@ -263,10 +263,13 @@ class Batch:
 
 def _seeds(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
     wanted = np.asarray(seeds)
-    if wanted.dtype.kind not in "iu" or (wanted < 0).any():
-        raise UserError(f"seeds must be whole numbers of at least 0, got {seeds!r}")
+    if wanted.dtype.kind == "O" or wanted.dtype.kind == "f":
+        wanted = np.array(seeds, object)  # numpy mixes large whole numbers into floats
+    given = wanted.ravel().tolist()
+    if not all(type(seed) is int and 0 <= seed < 2**64 for seed in given):
+        raise UserError(f"seeds must be whole numbers of at least 0, below 2**64, got {seeds!r}")
     if wanted.ndim == 0:
-        return (int(wanted) + np.arange(count)).astype(np.uint64)
+        return np.uint64(given[0]) + np.arange(count, dtype=np.uint64)
     if wanted.shape != (count,):
         raise UserError(f"{count} seeds are needed, one for each row, got {wanted.size}")
-    return wanted.astype(np.uint64)
+    return np.array(given, np.uint64)

@@ -173,10 +173,10 @@ def test_auto_reset_shows_both_the_end_and_the_beginning(drive):
 
 
 @pytest.mark.parametrize(
-    "other",
-    [Batch(Options(), 3), Batch(Options(duration=30.0), 2), Batch(Options(observed_vehicles=5), 2)],
+    ("changes", "size"), [({}, 3), ({"duration": 30.0}, 2), ({"observed_vehicles": 5}, 2)]
 )
-def test_states_of_another_shape_are_refused(batch, other):
+def test_states_of_another_shape_are_refused(changes, size, batch):
+    other = Batch(Options(**changes), size)
     other.reset(1)
     before = everything(batch)
     with pytest.raises(UserError, match="restore it under the options and the size") as error:

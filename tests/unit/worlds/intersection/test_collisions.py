@@ -15,7 +15,7 @@ NOTHING = Contact.NONE, -1
 
 
 def collided(*cars, ego=0, contact=NOTHING):
-    """The cars, numbered from 10, after the collisions of a sub-step; the ego's contact, and with whom."""
+    """The cars, numbered from 10, after a sub-step's collisions; the ego's contact, and whose."""
     vehicles = np.array([one[()] for one in cars], VEHICLE)
     vehicles["identity"] = 10 + np.arange(len(cars))
     found = collide(vehicles, len(vehicles), ego, DT, 0.0, int(contact[0]), contact[1])

@@ -28,13 +28,14 @@ def entry_point(function: Callable[..., Any]) -> Any:
 
 
 def fingerprint() -> int:
-    """A number that changes whenever any source of the core does.
+    """A number that changes whenever a source that the compiled code depends on does.
 
     Numba's cache looks at the file of the entry point only; an edit to a kernel that the entry
     point calls would go unnoticed. The entry point closes over this number instead.
     """
     digest = hashlib.sha256()
     here = Path(__file__).parent
-    for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")]):
+    around = (here.parent / f"{name}.py" for name in ("buffers", "options", "settings", "state"))
+    for path in (*sorted(here.glob("*.py")), *around):
         digest.update(path.read_bytes())
     return int.from_bytes(digest.digest()[:7], "big")
