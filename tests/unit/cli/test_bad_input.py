@@ -58,7 +58,7 @@ def refused(capsys, *arguments):
         (["render", "intersection", "--driver", "tom", "--out", "x.png"], "choose one of go, idle"),
         (["render", "intersection", "--out", "x.gif"], "add --driver"),
         (["render", "intersection", "--seed", "-1", "--out", "x.png"], "seed must be at least 0"),
-        (["reproduce", "worlds", "--episodes", "5"], "worlds has no --episodes"),
+        (["reproduce", "poc", "--episodes", "5"], "poc has no --episodes"),
         (["reproduce", "poc", "--back-end", "core"], "poc has no --back-end"),
         (["reproduce", "intersection-world", "--back-end", "x"], "choose one of core, highway_env"),
         (["reproduce", "intersection-world", "--episodes", "0"], "at least 1, got 0"),

@@ -50,7 +50,7 @@ class RulePolicy:
         seen[..., 1:3] *= POSITION_RANGE
         seen[..., 3:5] *= SPEED_RANGE
         actions = self._rule(seen)
-        return (actions if np.ndim(observation) > 1 else actions[0]), state
+        return (actions if np.ndim(observation) > 1 else np.asarray(actions[0])), state
 
 
 def go(seen: Seen) -> Int64[np.ndarray, " batch"]:

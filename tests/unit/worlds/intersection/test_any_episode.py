@@ -92,7 +92,9 @@ READINGS = [
 ]
 
 
-@pytest.mark.parametrize("changes", READINGS, ids=lambda changes: "-".join(list(changes)[:4]) or "thesis")
+@pytest.mark.parametrize(
+    "changes", READINGS, ids=lambda changes: "-".join(list(changes)[:4]) or "thesis"
+)
 def test_rewards_are_the_weighted_sums_of_their_signals(changes, drive):
     options = Options(spawn_probability=1.0, **changes)
     active = dict.fromkeys(WEIGHTS, 0)

@@ -73,7 +73,7 @@ def test_defaults_are_the_thesis_scenario():
         ({"target_speeds": (0.0, NAN)}, "target_speeds must be 2 to 8 rising speeds"),
         ({"target_speeds": tuple(map(float, range(9)))}, "target_speeds must be 2 to 8 rising"),
         ({"target_speeds": (0.0, 4.0, 9.0)}, "target_speeds must be equally spaced"),
-        ({"observed_vehicles": 1}, "observed_vehicles must be a.* at least 2, got 1"),
+        ({"observed_vehicles": 1}, "observed_vehicles must be .*at least 2, got 1"),
         ({"progress_unit": 0.0}, "progress_unit must be positive, got 0.0"),
         ({"conflict_distance": -20.0}, "conflict_distance must be positive, got -20.0"),
         ({"speed_cap": 0.0}, "speed_cap must be positive, got 0.0"),

@@ -13,7 +13,7 @@ from socialiq.worlds.intersection.population import POPULATIONS
 from socialiq.worlds.intersection.state import Contact
 
 BUSY = {"spawn_probability": 1.0, "initial_vehicle_count": 9}
-SIZE, STEPS = 48, 45
+SIZE, STEPS = 32, 40
 
 
 def moment(vehicles, count, ego):
@@ -117,7 +117,7 @@ def test_who_nears_the_end_of_an_exit_is_removed(options, drive):
             gone = ~np.isin(reached["identity"], vehicles["identity"])
             np.testing.assert_array_equal(gone, drivers & (along_exit(reached) >= 80))
             cleared += gone.sum()
-    assert cleared > 50
+    assert cleared > 20
 
 
 def test_newcomers_keep_15_m_from_everybody(options, drive):
