@@ -60,7 +60,7 @@ def reset(episode, vehicles, settings):
 
 @kernel
 def decide(episode, vehicles, action, settings, before, after, present, trace):
-    """The sub-steps of one decision, with snapshots around them; then clear and spawn."""
+    """The sub-steps of one decision, with snapshots before and after them."""
     _copy(vehicles, episode.vehicles, before)
     episode.time += settings.decision
     choose(vehicles[episode.ego], action, settings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
-from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
 
 from socialiq.worlds.intersection.population import POPULATIONS, Normal, Population
 

@@ -22,9 +22,12 @@ from socialiq.worlds.intersection.options import FEATURES, Options
 from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 try:
-    from highway_env.envs.intersection_env import IntersectionEnv
-    from highway_env.road.regulation import RegulatedRoad
-    from highway_env.vehicle.behavior import IDMVehicle
+    # The checks run where the extra is not installed.
+    from highway_env.envs.intersection_env import (  # pyright: ignore[reportMissingImports]
+        IntersectionEnv,
+    )
+    from highway_env.road.regulation import RegulatedRoad  # pyright: ignore[reportMissingImports]
+    from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
 
     from socialiq.worlds.intersection.reference.drivers import DRIVERS
 except ImportError as error:
