@@ -141,14 +141,19 @@ class Options:
 
     def _check_ego(self) -> None:
         speeds = np.array(self.target_speeds, np.float64)
-        if not 2 <= len(speeds) <= MOST_SPEEDS or not (np.diff(speeds) > 0).all():
+        rising = bool((np.diff(speeds) > 0).all() and np.isfinite(speeds).all())
+        if not (2 <= len(speeds) <= MOST_SPEEDS and rising and speeds[-1] > 0):
             raise UserError(
-                f"target_speeds must be 2 to {MOST_SPEEDS} rising speeds, got {self.target_speeds}"
+                f"target_speeds must be 2 to {MOST_SPEEDS} rising speeds, the last above 0, "
+                f"got {self.target_speeds}"
             )
         if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
             raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
-        if self.observed_vehicles < 2:
-            raise UserError(f"observed_vehicles must be at least 2, got {self.observed_vehicles}")
+        if not (isinstance(self.observed_vehicles, int) and self.observed_vehicles >= 2):
+            raise UserError(
+                "observed_vehicles must be a whole number of at least 2, "
+                f"got {self.observed_vehicles}"
+            )
 
     @property
     def max_speed(self) -> float:
