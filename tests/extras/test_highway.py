@@ -17,12 +17,9 @@ pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
 from highway_env.envs.intersection_env import IntersectionEnv
 
-from socialiq.worlds.intersection.reference import highway
-from socialiq.worlds.intersection.reference.highway import (
-    Driver,
-    HighwayIntersection,
-    environment_config,
-)
+from socialiq.worlds.intersection.reference import drivers, highway
+from socialiq.worlds.intersection.reference.drivers import Driver
+from socialiq.worlds.intersection.reference.highway import HighwayIntersection, environment_config
 
 SEEDS = range(6)
 
@@ -101,7 +98,7 @@ def test_observation_is_read_as_highway_env_reads_its_own():
 
 
 def test_driver_without_variation_is_highway_envs_own():
-    driver = {"other_vehicles_type": f"{highway.__name__}.{Driver.__name__}"}
+    driver = {"other_vehicles_type": f"{drivers.__name__}.{Driver.__name__}"}
     plain = IntersectionEnv(config=environment_config(Options()) | driver)
     assert_same_episode(HighwayIntersection(Options()), plain, 0)
     assert any(isinstance(one, Driver) for one in plain.road.vehicles)
@@ -232,9 +229,9 @@ def test_desired_speed_survives_every_yield(varied):
 def calls(monkeypatch):
     made = []
 
-    def contact_of(vehicles, ego, dt, contact):
-        made.append((vehicles, ego, dt, contact))
-        return Contact.EGO_STRUCK if len(made) > 1 else Contact.NONE
+    def contact_of(vehicles, ego, dt, contact, touched):
+        made.append((vehicles, ego, dt, (contact, touched)))
+        return (Contact.EGO_STRUCK, 3) if len(made) > 1 else (Contact.NONE, -1)
 
     monkeypatch.setattr(highway, "contact_of", contact_of)
     return made
@@ -246,13 +243,13 @@ def test_contacts_are_watched_in_the_sub_steps_of_decisions(calls):
     assert calls == [] and world.contact == Contact.NONE
     world.step(1)
     assert len(calls) == 10
-    assert [contact for *_, contact in calls] == [0, 0] + [Contact.EGO_STRUCK] * 8
-    assert world.contact == Contact.EGO_STRUCK
+    assert [told for *_, told in calls] == [(0, -1)] * 2 + [(Contact.EGO_STRUCK, 3)] * 8
+    assert (world.contact, world.touched) == (Contact.EGO_STRUCK, 3)
     for vehicles, ego, dt, _ in calls:
         assert dt == 0.1 and vehicles["origin"][ego] == 0 and vehicles["exponent"][ego] == 0
     assert np.array_equal(calls[-1][0], world.after)
     world.reset(0)
-    assert world.contact == Contact.NONE
+    assert (world.contact, world.touched) == (Contact.NONE, -1)
 
 
 def test_contacts_are_not_watched_once_the_ego_is_struck(calls):
