@@ -50,6 +50,8 @@ class Render:
         if self.seed < 0:
             raise UserError(f"seed must be at least 0, got {self.seed}")
         world = make(self.world)
+        suffixes = (".png", *FILMS) if isinstance(world, Intersection) else (".png",)
+        one_of(f"kind of picture of {self.world}", self.out.suffix, suffixes)
         if isinstance(world, Intersection):
             self._check_unused("angle", self.angle is not None, "--driver")
             self.intersection(world.options)

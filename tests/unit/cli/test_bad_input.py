@@ -57,6 +57,8 @@ def refused(capsys, *arguments):
         (["render", "crossing5", "--driver", "go", "--out", "x.png"], "use --angle"),
         (["render", "intersection", "--driver", "tom", "--out", "x.png"], "choose one of go, idle"),
         (["render", "intersection", "--out", "x.gif"], "add --driver"),
+        (["render", "intersection", "--out", "x.bmp"], "choose one of .png, .gif, .mp4"),
+        (["render", "crossing5", "--out", "x.gif"], "choose one of .png"),
         (["render", "intersection", "--seed", "-1", "--out", "x.png"], "seed must be at least 0"),
         (["reproduce", "poc", "--episodes", "5"], "poc has no --episodes"),
         (["reproduce", "poc", "--back-end", "core"], "poc has no --back-end"),
