@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -19,8 +19,9 @@ from socialiq.types import Policy
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import ACTIONS, Intersection
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make, make_grid
 
@@ -76,7 +77,8 @@ class Render:
         if not self.driver:
             if self.out.suffix in FILMS:
                 raise UserError("a film needs an episode: add --driver")
-            batch = make_batch(options, self.seed)
+            batch = Batch(options, 1)
+            batch.reset([self.seed])
             drawn = render.picture(scenes.present_scene(batch))
             write_atomically(self.out, png({"picture": drawn})["picture"])
             return
@@ -86,13 +88,6 @@ class Render:
             return
         drawn = render.filmstrip(episode[:: options.frames])
         write_atomically(self.out, png({"picture": drawn})["picture"])
-
-
-def make_batch(options: Options, seed: int) -> Any:
-    """One episode that has just begun."""
-    batch = Intersection(options).batch(1)
-    batch.reset([seed])
-    return batch
 
 
 def driver_of(name: str, seed: int) -> Policy:
@@ -105,7 +100,7 @@ def driver_of(name: str, seed: int) -> Policy:
         one_of("driver", name, (*policies.NAMES, "a policy file"))
         return policies.policy(name, seed)
     policy, world = QPolicy.load(Path(name)), Intersection()
-    if (policy.n_features, policy.n_actions) != (world.n_features, len(ACTIONS)):
+    if (policy.n_features, policy.n_actions) != (world.n_features, world.n_actions):
         raise UserError(
             f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
             f"intersection has {world.n_features} and {world.n_actions}: name another policy"

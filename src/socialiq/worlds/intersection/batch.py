@@ -108,6 +108,10 @@ class Batch:
         back_end: "core", or "highway_env" for the real one, which is hundreds of times slower.
         traced: Keep the vehicles of every sub-step in `buffers.trace`, for films.
 
+    Attributes:
+        buffers: What the engine reads and writes.
+        begun: Rows whose random stream has begun, bool (batch,).
+
     Raises:
         UserError: If a number is not positive, or highway-env is wanted and not installed.
     """
@@ -127,7 +131,7 @@ class Batch:
         self.options, self.size = options, size
         self.buffers = Buffers.of(options, size, traced)
         self._waiting = np.ones(size, bool)  # for a reset
-        self._begun = np.zeros(size, bool)
+        self.begun = np.zeros(size, bool)
         self._everyone, self._unseeded = np.ones(size, bool), np.zeros(size, bool)
         self._no_seeds = np.zeros(size, np.uint64)
         self._engine = self._engine_of(back_end, threads)
@@ -162,7 +166,7 @@ class Batch:
         """
         chosen = self._chosen(rows)
         seeded = chosen & (seeds is not None)
-        if seeds is None and not self._begun[chosen].all():
+        if seeds is None and not self.begun[chosen].all():
             raise UserError("the first reset needs a seed")
         entropy = np.zeros(self.size, np.uint64)
         if seeds is not None:
@@ -170,7 +174,7 @@ class Batch:
         commands = np.where(chosen, RESET, SKIP).astype(np.int8)
         self._engine.run(commands, entropy, seeded, np.zeros(self.size, np.int64))
         self._waiting[chosen] = False
-        self._begun[chosen] = True
+        self.begun[chosen] = True
         return self.observation
 
     def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
@@ -254,7 +258,7 @@ class Batch:
                 )
         for column, saved in zip(kept, state, strict=True):
             column[:] = saved
-        self._begun[:] = made.episodes["increment_low"] != 0  # odd in every stream
+        self.begun[:] = made.episodes["increment_low"] != 0  # odd in every stream
 
     def _check_core(self, what: str) -> None:
         if not isinstance(self._engine, Core):

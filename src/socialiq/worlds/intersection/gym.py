@@ -20,8 +20,6 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import Intersection
 
-ID = "socialiq/Intersection-v1"
-
 _TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION))
 
 
@@ -62,16 +60,14 @@ class IntersectionEnv(gymnasium.Env):
         self._weights = weights(check_angle(angle))
         self.observation_space, self.action_space = _spaces(self.world)
         self.batch: Batch = self.world.batch(1, back_end=back_end)
-        self._begun = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start the episode that highway-env starts with this seed, or go on with the stream."""
         super().reset(seed=seed, options=options)
-        if seed is None and not self._begun:
+        if seed is None and not self.batch.begun.all():
             seed = int(self.np_random.integers(2**31))
-        self._begun = True
         return self.batch.reset(None if seed is None else [seed])[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -140,7 +136,6 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, bool)
-        self._begun = False
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -156,9 +151,8 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
             mask = np.asarray(options["reset_mask"], bool)
         if isinstance(seed, int):
             seed = [seed + row for row in range(self.num_envs)]
-        if seed is None and not self._begun:
+        if seed is None and not self.batch.begun[mask].all():
             seed = self.np_random.integers(2**31, size=self.num_envs).tolist()
-        self._begun = True
         self._ended[mask] = False
         chosen = None if seed is None else np.asarray(seed)[mask]
         return self.batch.reset(chosen, rows=mask), {}

@@ -7,7 +7,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.intersection.gym import ID, IntersectionEnv, IntersectionVectorEnv
+from socialiq.worlds.ids import IDS
+from socialiq.worlds.intersection.gym import IntersectionEnv, IntersectionVectorEnv
 from socialiq.worlds.intersection.state import Contact
 
 SIZE, STEPS = 5, 200
@@ -148,7 +149,9 @@ def test_a_reset_forgets_who_had_ended():
 
 
 def test_gymnasium_makes_it_vectorised():
-    env = gymnasium.make_vec(ID, num_envs=3, angle=90.0, threads=2, observed_vehicles=5)
+    env = gymnasium.make_vec(
+        IDS["intersection"], num_envs=3, angle=90.0, threads=2, observed_vehicles=5
+    )
     inner = env.unwrapped
     assert isinstance(inner, IntersectionVectorEnv)
     assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP

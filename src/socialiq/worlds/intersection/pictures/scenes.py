@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.intersection.batch import BackEnd, Batch
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.pictures.render import Scene
 from socialiq.worlds.intersection.settings import WEIGHTS
@@ -46,25 +46,21 @@ def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
         yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "")
 
 
-def episode_scenes(
-    options: Options, policy: Policy, seed: int, back_end: BackEnd = "core"
-) -> list[Scene]:
+def episode_scenes(options: Options, policy: Policy, seed: int) -> list[Scene]:
     """One episode: its first state, then every sub-step.
 
     Args:
         options: The scenario.
         policy: Who drives.
         seed: Of the episode.
-        back_end: "core", or "highway_env", which shows decisions only.
     """
-    traced = back_end == "core"
-    batch = Batch(options, 1, back_end=back_end, traced=traced)
+    batch = Batch(options, 1, traced=True)
     batch.reset([seed])
     scenes, ending = [present_scene(batch)], Ending.NONE
     while ending == Ending.NONE:
         action, _ = policy.predict(batch.observation)
         ending = Ending(int(batch.step(action, auto_reset=False).ending[0]))
-        scenes += decision_scenes(batch) if traced else [present_scene(batch)]
+        scenes += decision_scenes(batch)
     return [*scenes[:-1], scenes[-1]._replace(caption=ending.name.lower())]
 
 
