@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.worlds.intersection.options import FEATURES, Options
+from socialiq.worlds.intersection.interface import FEATURES
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import WEIGHTS
 from socialiq.worlds.intersection.state import EPISODE, VEHICLE
 

@@ -18,8 +18,6 @@ Crash = Literal["override", "add"]
 Destination = Literal["right", "left", "straight", "random"]
 
 MOST_SPEEDS = 8
-FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
-"""Numbers of one row of the observation."""
 
 
 @dataclass(frozen=True)

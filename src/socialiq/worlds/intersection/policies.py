@@ -12,12 +12,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.errors import one_of
-from socialiq.worlds.intersection.options import FEATURES
+from socialiq.worlds.intersection.interface import (
+    ACTIONS,
+    FASTER,
+    FEATURES,
+    IDLE,
+    POSITION_RANGE,
+    SLOWER,
+    SPEED_RANGE,
+)
 
-SLOWER, IDLE, FASTER = range(3)
-
-POSITION_RANGE = 100.0  # m, seen as 1
-SPEED_RANGE = 20.0  # m/s, seen as 1
 STOP_LINE = 11.0  # m south of the centre
 STOP_BEFORE = 11.0  # m before the stop line at which the stopper begins to brake
 LOOK_FROM = 20.0  # m before the stop line from which gaps are judged
@@ -91,7 +95,7 @@ def gap(seconds: float) -> Rule:
 def random(seed: int) -> Rule:
     """Any action, drawn anew at each call."""
     rng = np.random.default_rng(seed)
-    return lambda seen: rng.integers(3, size=len(seen))
+    return lambda seen: rng.integers(len(ACTIONS), size=len(seen))
 
 
 def policy(name: str, seed: int = 0) -> RulePolicy:

@@ -6,7 +6,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.types import Policy
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.policies import FASTER, IDLE, SLOWER
+from socialiq.worlds.intersection.interface import FASTER, IDLE, SLOWER
 
 BEFORE = 15.0  # y of an ego that judges gaps
 

@@ -35,7 +35,8 @@ def fingerprint() -> int:
     """
     digest = hashlib.sha256()
     here = Path(__file__).parent
-    around = (here.parent / f"{name}.py" for name in ("buffers", "options", "settings", "state"))
+    names = ("buffers", "interface", "options", "settings", "state")
+    around = (here.parent / f"{name}.py" for name in names)
     for path in (*sorted(here.glob("*.py")), *around):
         digest.update(path.read_bytes())
     return int.from_bytes(digest.digest()[:7], "big")

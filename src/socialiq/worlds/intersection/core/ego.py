@@ -7,9 +7,7 @@ import numpy as np
 from socialiq.worlds.intersection.core.compile import kernel
 from socialiq.worlds.intersection.core.geometry import EXIT, LANES, ROUTES, longitudinal
 from socialiq.worlds.intersection.core.traffic import clip, follow_road, steering
-
-SLOWER, IDLE, FASTER = range(3)
-"""The actions: one target speed down, keep, one up, counted from the present speed."""
+from socialiq.worlds.intersection.interface import FASTER, IDLE
 
 SPEED_GAIN = 1 / 0.6  # 1/s
 EXIT_DISTANCE = 25.0  # m along an exit that count as arrived

@@ -7,10 +7,9 @@ import numpy as np
 from socialiq.worlds.intersection.core.compile import kernel
 from socialiq.worlds.intersection.core.geometry import LANES, VEHICLE_LENGTH, distance, longitudinal
 from socialiq.worlds.intersection.core.traffic import clip
+from socialiq.worlds.intersection.interface import POSITION_RANGE, SPEED_RANGE
 
 PERCEPTION = 200.0  # m
-POSITION_RANGE = 100.0  # m, becomes 1
-SPEED_RANGE = 20.0  # m/s, becomes 1
 
 
 @kernel

@@ -18,7 +18,8 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.worlds.intersection.core.collisions import contact_of
-from socialiq.worlds.intersection.options import FEATURES, Options
+from socialiq.worlds.intersection.interface import FEATURES, POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 try:
@@ -47,7 +48,7 @@ def environment_config(options: Options) -> dict[str, Any]:
     Args:
         options: The scenario; the readings of the reward don't matter here.
     """
-    metres, speed = [-100, 100], [-20, 20]
+    metres, speed = [-POSITION_RANGE, POSITION_RANGE], [-SPEED_RANGE, SPEED_RANGE]
     driver = DRIVERS[options.population]
     return {
         "observation": {
