@@ -12,7 +12,7 @@ from socialiq.worlds import registry
 from socialiq.worlds.ids import IDS
 from socialiq.worlds.intersection.gym import IntersectionEnv
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.settings import WEIGHTS
+from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.world import Intersection
 
 ID = IDS["intersection"]
@@ -78,7 +78,7 @@ def test_info_tells_the_pairs_the_signals_and_the_ending(env):
         for *_, (_, _, terminated, truncated, info) in walk(env, 150, 1, driver):
             assert info["reward_pair"].shape == info["classical"].shape == (2,)
             assert info["reward_pair"].dtype == info["classical"].dtype == np.float64
-            assert set(info["signals"]) == set(WEIGHTS)
+            assert set(info["signals"]) == set(SIGNALS)
             assert {type(value) for value in info["signals"].values()} == {float}
             ending = Ending[info["ending"].upper()]
             assert (ending == Ending.NONE) == (not terminated and not truncated)

@@ -10,7 +10,7 @@ from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.settings import WEIGHTS
+from socialiq.worlds.intersection.settings import SIGNALS
 
 SEEDS = [5, 900, 17, 17, 2**40, 3, 0, 88, 61, 12, 13, 14, 15, 16, 40, 41, 42, 43, 44, 45]
 
@@ -89,8 +89,8 @@ def test_sums_are_those_of_a_hand_played_episode(played):
         rewards = np.array([step.rewards for step in steps])[..., 0]
         classical = np.array([step.classical for step in steps])[..., 0]
         speeds = np.array([step.speed[0] for step in steps])
-        signals = np.array([[step.signals[name][0] for name in WEIGHTS] for step in steps])
-        assert played.signal_names == WEIGHTS
+        signals = np.array([[step.signals[name][0] for name in SIGNALS] for step in steps])
+        assert played.signal_names == SIGNALS
         expected = {
             "env": rewards[:, 0].sum(),
             "social": rewards[:, 1].sum(),

@@ -18,7 +18,7 @@ from socialiq.worlds.intersection.buffers import (
     Buffers,
 )
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import WEIGHTS, settings_of
+from socialiq.worlds.intersection.settings import SIGNALS, settings_of
 
 BackEnd = Literal["core", "highway_env"]
 BACK_ENDS = ("core", "highway_env")
@@ -219,7 +219,7 @@ class Batch:
             observation=made.reached.reshape(self.size, -1).copy(),
             rewards=RewardPair(*made.rewards.T.copy()),
             ending=made.ending.copy(),
-            signals=dict(zip(WEIGHTS, made.signals.T.copy(), strict=True)),
+            signals=dict(zip(SIGNALS, made.signals.T.copy(), strict=True)),
             speed=made.speed.copy(),
             contact=made.contact.copy(),
             neighbours_collided=made.neighbours_collided.copy(),

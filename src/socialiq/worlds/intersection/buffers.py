@@ -8,7 +8,7 @@ import numpy as np
 
 from socialiq.worlds.intersection.interface import FEATURES
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import WEIGHTS
+from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.state import EPISODE, VEHICLE
 
 RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
@@ -26,7 +26,7 @@ class Buffers(NamedTuple):
         present: How many there were in `before` and `after`, and the ego's slot, (batch, 2).
         reached: Observation of the state that the decision led to, float32.
         observation: Observation of the state now; another one if the episode was reset.
-        signals: In the order of `WEIGHTS`, unweighted.
+        signals: In the order of `SIGNALS`, unweighted.
         rewards: r_env and r_social, (batch, 2).
         classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
         speed: The ego's, m/s.
@@ -68,7 +68,7 @@ class Buffers(NamedTuple):
             present=np.zeros((size, 2), np.int64),
             reached=np.zeros(seen, np.float32),
             observation=np.zeros(seen, np.float32),
-            signals=np.zeros((size, len(WEIGHTS))),
+            signals=np.zeros((size, len(SIGNALS))),
             rewards=np.zeros((size, 2)),
             classical=np.zeros((size, 2)),
             speed=np.zeros(rows),

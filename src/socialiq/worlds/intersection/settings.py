@@ -20,7 +20,7 @@ from socialiq.worlds.intersection.population import POPULATIONS
 TIE = 1e-9
 """What counts as equal in canonical mode, m."""
 
-WEIGHTS = (
+SIGNALS = (
     "progress",
     "speed",
     "step",
@@ -33,8 +33,8 @@ WEIGHTS = (
 )
 """Every signal, those of r_env first; its weight is the option of that name."""
 
-ENV_SIGNALS = WEIGHTS[:6]
-SOCIAL_SIGNALS = WEIGHTS[6:]
+ENV_SIGNALS = SIGNALS[:6]
+SOCIAL_SIGNALS = SIGNALS[6:]
 
 SETTINGS = np.dtype(
     [
@@ -50,7 +50,6 @@ SETTINGS = np.dtype(
         ("destination", np.int64),  # arm; 0 draws one
         ("n_speeds", np.int64),
         ("target_speeds", np.float64, (MOST_SPEEDS,)),
-        ("observed_vehicles", np.int64),
         ("connected_lanes", np.bool_),
         ("population", np.float64, (5, 4)),
         ("progress_unit", np.float64),
@@ -62,7 +61,7 @@ SETTINGS = np.dtype(
         ("max_speed", np.float64),
         ("speed_threshold", np.float64),
         ("speed_cap", np.float64),
-        ("weights", np.float64, (len(WEIGHTS),)),
+        ("weights", np.float64, (len(SIGNALS),)),
     ],
     align=True,
 )
@@ -88,7 +87,7 @@ def settings_of(options: Options) -> np.ndarray:
     record["destination"] = _ARMS[options.destination]
     record["n_speeds"] = len(options.target_speeds)
     record["target_speeds"][0, : len(options.target_speeds)] = options.target_speeds
-    record["weights"] = [getattr(options, f"{name}_weight") for name in WEIGHTS]
+    record["weights"] = [getattr(options, f"{name}_weight") for name in SIGNALS]
     return record
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from socialiq.worlds.intersection.batch import BackEnd, Batch
 from socialiq.worlds.intersection.interface import ACTIONS, FEATURES
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import WEIGHTS
+from socialiq.worlds.intersection.settings import SIGNALS
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Intersection:
     @property
     def signal_names(self) -> tuple[str, ...]:
         """Names of all signals, those of r_env first."""
-        return WEIGHTS
+        return SIGNALS
 
     @property
     def description(self) -> str:

@@ -11,7 +11,7 @@ from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.pictures.scenes import weight_of
-from socialiq.worlds.intersection.settings import ENV_SIGNALS, SOCIAL_SIGNALS, WEIGHTS
+from socialiq.worlds.intersection.settings import ENV_SIGNALS, SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.state import VEHICLE
 
 SCENARIOS = {
@@ -80,7 +80,7 @@ def test_vehicles_fit_their_places_to_the_last_decision(name):
             assert (np.diff(identity) > 0).all()
 
 
-WEIGHED = {f"{name}_weight": 0.7 * number - 3.0 for number, name in enumerate(WEIGHTS)}
+WEIGHED = {f"{name}_weight": 0.7 * number - 3.0 for number, name in enumerate(SIGNALS)}
 READINGS = [
     {},
     {"crash": "add"},
@@ -97,7 +97,7 @@ READINGS = [
 )
 def test_rewards_are_the_weighted_sums_of_their_signals(changes, drive):
     options = Options(spawn_probability=1.0, **changes)
-    active = dict.fromkeys(WEIGHTS, 0)
+    active = dict.fromkeys(SIGNALS, 0)
     for _, made in drive(options, 48, 40):
         for names, reward in zip((ENV_SIGNALS, SOCIAL_SIGNALS), made.rewards, strict=True):
             expected = sum(weight_of(options, name) * made.signals[name] for name in names)

@@ -8,7 +8,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.worlds import registry
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import WEIGHTS, settings_of
+from socialiq.worlds.intersection.settings import SIGNALS, settings_of
 
 THESIS = {
     "simulation_frequency": 10,
@@ -94,8 +94,8 @@ def test_mistakes_are_refused_in_one_line(changes, line):
 
 
 UNCHECKED = [
-    *({f"{name}_weight": NAN} for name in WEIGHTS),
-    *({f"{name}_weight": -INF} for name in WEIGHTS),
+    *({f"{name}_weight": NAN} for name in SIGNALS),
+    *({f"{name}_weight": -INF} for name in SIGNALS),
     *({name: INF} for name in ("progress_unit", "speed_cap", "conflict_distance")),
     {"speed_threshold": NAN},
     {"target_speeds": (0.0, INF)},
@@ -159,5 +159,5 @@ def test_the_core_reads_what_the_options_say():
     assert (read["frames"], read["warm_up"], read["rule_period"]) == (3, 45, 7)
     assert (read["dt"], read["decision"]) == (1 / 15, 1 / 5)
     assert 0 < read["tie"] < 1e-6
-    assert read["weights"][WEIGHTS.index("yielding")] == 7.0
+    assert read["weights"][SIGNALS.index("yielding")] == 7.0
     assert settings_of(Options())[0]["tie"] == 0

@@ -11,7 +11,7 @@ import pytest
 from socialiq.types import Ending
 from socialiq.worlds.intersection.core.geometry import APPROACH, EXIT, LEFT
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import WEIGHTS
+from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.state import Contact
 
 EAST, NORTH, WEST = 0.0, -90.0, 180.0
@@ -19,7 +19,7 @@ WEST_APPROACH, EAST_APPROACH, WEST_EXIT = 5, 15, 14
 
 
 def signals(made):
-    return dict(zip(WEIGHTS, made.signals[0].tolist(), strict=True))
+    return dict(zip(SIGNALS, made.signals[0].tolist(), strict=True))
 
 
 def pair(made):
@@ -67,7 +67,7 @@ ROLLING = 2 * 4.5 / 28 + 0.5 * 0.5 - 0.15
 def test_both_rewards_by_hand(scene):
     made = scene()
     expected = {"progress": 4.5 / 28, "speed": 0.5, "step": 1, "yielding": 1.0, "disruption": 0.4}
-    assert signals(made) == pytest.approx(dict.fromkeys(WEIGHTS, 0) | expected)
+    assert signals(made) == pytest.approx(dict.fromkeys(SIGNALS, 0) | expected)
     assert pair(made) == pytest.approx([ROLLING, 0.2 * 1.0 - 0.4])
     assert made.braking[0, :3].tolist() == [False, True, False]
     assert (made.ending[0], made.speed[0]) == (Ending.NONE, 4.5)
@@ -184,7 +184,7 @@ def test_a_neighbour_is_where_it_steers(ego, crossing, annotated):
 def test_a_collision_replaces_everything(scene, ego):
     made = scene(ego(15.0, 4.5, crashed=True), contact=Contact.EGO_STRUCK)
     assert pair(made) == [-2.0, -5.0]
-    zeros = dict.fromkeys(WEIGHTS, 0.0)
+    zeros = dict.fromkeys(SIGNALS, 0.0)
     assert signals(made) == zeros | {"collision": 1.0, "neighbour_collision": 1.0}
     assert (made.ending[0], made.contact[0]) == (Ending.COLLISION, Contact.EGO_STRUCK)
     assert not made.braking.any()
@@ -257,12 +257,12 @@ def test_off_the_lane_nothing_is_earned(x, on_lane, ego, annotated):
 
 
 def test_every_weight_is_an_option(scene):
-    values = {f"{name}_weight": 2.0**number for number, name in enumerate(WEIGHTS)}
+    values = {f"{name}_weight": 2.0**number for number, name in enumerate(SIGNALS)}
     made = scene(options=Options(**values))
     found = signals(made)
     expected = [
         sum(values[f"{name}_weight"] * found[name] for name in names)
-        for names in (WEIGHTS[:6], WEIGHTS[6:])
+        for names in (SIGNALS[:6], SIGNALS[6:])
     ]
     assert pair(made) == pytest.approx(expected)
 

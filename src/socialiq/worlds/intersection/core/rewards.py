@@ -16,9 +16,9 @@ from socialiq.worlds.intersection.core.geometry import LANES, distance, on_lane
 from socialiq.worlds.intersection.core.traffic import clip
 from socialiq.worlds.intersection.core.zone import counts, in_zone
 from socialiq.worlds.intersection.options import Crash, Disruption
-from socialiq.worlds.intersection.settings import ENV_SIGNALS, WEIGHTS
+from socialiq.worlds.intersection.settings import ENV_SIGNALS, SIGNALS
 
-_N_ENV, _N_SIGNALS = len(ENV_SIGNALS), len(WEIGHTS)
+_N_ENV, _N_SIGNALS = len(ENV_SIGNALS), len(SIGNALS)
 _DEAD_ZONE, _LITERAL = range(len(get_args(Disruption)))
 _OVERRIDE, _ADD = range(len(get_args(Crash)))
 (
@@ -31,7 +31,7 @@ _OVERRIDE, _ADD = range(len(get_args(Crash)))
     _YIELDING,
     _DISRUPTION,
     _NEIGHBOUR_COLLISION,
-) = range(len(WEIGHTS))
+) = range(len(SIGNALS))
 _NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT = (
     int(kind) for kind in (Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT)
 )
@@ -58,7 +58,7 @@ def env_signals(before, after, ending, settings, signals):
         after: The same when the sub-steps are over.
         ending: Value of `Ending`.
         settings: SETTINGS record.
-        signals: All signals in the order of `WEIGHTS`, overwritten up to `TIMEOUT`.
+        signals: All signals in the order of `SIGNALS`, overwritten up to `TIMEOUT`.
     """
     signals[:_N_ENV] = 0.0
     if ending == _COLLIDED:
@@ -87,7 +87,7 @@ def social_signals(before, after, count, ego, start, ending, settings, signals, 
         start: Route coordinate at which the ego began, m.
         ending: Value of `Ending`.
         settings: SETTINGS record.
-        signals: All signals in the order of `WEIGHTS`, overwritten from `YIELDING` on.
+        signals: All signals in the order of `SIGNALS`, overwritten from `YIELDING` on.
         braking: By slot, whether the loss of speed was charged to the ego; overwritten.
     """
     braking[:] = False

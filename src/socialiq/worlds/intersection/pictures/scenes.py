@@ -10,7 +10,7 @@ from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.pictures.render import Scene
-from socialiq.worlds.intersection.settings import WEIGHTS
+from socialiq.worlds.intersection.settings import SIGNALS
 
 
 def present_scene(batch: Batch, row: int = 0) -> Scene:
@@ -68,7 +68,7 @@ def _rewards(batch: Batch, row: int, begun: bool) -> tuple[dict[str, float], Rew
     made = batch.buffers
     signals = {
         name: float(weight_of(batch.options, name) * value) if begun else 0.0
-        for name, value in zip(WEIGHTS, made.signals[row], strict=True)
+        for name, value in zip(SIGNALS, made.signals[row], strict=True)
     }
     return signals, RewardPair(*(made.rewards[row] * begun).tolist())
 
