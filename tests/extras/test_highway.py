@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.worlds.intersection.core.ego import arrived
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.population import POPULATIONS
@@ -34,10 +35,20 @@ def varied():
     return HighwayIntersection(Options(population="thesis"))
 
 
+def crashed(world):
+    return bool(world.after["crashed"][world.ego_after])
+
+
+def ended(world):
+    """Whether it is terminated, and truncated, by all that an engine reads of it."""
+    terminated = crashed(world) or arrived(world.after[world.ego_after])
+    return terminated, world.time >= world.environment.config["duration"]
+
+
 def random_decisions(world, seed):
     random = np.random.default_rng(seed)
     world.reset(seed)
-    while not (world.terminated or world.truncated):
+    while not any(ended(world)):
         action = int(random.integers(3))
         yield action, world.step(action)
 
@@ -49,9 +60,9 @@ def assert_same_episode(world, plain, seed):
         observation, _, terminated, truncated, info = plain.step(action)
         assert found.dtype == np.float32
         np.testing.assert_array_equal(found, observation.ravel())
-        assert (world.terminated, world.truncated) == (terminated, truncated)
-        assert (world.crashed, world.time) == (info["crashed"], plain.time)
-        assert world.arrived == plain.has_arrived(plain.vehicle)
+        assert ended(world) == (terminated, truncated)
+        assert (crashed(world), world.time) == (info["crashed"], plain.time)
+        assert arrived(world.after[world.ego_after]) == plain.has_arrived(plain.vehicle)
 
 
 @pytest.mark.parametrize("connected_lanes", [False, True])
@@ -79,9 +90,9 @@ def test_options_reach_the_environment():
         assert world.reset(seed).shape == (4 * 7,)
         arms.add(int(world.vehicles["destination"][world.ego]))
     assert arms == {1, 2, 3}
-    while not (world.terminated or world.truncated):
+    while not any(ended(world)):
         world.step(0)
-    assert world.truncated and world.time == 3.0
+    assert ended(world)[1] and world.time == 3.0
     assert world.environment.steps == 60
 
 
@@ -144,7 +155,7 @@ def test_before_after_and_now_are_three_moments_of_one_episode(world):
             came += len(now) - kept.sum()
             assert_valid(now, world.ego)
             assert_valid(world.after, world.ego_after)
-            assert world.after["crashed"][world.ego_after] == world.crashed
+            assert crashed(world) == world.environment.vehicle.crashed
     assert cleared > 0 and came > 0
 
 
@@ -254,20 +265,20 @@ def test_contacts_are_watched_in_the_sub_steps_of_decisions(calls):
 
 def test_contacts_are_not_watched_once_the_ego_is_struck(calls):
     world = HighwayIntersection(Options())
-    for push, crashed in ((np.zeros(2), False), (None, True)):
+    for push, struck in ((np.zeros(2), False), (None, True)):
         world.reset(0)
         world.environment.vehicle.impact = push
-        world.environment.vehicle.crashed = crashed
+        world.environment.vehicle.crashed = struck
         world.step(1)
-        assert world.crashed and calls == []
+        assert crashed(world) and calls == []
 
 
 def test_contact_of_a_crash_is_known(varied):
     crashes = 0
     for seed in SEEDS:
         for _ in random_decisions(varied, seed):
-            assert varied.contact != Contact.NONE or not varied.crashed
-        crashes += varied.crashed
+            assert varied.contact != Contact.NONE or not crashed(varied)
+        crashes += crashed(varied)
     assert crashes > 0
 
 

@@ -15,7 +15,6 @@ from socialiq.worlds import drawing
 from socialiq.worlds.intersection.core.geometry import ROUTES, VEHICLE_LENGTH
 from socialiq.worlds.intersection.pictures import encoding, shapes
 from socialiq.worlds.intersection.settings import SOCIAL_SIGNALS
-from socialiq.worlds.pictures import pixels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +23,7 @@ REACH = 50.0
 
 _SOUTHWARDS = 0.16  # the view looks this part of its reach further south: there the ego starts
 _DPI = 100
+_INCHES = 6.0  # width of a picture
 
 
 class Scene(NamedTuple):
@@ -211,7 +211,7 @@ def _legend(axes: Any, size: float) -> None:
     shapes.dots(axes, way.place([(-2.5, 0.0), (2.5, 0.0)]))
 
 
-def picture(scene: Scene, inches: float = 6.0) -> Figure:
+def picture(scene: Scene, inches: float = _INCHES) -> Figure:
     """Draw one scene with a legend, and under it what each signal adds to the two rewards.
 
     Args:
@@ -248,23 +248,9 @@ def filmstrip(
     return figure
 
 
-def animation(scenes: Sequence[Scene], inches: float = 6.0) -> Iterator[np.ndarray]:
-    """Draw scenes as the frames of a film, each as `picture` does.
-
-    Args:
-        scenes: The scenes in order, one frame each.
-        inches: Width of a frame at 100 pixels to the inch.
-
-    Yields:
-        RGB, uint8 (height, width, 3).
-    """
-    for figure in _shown(scenes, inches):
-        yield pixels(figure)
-
-
-def _shown(scenes: Sequence[Scene], inches: float = 6.0) -> Iterator[Figure]:
-    """One figure, again and again, with the next scene on it."""
-    sheet = _Sheet(scenes, inches)
+def _shown(scenes: Sequence[Scene]) -> Iterator[Figure]:
+    """One figure, again and again, with the next scene on it as `picture` draws it."""
+    sheet = _Sheet(scenes, _INCHES)
     for scene in scenes:
         sheet.show(scene)
         yield sheet.figure

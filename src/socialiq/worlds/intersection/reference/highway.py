@@ -197,8 +197,6 @@ class HighwayIntersection:
         before: Vehicles at the decision, VEHICLE (vehicles,).
         after: Vehicles when the sub-steps are over and none has been cleared or spawned yet,
             VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
-        terminated: Whether the last step ended in a collision of the ego or in its arrival.
-        truncated: Whether time was up; both can be true.
 
     Args:
         options: The scenario.
@@ -219,7 +217,6 @@ class HighwayIntersection:
         """
         observation, _ = self.environment.reset(seed=seed)
         self.before = self.after = self.vehicles
-        self.terminated = self.truncated = False
         return observation.reshape(-1)
 
     def step(self, action: int) -> np.ndarray:
@@ -232,9 +229,8 @@ class HighwayIntersection:
             The observation, float32 (observed vehicles * 7,).
         """
         self.before = self.vehicles
-        observation, _, terminated, truncated, _ = self.environment.step(action)
+        observation, *_ = self.environment.step(action)
         self.after = self.environment.after
-        self.terminated, self.truncated = bool(terminated), bool(truncated)
         return observation.reshape(-1)
 
     @property
@@ -246,11 +242,6 @@ class HighwayIntersection:
     def ego(self) -> int:
         """The ego's slot in `vehicles`."""
         return self._slot(self.vehicles)
-
-    @property
-    def ego_before(self) -> int:
-        """The ego's slot in `before`."""
-        return self._slot(self.before)
 
     @property
     def ego_after(self) -> int:
@@ -271,16 +262,6 @@ class HighwayIntersection:
     def time(self) -> float:
         """Seconds since the reset."""
         return float(self.environment.time)
-
-    @property
-    def crashed(self) -> bool:
-        """Whether the ego has crashed."""
-        return bool(self.environment.road.ego.crashed)
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the ego is 25 m or more along an exit."""
-        return bool(self.environment.has_arrived(self.environment.road.ego))
 
     def _slot(self, vehicles: np.ndarray) -> int:
         return int(np.flatnonzero(vehicles["identity"] == self.environment.ego_identity)[0])
