@@ -17,6 +17,7 @@ from socialiq.worlds.intersection.buffers import (
     SKIP,
     Buffers,
 )
+from socialiq.worlds.intersection.interface import ACTIONS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
 
@@ -194,7 +195,7 @@ class Batch:
         chosen = np.asarray(actions)
         if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
             raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
-        if chosen.min() < 0 or chosen.max() > 2:
+        if chosen.min() < 0 or chosen.max() >= len(ACTIONS):
             raise UserError(f"actions must be 0, 1 or 2, got {sorted({*chosen.tolist()})}")
         deciding = self._chosen(rows)
         if (self._waiting & deciding).any():
