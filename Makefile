@@ -4,7 +4,7 @@ BIN := .venv/bin
 # One thread a library: the tests run side by side, and torch is slower with more.
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test check tests install clean
+.PHONY: demo test check tests core install clean
 
 demo: .venv/installed  ## set up, train the 7x7 trio and the baseline, print and draw
 	$(BIN)/socialiq demo
@@ -17,8 +17,13 @@ check: .venv/installed-dev  ## lint, types, layers
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 
-tests: .venv/installed-dev  ## the tests, shapes checked at run time, warnings as errors
+tests: core  ## the tests, shapes checked at run time, warnings as errors
 	$(BIN)/pytest -n 2 --dist loadscope
+
+# Numba keeps the compiled intersection on disk. Without it there, both workers of pytest would
+# compile it at the same time, a minute each.
+core: .venv/installed-dev
+	$(BIN)/python -c "from socialiq.worlds import registry; registry.make('intersection').batch(1).reset(0)"
 
 install: .venv/installed
 
