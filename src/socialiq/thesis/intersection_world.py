@@ -17,7 +17,7 @@ from socialiq.thesis.store import Results, Row
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.policies import NAMES, policy
+from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import make
 
@@ -26,6 +26,7 @@ BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
 KMH = 3.6  # km/h of a m/s
 
 POPULATIONS = ("highway_env", "thesis")
+DRIVERS = ("go", "idle", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "random")
 READING_DRIVERS = ("go", "wait", "random", "stop_line", "gap_3s")
 READINGS: tuple[dict[str, Any], ...] = (
     {},
@@ -91,7 +92,7 @@ def _driven(config: Config, watch: Watch) -> Iterator[tuple[tuple[str, str], Epi
     cells: Cells = [
         ((population, driver), {"population": population})
         for population in POPULATIONS
-        for driver in NAMES
+        for driver in DRIVERS
     ]
     yield from _cells(cells, config.episodes, config, watch, "outcomes")
 
