@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.errors import one_of
+from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.intersection.interface import (
     ACTIONS,
     FASTER,
@@ -21,11 +22,21 @@ from socialiq.worlds.intersection.interface import (
     SLOWER,
     SPEED_RANGE,
 )
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.population import POPULATIONS
 
 STOP_LINE = 11.0  # m south of the centre
 STOP_BEFORE = 11.0  # m before the stop line at which the stopper begins to brake
 LOOK_FROM = 20.0  # m before the stop line from which gaps are judged
 CONFLICT_REACH = 9.0  # m around the centre that a crossing vehicle must have left or not reached
+SAME_LANE = 1.0  # m to the side of the ego within which a vehicle is on its lane
+
+IDM = POPULATIONS["highway_env"]
+IDM_EXPONENT = 4.0  # highway-env draws around it
+IDM_GAP = 3.0  # s
+IDM_STEP = 1.0  # s between decisions
+IDM_CONE = 0.17  # of the way ahead, to either side: 10 degrees
+TARGET_SPEEDS = np.array(Options().target_speeds)  # m/s
 
 Seen = Float[np.ndarray, "batch vehicle feature"]
 Rule = Callable[[Seen], Int64[np.ndarray, " batch"]]
@@ -83,13 +94,29 @@ def gap(seconds: float) -> Rule:
     Args:
         seconds: The gap that is asked for.
     """
+    return lambda seen: np.where(_gives_way(seen, seconds), SLOWER, FASTER)
 
-    def rule(seen: Seen) -> Int64[np.ndarray, " batch"]:
-        distance = _to_stop_line(seen)
-        judging = (distance > 0) & (distance <= LOOK_FROM)
-        return np.where(judging & _conflict(seen, seconds).any(axis=1), SLOWER, FASTER)
 
-    return rule
+def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
+    """The Intelligent Driver Model, which the other drivers follow, at the ego's seat.
+
+    Where it gives way, it sees a vehicle that stands with its rear on the stop line, as users of
+    the model do at a red light. It takes the ego's target speeds to be the default ones, and the
+    one nearest to the present speed to be the one that IDLE keeps. Of the three that it is offered
+    it chooses the one nearest to the speed that the model has a second later, but goes faster only
+    if the model does: a step of 4.5 m/s that is rounded up leaves no room to stop behind a wreck.
+    """
+    speed = np.hypot(seen[:, 0, 3], seen[:, 0, 4])
+    acceleration = _idm_acceleration(speed, *_leader(seen))
+    stopped = _idm_acceleration(speed, _to_stop_line(seen) + VEHICLE_LENGTH / 2, speed)
+    waits = _gives_way(seen, IDM_GAP)
+    wanted = speed + IDM_STEP * np.where(waits, np.minimum(acceleration, stopped), acceleration)
+    kept = np.abs(speed[:, None] - TARGET_SPEEDS).argmin(axis=1)
+    slower, same, faster = (
+        TARGET_SPEEDS[(kept + change).clip(0, len(TARGET_SPEEDS) - 1)] for change in (-1, 0, 1)
+    )
+    held = np.where(wanted < (slower + same) / 2, SLOWER, IDLE)
+    return np.where(wanted >= faster, FASTER, held)
 
 
 def random(seed: int) -> Rule:
@@ -120,6 +147,7 @@ _RULES: dict[str, Rule] = {
     "gap_2s": gap(2.0),
     "gap_3s": gap(3.0),
     "gap_4s": gap(4.0),
+    "idm": idm,
 }
 NAMES = (*_RULES, "random")
 
@@ -137,5 +165,46 @@ def _conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
     speed = np.hypot(vx, vy)
     approaching = x * vx + y * vy < 0
     soon = approaching & (away < seconds * np.maximum(speed, 0.1))
-    behind = (np.abs(x - seen[:, :1, 1]) < 1.0) & (y > STOP_LINE)
+    behind = (np.abs(x - seen[:, :1, 1]) < SAME_LANE) & (y > STOP_LINE)
     return there & ~behind & (soon | (away == 0))
+
+
+def _gives_way(seen: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
+    """Whether the ego is on the last metres of its approach and somebody conflicts."""
+    distance = _to_stop_line(seen)
+    judging = (distance > 0) & (distance <= LOOK_FROM)
+    return judging & _conflict(seen, seconds).any(axis=1)
+
+
+def _leader(seen: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarray, " batch"]]:
+    """How far ahead the nearest leader is, infinite without one, and how fast it comes closer.
+
+    On the approach a leader is on the ego's lane before the junction; later on, in a narrow cone
+    of the ego's heading and not heading against it.
+    """
+    ego = seen[:, :1]
+    cos, sin = ego[..., 5], ego[..., 6]
+    x, y = seen[:, 1:, 1] - ego[..., 1], seen[:, 1:, 2] - ego[..., 2]
+    ahead, aside = x * cos + y * sin, np.abs(y * cos - x * sin)
+    with_it = seen[:, 1:, 5] * cos + seen[:, 1:, 6] * sin > 0
+    on_lane = (np.abs(x) < SAME_LANE) & (seen[:, 1:, 2] > CONFLICT_REACH)
+    in_cone = (aside < IDM_CONE * ahead) & with_it
+    leads = np.where(_to_stop_line(seen)[:, None] > 0, on_lane, in_cone)
+    gaps = np.where((seen[:, 1:, 0] > 0) & leads & (ahead > 0), ahead, np.inf)
+    nearest = gaps.argmin(axis=1)[:, None]
+    along = seen[:, :, 3] * cos + seen[:, :, 4] * sin
+    closing = along[:, :1] - np.take_along_axis(along[:, 1:], nearest, axis=1)
+    return np.take_along_axis(gaps, nearest, axis=1)[:, 0], closing[:, 0]
+
+
+def _idm_acceleration(
+    speed: Float[np.ndarray, " batch"],
+    gap: Float[np.ndarray, " batch"],
+    closing: Float[np.ndarray, " batch"],
+) -> Float[np.ndarray, " batch"]:
+    """`core.traffic.idm_acceleration` in m/s²; gaps in m between centres, closing in m/s."""
+    strongest, comfortable = IDM.max_acceleration.mean, IDM.comfort_deceleration.mean
+    kept = IDM.jam_distance.mean + speed * IDM.time_headway.mean
+    desired = kept + speed * closing / (2 * np.sqrt(strongest * comfortable))
+    free = (speed / TARGET_SPEEDS[-1]) ** IDM_EXPONENT
+    return strongest * (1 - free - (desired / np.maximum(gap, 0.01)) ** 2)
