@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import UserError
+from socialiq.evaluation.junction import conflict_at_junction, entered
 from socialiq.evaluation.metrics import Metrics
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.intersection.batch import Batch, Decisions
+from socialiq.worlds.intersection.policies import SLOWER
+from socialiq.worlds.intersection.settings import SIGNALS
 
 STOPPED_BELOW = 0.5  # m/s
+SOFT = 4172  # what is drawn by a seed for this purpose is independent of all else drawn by it
 
 
 class Played(NamedTuple):
@@ -34,18 +39,32 @@ class Played(NamedTuple):
     made: Decisions
 
 
+@runtime_checkable
+class SoftPolicy(Policy, Protocol):
+    """A policy that tells the distribution it draws from, as `nn.q_policy.QPolicy` does."""
+
+    def probabilities(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> Float[np.ndarray, "batch action"]:
+        """Probability of each action."""
+        ...
+
+
 def play(
     batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
 ) -> Iterator[Played]:
     """Let a policy drive one episode for each seed.
 
-    Rows take the next seed as they become free, so the batch stays full until seeds run out.
+    Rows take the next seed as they become free, so the batch stays full until seeds run out. A
+    `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
+    depend on the batch. (A network's float32 products may: their last bits change with the number
+    of rows, which changes a draw about once in a million decisions.)
 
     Args:
         batch: Where to play.
         policy: Who decides, for the whole batch at once.
         seeds: One for each episode.
-        deterministic: Passed to the policy.
+        deterministic: Whether it takes its best action; a policy without `probabilities` is told.
 
     Raises:
         UserError: If there is no seed.
@@ -53,23 +72,67 @@ def play(
     wanted = np.asarray(seeds)
     if not len(wanted):
         raise UserError("episodes must be at least 1, got 0")
+    driver = _driver(batch, policy, deterministic)
     episode = np.arange(batch.size)
     running = episode < len(wanted)
-    observation = batch.reset(wanted[: running.sum()], rows=running)
-    following = int(running.sum())
+    begun, following = np.flatnonzero(running), int(running.sum())
     while running.any():
-        action = np.asarray(policy.predict(observation, deterministic=deterministic)[0], np.int64)
+        if len(begun):
+            batch.reset(wanted[episode[begun]], rows=begun)
+            driver.begin(begun, wanted[episode[begun]])
+        observation = batch.observation
+        action = driver.decide(observation)
         made = batch.step(action, auto_reset=False, rows=running)
         yield Played(episode.copy(), running.copy(), observation, action, made)
-        ended = running & (made.ending != int(Ending.NONE))
-        free = np.flatnonzero(ended)
-        reused = free[: max(len(wanted) - following, 0)]
-        running[np.setdiff1d(free, reused)] = False
-        episode[reused] = following + np.arange(len(reused))
-        if len(reused):
-            batch.reset(wanted[episode[reused]], rows=reused)
-        following += len(reused)
-        observation = batch.observation
+        free = np.flatnonzero(running & (made.ending != int(Ending.NONE)))
+        begun = free[: max(len(wanted) - following, 0)]
+        running[np.setdiff1d(free, begun)] = False
+        episode[begun] = following + np.arange(len(begun))
+        following += len(begun)
+
+
+def _driver(batch: Batch, policy: Policy, deterministic: bool) -> _Told | _Drawn:
+    if not deterministic and isinstance(policy, SoftPolicy):
+        decisions = math.ceil(batch.options.duration * batch.options.policy_frequency) + 1
+        return _Drawn(policy, batch.size, decisions)
+    return _Told(policy, deterministic)
+
+
+class _Told:
+    """A policy that draws by itself, if at all."""
+
+    def __init__(self, policy: Policy, deterministic: bool) -> None:
+        self._policy, self._deterministic = policy, deterministic
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """It doesn't know of episodes."""
+
+    def decide(self, observation: np.ndarray) -> Int64[np.ndarray, " batch"]:
+        chosen, _ = self._policy.predict(observation, deterministic=self._deterministic)
+        return np.asarray(chosen, np.int64)
+
+
+class _Drawn:
+    """A soft policy; every episode brings the uniform numbers for all its decisions."""
+
+    def __init__(self, policy: SoftPolicy, size: int, decisions: int) -> None:
+        self._policy, self._rows = policy, np.arange(size)
+        self._uniform = np.zeros((size, decisions))
+        self._made = np.zeros(size, np.int64)
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        decisions = self._uniform.shape[1]
+        for row, seed in zip(rows, seeds.tolist(), strict=True):
+            self._uniform[row] = np.random.default_rng([SOFT, seed]).random(decisions)
+        self._made[rows] = 0
+
+    def decide(self, observation: np.ndarray) -> Int64[np.ndarray, " batch"]:
+        cumulative = self._policy.probabilities(observation).cumsum(axis=1)
+        draws = self._uniform[self._rows, self._made][:, None]
+        # Rows whose episode is over are asked too; what they answer is not used.
+        self._made = np.minimum(self._made + 1, self._uniform.shape[1] - 1)
+        chosen = (draws >= cumulative).sum(axis=1)
+        return np.minimum(chosen, cumulative.shape[1] - 1).astype(np.int64)
 
 
 class Episodes(NamedTuple):
@@ -87,6 +150,10 @@ class Episodes(NamedTuple):
         signals: Sum of every signal, unweighted, (episodes, signals).
         active: Decisions in which a signal was not 0, (episodes, signals).
         signal_names: Names of the signals.
+        entered: Whether the ego's centre passed its stop line.
+        conflicts: Decisions at the junction (`junction.at_junction`) while somebody who crosses
+            was in it or within 3 s of it.
+        pressed: Of these, the decisions in which the ego did not choose slower.
     """
 
     totals: RewardPair
@@ -100,6 +167,9 @@ class Episodes(NamedTuple):
     signals: Float[np.ndarray, "episode signal"]
     active: Int64[np.ndarray, "episode signal"]
     signal_names: tuple[str, ...]
+    entered: Bool[np.ndarray, " episode"]
+    conflicts: Int64[np.ndarray, " episode"]
+    pressed: Int64[np.ndarray, " episode"]
 
     def metrics(self) -> Metrics:
         """The metrics of thesis 5.4; speed and share stopped are means over episodes."""
@@ -122,65 +192,55 @@ def episodes_of(
         batch: Where to play.
         policy: Who decides.
         seeds: One for each episode.
-        deterministic: Passed to the policy.
+        deterministic: See `play`.
 
     Raises:
         UserError: If there is no seed.
     """
-    count = len(seeds)
-    sums: dict[str, np.ndarray] = {name: np.zeros(count) for name in _SUMMED}
-    last = {name: np.zeros(count, np.int64) for name in ("ending", "contact")}
-    names: tuple[str, ...] = ()
-    signals = active = np.zeros((count, 0))
+    sums: dict[str, np.ndarray] = {}
+    last = {name: np.zeros(len(seeds), np.int64) for name in ("ending", "contact")}
     for played in play(batch, policy, seeds, deterministic):
-        made, rows = played.made, played.running
-        which = played.episode[rows]
-        names = names or tuple(made.signals)
-        values = np.stack([made.signals[name][rows] for name in names], axis=1)
-        if not signals.shape[1]:
-            signals, active = np.zeros((count, len(names))), np.zeros((count, len(names)))
-        signals[which] += values
-        active[which] += values != 0
-        for name, column in _quantities(made).items():
-            sums[name][which] += column[rows]
-        last["ending"][which] = made.ending[rows]
-        last["contact"][which] = made.contact[rows]
-    length = sums["length"]
+        which = played.episode[played.running]
+        for name, column in _quantities(played).items():
+            if name not in sums:
+                sums[name] = np.zeros((len(seeds), *column.shape[1:]))
+            sums[name][which] += column
+        for name, column in last.items():
+            column[which] = getattr(played.made, name)[played.running]
+    counted = {name: sums[name].astype(np.int64) for name in _COUNTED}
     return Episodes(
         totals=RewardPair(sums["env"], sums["social"]),
         classical=RewardPair(sums["own"], sums["others"]),
-        ending=last["ending"],
-        contact=last["contact"],
-        length=length.astype(np.int64),
-        speed=sums["speed"] / length,
-        stopped=sums["stopped"] / length,
-        neighbours_collided=sums["neighbours_collided"].astype(np.int64),
-        signals=signals,
-        active=active.astype(np.int64),
-        signal_names=names,
+        speed=sums["speed"] / sums["length"],
+        stopped=sums["stopped"] / sums["length"],
+        signals=sums["signals"],
+        signal_names=SIGNALS,
+        entered=sums["beyond"] > 0,
+        **last,
+        **counted,
     )
 
 
-_SUMMED = (
-    "env",
-    "social",
-    "own",
-    "others",
-    "length",
-    "speed",
-    "stopped",
-    "neighbours_collided",
-)
+_COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
 
 
-def _quantities(made: Decisions) -> dict[str, np.ndarray]:
+def _quantities(played: Played) -> dict[str, np.ndarray]:
+    """What is summed up over an episode, of the rows that decided."""
+    made, rows = played.made, np.flatnonzero(played.running)
+    signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
+    conflicts = conflict_at_junction(played.observation[rows])
     return {
-        "env": made.rewards.env,
-        "social": made.rewards.social,
-        "own": made.classical.env,
-        "others": made.classical.social,
-        "length": np.ones(len(made.ending)),
-        "speed": made.speed,
-        "stopped": made.speed < STOPPED_BELOW,
-        "neighbours_collided": made.neighbours_collided,
+        "env": made.rewards.env[rows],
+        "social": made.rewards.social[rows],
+        "own": made.classical.env[rows],
+        "others": made.classical.social[rows],
+        "length": np.ones(len(rows)),
+        "speed": made.speed[rows],
+        "stopped": made.speed[rows] < STOPPED_BELOW,
+        "neighbours_collided": made.neighbours_collided[rows],
+        "signals": signals,
+        "active": signals != 0,
+        "beyond": entered(made.observation[rows]),
+        "conflicts": conflicts,
+        "pressed": conflicts & (played.action[rows] != SLOWER),
     }

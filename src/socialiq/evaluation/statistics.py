@@ -1,10 +1,18 @@
-"""Intervals for what was counted."""
+"""Intervals for what was counted, and tests between policies that were trained repeatedly."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
 from socialiq.errors import UserError
+
+# Differences that spread less than this, relative to what was compared, differ by rounding only.
+_EQUAL = 1e-12
 
 
 class Share(NamedTuple):
@@ -38,3 +46,85 @@ def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
 
     interval = binomtest(count, trials).proportion_ci(confidence, method="wilson")
     return Share(count / trials, float(interval.low), float(interval.high))
+
+
+def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
+    """Adjust p-values so that the chance of any false rejection is kept (Holm 1979).
+
+    The k-th smallest of m is multiplied by m - k + 1; then none may be smaller than the ones
+    before it, nor larger than 1.
+
+    Args:
+        p_values: Of the tests of one family.
+
+    Raises:
+        UserError: If one is no probability.
+    """
+    given = np.asarray(p_values, np.float64)
+    if not ((given >= 0) & (given <= 1)).all():
+        raise UserError(f"p-values must lie between 0 and 1, got {given.tolist()}")
+    order = np.argsort(given)
+    raised = given[order] * np.arange(len(given), 0, -1)
+    adjusted = np.empty_like(given)
+    adjusted[order] = np.minimum(np.maximum.accumulate(raised), 1.0)
+    return adjusted
+
+
+class Difference(NamedTuple):
+    """A mean difference with its interval and test.
+
+    Attributes:
+        mean: Of first - second.
+        low: Lower end.
+        high: Upper end.
+        p: Two-sided, of no difference.
+    """
+
+    mean: float
+    low: float
+    high: float
+    p: float
+
+
+def paired_difference(
+    first: Sequence[float] | Float[np.ndarray, " replicate"],
+    second: Sequence[float] | Float[np.ndarray, " replicate"],
+    confidence: float = 0.95,
+) -> Difference:
+    """Student's paired t over replicates.
+
+    A replicate is a training seed: the two policies trained from it are evaluated on common
+    episode seeds. Episodes are no replicates, since they tell nothing of how training varies.
+
+    Args:
+        first: A measure of one policy in each replicate, at least two.
+        second: The same of the other, in the same order.
+        confidence: Of the interval.
+
+    Returns:
+        The difference. Where all differences are equal the t statistic is undefined: the interval
+        is the point, and p is 1 if they are 0, else 0.
+
+    Raises:
+        UserError: If there are fewer than two replicates, they don't pair up, or one isn't finite.
+    """
+    pair = [np.asarray(one, np.float64) for one in (first, second)]
+    if pair[0].shape != pair[1].shape or pair[0].ndim != 1 or len(pair[0]) < 2:
+        raise UserError(
+            "a paired difference needs the same replicates of both, at least two, "
+            f"got {pair[0].size} and {pair[1].size}"
+        )
+    if not np.isfinite(pair).all():
+        raise UserError("a paired difference needs finite numbers: leave out what has none")
+    differences = pair[0] - pair[1]
+    mean = float(differences.mean())
+    rounding = _EQUAL * float(np.abs(pair).max())
+    if np.ptp(differences) <= rounding:
+        return Difference(mean, mean, mean, float(abs(mean) <= rounding))
+    from scipy.stats import t as student
+
+    freedom = len(differences) - 1
+    error = float(differences.std(ddof=1)) / math.sqrt(len(differences))
+    half = float(student.ppf((1 + confidence) / 2, freedom)) * error
+    p = 2 * float(student.sf(abs(mean) / error, freedom))
+    return Difference(mean, mean - half, mean + half, p)

@@ -1,13 +1,18 @@
 """Seeded episodes: every seed once, the same whatever the batch, summed up as by hand."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.evaluation.junction import conflict_at_junction
 from socialiq.evaluation.play import episodes_of, play
+from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.interface import SLOWER
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.settings import SIGNALS
@@ -83,9 +88,14 @@ def test_sums_are_those_of_a_hand_played_episode(played):
     for number in range(6):
         batch, driver = Batch(Options(), 1), policy("gap_3s")
         observation, steps = batch.reset([SEEDS[number]]), []
+        met, slower, beyond = [], [], []
         while not steps or not steps[-1].ending[0]:
-            steps.append(batch.step(driver.predict(observation)[0], auto_reset=False))
+            action = driver.predict(observation)[0]
+            met.append(bool(conflict_at_junction(observation)[0]))
+            slower.append(action[0] == SLOWER)
+            steps.append(batch.step(action, auto_reset=False))
             observation = batch.observation
+            beyond.append(steps[-1].observation[0, 2] < 0.11)
         rewards = np.array([step.rewards for step in steps])[..., 0]
         classical = np.array([step.classical for step in steps])[..., 0]
         speeds = np.array([step.speed[0] for step in steps])
@@ -104,6 +114,9 @@ def test_sums_are_those_of_a_hand_played_episode(played):
             "neighbours_collided": sum(step.neighbours_collided[0] for step in steps),
             "signals": signals.sum(axis=0),
             "active": (signals != 0).sum(axis=0),
+            "entered": any(beyond),
+            "conflicts": sum(met),
+            "pressed": sum(one and not slow for one, slow in zip(met, slower, strict=True)),
         }
         found = columns(played)
         assert set(found) == set(expected)
@@ -150,3 +163,64 @@ def test_the_policy_is_told_whether_to_be_deterministic(batch):
 def test_no_seeds_are_refused(seeds, batch):
     with pytest.raises(UserError, match=r"^episodes must be at least 1, got 0$"):
         episodes_of(batch, policy("go"), seeds)
+
+
+def test_who_waits_never_enters_and_who_goes_always_does(batch):
+    waits, goes = (episodes_of(batch, policy(name), range(40)) for name in ("wait", "go"))
+    assert not waits.entered.any() and waits.conflicts.any() and not waits.pressed.any()
+    assert goes.entered.mean() > 0.9
+    np.testing.assert_array_equal(goes.pressed, goes.conflicts)  # it never goes slower
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """A made-up network that takes every action now and then."""
+    rng = np.random.default_rng(0)
+    sizes = (70, 16, 3)
+    weights = [rng.normal(size=(o, i)).astype(np.float32) for i, o in pairwise(sizes)]
+    biases = [np.zeros(size, np.float32) for size in sizes[1:]]
+    return QPolicy(tuple(weights), tuple(biases), "relu", 3.0)
+
+
+def soft_episodes(size, policy, seeds):
+    return columns(episodes_of(Batch(Options(), size), policy, seeds, deterministic=False))
+
+
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_soft_draws_belong_to_the_episode(size, soft):
+    expected, found = (soft_episodes(one, soft, SEEDS) for one in (len(SEEDS), size))
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+    again = soft_episodes(size, soft, SEEDS[::-1])
+    np.testing.assert_array_equal(again["env"][::-1], expected["env"])
+    assert expected["env"][2] == expected["env"][3]  # the seed is the same
+
+
+def test_soft_play_leaves_the_policys_own_stream_alone(soft):
+    before = soft.rng.bit_generator.state
+    soft_episodes(4, soft, [1, 2])
+    assert soft.rng.bit_generator.state == before
+
+
+def test_soft_actions_are_drawn_as_often_as_the_policy_says(batch):
+    class Coin:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            raise AssertionError("its probabilities are asked instead")
+
+        def probabilities(self, observations):
+            return np.tile([0.5, 0.2, 0.3], (len(observations), 1))
+
+    actions = [
+        step.action[step.running] for step in play(batch, Coin(), range(300), deterministic=False)
+    ]
+    counts = np.bincount(np.concatenate(actions))
+    shares = counts / counts.sum()
+    # some 4,000 draws: the standard error of a half is 0.8 %
+    np.testing.assert_allclose(shares, [0.5, 0.2, 0.3], atol=0.03)
+    assert (actions[0] != actions[1]).any()  # a row's decisions are draws of their own
+
+
+def test_a_soft_policy_that_is_deterministic_takes_its_best_action(batch, soft):
+    for step in play(batch, soft, SEEDS[:7]):
+        best = soft.q_values(step.observation).argmax(axis=1)
+        np.testing.assert_array_equal(step.action, best)

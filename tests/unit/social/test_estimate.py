@@ -1,9 +1,12 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.social import estimate
 from socialiq.social.angle import angle_difference
-from socialiq.social.estimate import AngleEstimate, estimate_angle
+from socialiq.social.estimate import AngleEstimate, estimate_angle, resampled
 
 
 def sample(direction: float, episodes: int, spread: float, seed: int) -> np.ndarray:
@@ -98,3 +101,30 @@ def test_a_95_percent_interval_covers_the_truth(direction: float) -> None:
 def test_nothing_and_not_finite_are_refused(env: list[float], social: list[float]) -> None:
     with pytest.raises(UserError, match="at least one episode, and finite reward totals"):
         estimate_angle(np.array(env), np.array(social), seed=0)
+
+
+# A resample for each block, uneven blocks, and all at once.
+@pytest.mark.parametrize("block", [1, 100, 10**9])
+@pytest.mark.parametrize("episodes", [1, 2, 13, 64, 97])
+def test_resamples_do_not_depend_on_where_the_blocks_are_cut(
+    block: int, episodes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimate, "_BLOCK", block)
+    whole = np.random.default_rng(3).integers(episodes, size=(29, episodes))
+    np.testing.assert_array_equal(np.concatenate(list(resampled(episodes, 29, 3))), whole)
+    totals = sample(50.0, episodes, 0.3, seed=episodes)
+    found = estimate_angle(*totals, seed=3, resamples=29)
+    means = totals.T[whole].mean(axis=1)
+    deviations = np.degrees(np.arctan2(means[:, 1], means[:, 0])) - found.angle
+    wrapped = (deviations + 180.0) % 360.0 - 180.0
+    low, high = found.angle + np.quantile(wrapped, [(1 - 0.95) / 2, (1 + 0.95) / 2])
+    assert (found.low, found.high) == (low, high)  # to the last bit
+
+
+def test_many_episodes_are_resampled_in_little_memory() -> None:
+    totals = sample(50.0, 10_000, 1.0, seed=0)
+    tracemalloc.start()
+    estimate_angle(*totals, seed=0, resamples=300)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6

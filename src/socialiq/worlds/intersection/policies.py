@@ -157,7 +157,7 @@ def _to_stop_line(seen: Seen) -> Float[np.ndarray, " batch"]:
     return seen[:, 0, 2] - STOP_LINE
 
 
-def _conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
+def conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
     """Which vehicles are in the junction, or will be there within some seconds at their speed."""
     x, y, vx, vy = (seen[:, 1:, number] for number in range(1, 5))
     there = seen[:, 1:, 0] > 0
@@ -173,7 +173,7 @@ def _gives_way(seen: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
     """Whether the ego is on the last metres of its approach and somebody conflicts."""
     distance = _to_stop_line(seen)
     judging = (distance > 0) & (distance <= LOOK_FROM)
-    return judging & _conflict(seen, seconds).any(axis=1)
+    return judging & conflict(seen, seconds).any(axis=1)
 
 
 def _leader(seen: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarray, " batch"]]:

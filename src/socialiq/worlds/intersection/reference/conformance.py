@@ -8,11 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.types import Ending
+from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.policies import RulePolicy, policy
+from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.state import VEHICLE
+
+PORTABLE = {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"}
+"""Makes numpy, and with it highway-env, use the C library's functions, as the core does.
+
+Only a process that starts with it takes notice.
+"""
 
 POLICIES = ("go", "idle", "wait", "random")  # in turn, by episode
 
@@ -43,13 +49,16 @@ class Compared(NamedTuple):
     max_reward_deviation: float
 
 
-def compare(options: Options, episodes: int, seed: int) -> Iterator[Compared]:
+def compare(
+    options: Options, episodes: int, seed: int, driver: Policy | None = None
+) -> Iterator[Compared]:
     """Play seeded episodes on the core and on highway-env, and compare after every decision.
 
     Args:
         options: The scenario.
-        episodes: How many; the policies go, idle, wait and random take turns.
+        episodes: How many.
         seed: Of the first; episode i has seed + i.
+        driver: Who drives; by default go, idle, wait and random take turns.
 
     Raises:
         UserError: If no episode is asked for, or highway-env is not installed.
@@ -58,11 +67,11 @@ def compare(options: Options, episodes: int, seed: int) -> Iterator[Compared]:
         raise UserError(f"episodes must be at least 1, got {episodes}")
     core, real = Batch(options, 1), Batch(options, 1, back_end="highway_env")
     for number in range(episodes):
-        driver = policy(POLICIES[number % len(POLICIES)], seed + number)
-        yield _episode(core, real, driver, seed + number)
+        turn = policy(POLICIES[number % len(POLICIES)], seed + number)
+        yield _episode(core, real, driver or turn, seed + number)
 
 
-def _episode(core: Batch, real: Batch, driver: RulePolicy, seed: int) -> Compared:
+def _episode(core: Batch, real: Batch, driver: Policy, seed: int) -> Compared:
     observation = core.reset([seed])
     worst = np.array([0.0, np.abs(real.reset([seed]) - observation).max(), 0.0])
     steps, going = 0, _same(core, real)

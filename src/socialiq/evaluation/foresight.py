@@ -1,0 +1,76 @@
+"""How well a policy would drive if it knew what comes: a bound for what any driver can reach.
+
+At every decision the state is copied once for each action, the action taken, and the policy drives
+each copy to the end of its episode. The copies draw the same random numbers as the episode itself
+will, so the best of these ends is known beforehand, and that action is taken (one step of policy
+improvement). Nobody who only sees can be expected to do as well.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+from socialiq.evaluation.play import Episodes, episodes_of
+from socialiq.social.angle import exact_weights
+from socialiq.social.score import score
+from socialiq.types import Ending, Policy
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.interface import ACTIONS
+from socialiq.worlds.intersection.options import Options
+
+
+class Foresight:
+    """A policy that looks ahead in the very batch that it drives.
+
+    Args:
+        policy: Who drives after the look.
+        batch: Where it drives, on the core.
+        angle: At which totals are scored, in degrees.
+    """
+
+    def __init__(self, policy: Policy, batch: Batch, angle: float) -> None:
+        self._policy, self._batch, self._weights = policy, batch, exact_weights(angle)
+        self._copies = Batch(batch.options, len(ACTIONS) * batch.size)
+        self._copies.reset(0)
+
+    def predict(
+        self,
+        observation: np.ndarray,  # noqa: ARG002  the batch itself is looked at
+        state: None = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[Int64[np.ndarray, " batch"], None]:
+        """The action of each episode whose known end is the best."""
+        return self.totals().argmax(axis=1), state
+
+    def totals(self) -> Float[np.ndarray, "batch action"]:
+        """What each action will have earned at the end of its episode, from now on."""
+        size = self._batch.size
+        now = self._batch.save()
+        self._copies.restore(now.rows(np.repeat(np.arange(size), len(ACTIONS))))
+        running = np.repeat(~now.waiting, len(ACTIONS))
+        earned = np.zeros(len(running))
+        action = np.tile(np.arange(len(ACTIONS)), size)
+        while running.any():
+            made = self._copies.step(action, auto_reset=False, rows=running)
+            earned[running] += score(self._weights, made.rewards)[running]
+            running &= made.ending == int(Ending.NONE)
+            action = np.asarray(self._policy.predict(self._copies.observation)[0], np.int64)
+        return earned.reshape(size, len(ACTIONS))
+
+
+def with_foresight(
+    options: Options, policy: Policy, seeds: np.ndarray, angle: float, size: int = 256
+) -> Episodes:
+    """The episodes of a policy that looks ahead.
+
+    Args:
+        options: The scenario.
+        policy: Who drives after each look.
+        seeds: One for each episode.
+        angle: At which totals are scored, in degrees.
+        size: Episodes side by side.
+    """
+    batch = Batch(options, min(size, len(seeds)))
+    return episodes_of(batch, Foresight(policy, batch, angle), seeds)

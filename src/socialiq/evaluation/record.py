@@ -1,0 +1,83 @@
+"""Episodes of the intersection as demonstrations: the extended tuples of thesis 5.2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.play import play
+from socialiq.evaluation.rollout import steps_of
+from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.interface import ACTIONS
+
+
+class Recorded(NamedTuple):
+    """Demonstrations, and what the thesis compares them with.
+
+    Attributes:
+        transitions: One row for each decision.
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (transition,).
+    """
+
+    transitions: Demonstrations
+    classical: RewardPair
+
+
+def record(
+    batch: Batch,
+    policy: Policy,
+    seeds: Sequence[int] | np.ndarray,
+    mode: str,
+    source: Mapping[str, Any] | None = None,
+) -> Recorded:
+    """Let a policy drive one episode for each seed, greedily, and keep every transition.
+
+    Args:
+        batch: Where to drive.
+        policy: Who drives.
+        seeds: One for each episode.
+        mode: Name of the driver mode to record.
+        source: Provenance to record.
+
+    Raises:
+        UserError: If there is no seed.
+    """
+    rows: list[dict[str, np.ndarray]] = []
+    for played in play(batch, policy, seeds):
+        made, running = played.made, played.running
+        columns = {
+            "episode": played.episode,
+            "observation": played.observation,
+            "action": played.action,
+            "after": made.observation,
+            "ending": made.ending,
+            "env": made.rewards.env,
+            "social": made.rewards.social,
+            "own": made.classical.env,
+            "others": made.classical.social,
+        }
+        rows.append({name: column[running] for name, column in columns.items()})
+    joined = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    order = np.argsort(joined["episode"], kind="stable")
+    kept = {name: column[order] for name, column in joined.items()}
+    ending = kept["ending"].astype(np.int8)
+    transitions = Demonstrations(
+        observation=kept["observation"].astype(np.float32),
+        action=kept["action"].astype(np.int32),
+        next_observation=kept["after"].astype(np.float32),
+        terminated=(ending != Ending.NONE) & (ending != Ending.TIMEOUT),
+        truncated=ending == Ending.TIMEOUT,
+        ending=ending,
+        rewards=RewardPair(kept["env"].astype(np.float64), kept["social"].astype(np.float64)),
+        mode=np.zeros(len(order), np.int8),
+        episode=kept["episode"].astype(np.int32),
+        step=steps_of(kept["episode"]),
+        mode_names=(mode,),
+        n_actions=len(ACTIONS),
+        source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
+    )
+    return Recorded(transitions, RewardPair(kept["own"], kept["others"]))
