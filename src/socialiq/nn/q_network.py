@@ -1,4 +1,4 @@
-"""The multi-layer perceptron Q(s, ·) of Table C.1."""
+"""The multi-layer perceptron Q(s, ·) of Table C.1, over the observation or a view of it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from socialiq.nn.view import View
+
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"relu": jax.nn.relu, "elu": jax.nn.elu}
 
 
@@ -18,10 +20,12 @@ class QNetwork(eqx.Module):
     Attributes:
         layers: Affine layers; the activation stands between them.
         activation: Name in `ACTIVATIONS`.
+        view: What the first layer reads instead of the observation itself.
     """
 
     layers: tuple[eqx.nn.Linear, ...]
     activation: str = eqx.field(static=True)
+    view: View | None = None
 
     @staticmethod
     def initialise(
@@ -30,20 +34,26 @@ class QNetwork(eqx.Module):
         hidden: tuple[int, ...],
         n_actions: int,
         activation: str = "relu",
+        view: str = "flat",
     ) -> QNetwork:
-        """Draw weights and biases uniformly within ±1/sqrt(fan-in)."""
-        sizes = (n_features, *hidden, n_actions)
+        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
+        """
+        seen = View.initialise(jax.random.fold_in(key, 0), view, n_features)
+        sizes = (seen.width if seen else n_features, *hidden, n_actions)
         keys = jax.random.split(key, len(sizes) - 1)
         layers = tuple(
             eqx.nn.Linear(inputs, outputs, key=one)
             for inputs, outputs, one in zip(sizes[:-1], sizes[1:], keys, strict=True)
         )
-        return QNetwork(layers, activation)
+        return QNetwork(layers, activation, seen)
 
     def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
         """Values of one observation; `jax.vmap` for a batch."""
         *inner, last = self.layers
-        value = observation
+        value = self.view(observation) if self.view else observation
         for layer in inner:
             value = ACTIVATIONS[self.activation](layer(value))
         return last(value)

@@ -13,9 +13,10 @@ from scipy.special import softmax
 
 from socialiq.errors import UserError
 from socialiq.nn.q_network import QNetwork
+from socialiq.nn.view import Choice, View
 from socialiq.storage import load_arrays, save_arrays
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 _ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "relu": lambda x: np.maximum(x, 0.0),
@@ -34,6 +35,8 @@ class QPolicy:
         temperature: τ of the soft policy softmax(Q/τ).
         provenance: JSON-able record of how the policy was made.
         rng: Source of the soft policy's draws.
+        view: What the first layer reads instead of the observation, with NumPy weights.
+        sha256: Of the file's content, for a policy that was loaded.
     """
 
     weights: tuple[np.ndarray, ...]
@@ -42,6 +45,8 @@ class QPolicy:
     temperature: float
     provenance: Mapping[str, Any] = field(default_factory=dict)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    view: View | None = None
+    sha256: str = ""
 
     @staticmethod
     def of(
@@ -58,12 +63,13 @@ class QPolicy:
             float(temperature),
             provenance,
             np.random.default_rng(0) if rng is None else rng,
+            network.view.in_numpy() if network.view else None,
         )
 
     @property
     def n_features(self) -> int:
         """Length of an observation."""
-        return self.weights[0].shape[1]
+        return self.view.n_features if self.view else self.weights[0].shape[1]
 
     @property
     def n_actions(self) -> int:
@@ -85,6 +91,7 @@ class QPolicy:
             )
         if not np.isfinite(value).all():
             raise UserError("observation holds NaN or infinity: mend the sensor or the data")
+        value = self.view(value) if self.view else value
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             if number:
                 value = _ACTIVATIONS[self.activation](value)
@@ -139,8 +146,17 @@ class QPolicy:
             "activation": self.activation,
             "temperature": self.temperature,
             "layers": len(self.weights),
+            "view": None,
             "provenance": dict(self.provenance),
         }
+        if self.view:
+            arrays |= {f"view_weight_{i}": weight for i, weight in enumerate(self.view.weights)}
+            arrays |= {f"view_bias_{i}": bias for i, bias in enumerate(self.view.biases)}
+            header["view"] = {
+                **self.view.choice._asdict(),
+                "layers": len(self.view.weights),
+                "n_features": self.view.n_features,
+            }
         return save_arrays(path, "policy", SCHEMA_VERSION, arrays, header)
 
     @staticmethod
@@ -158,4 +174,19 @@ class QPolicy:
             header["activation"],
             header["temperature"],
             header["provenance"],
+            view=_view_of(arrays, header["view"]),
+            sha256=header["sha256"],
         )
+
+
+def _view_of(arrays: Mapping[str, np.ndarray], described: Mapping[str, Any] | None) -> View | None:
+    """The view that a file describes."""
+    if described is None:
+        return None
+    layers = range(described["layers"])
+    return View(
+        tuple(arrays[f"view_weight_{i}"] for i in layers),
+        tuple(arrays[f"view_bias_{i}"] for i in layers),
+        Choice(*(described[name] for name in Choice._fields)),
+        described["n_features"],
+    )

@@ -1,0 +1,200 @@
+"""Views of a list of vehicles: what counts, what doesn't, and the relative columns by hand."""
+
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import CHOICES, ROW, Choice, View
+
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+VEHICLES = 4  # the ego's row, two others, and an empty row
+NAMES = sorted(CHOICES)
+POOLED = [name for name in NAMES if name.startswith("set")]
+FLAT = [name for name in NAMES if name.startswith("flat")]
+RELATIVE = Choice(pooled=False, relative=True, scale=1.0)
+
+
+def observations(count: int = 6) -> np.ndarray:
+    """Made-up scenes, (count, vehicle, 7), of which the last row is empty."""
+    rows = np.random.default_rng(0).uniform(-1, 1, (count, VEHICLES, ROW)).astype(np.float32)
+    rows[:, :-1, 0], rows[:, -1] = 1.0, 0.0
+    return rows
+
+
+def flattened(rows: np.ndarray) -> np.ndarray:
+    return rows.reshape(len(rows), -1)
+
+
+def network(name: str, hidden: tuple[int, ...] = (8,)) -> QNetwork:
+    return QNetwork.initialise(jax.random.key(0), VEHICLES * ROW, hidden, 3, view=name)
+
+
+def policy(name: str) -> QPolicy:
+    return QPolicy.of(network(name), 0.5, {"view": name})
+
+
+def of_others(choice: Choice, ego: list[float], other: list[float]) -> np.ndarray:
+    """What the view makes of one other vehicle; rows without their presence."""
+    rows = np.array([[1.0, *ego], [1.0, *other]])
+    return View((), (), choice, 2 * ROW)(rows.ravel())[ROW - 1 :]
+
+
+def test_all_views_are_pooled_or_flat() -> None:
+    assert {*POOLED} == {name for name, choice in CHOICES.items() if choice and choice.pooled}
+    assert {*POOLED} | {*FLAT} == {*CHOICES}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_order_of_the_others_matters_to_flat_views_alone(name: str) -> None:
+    rows = observations()
+    q, swapped = (
+        policy(name).q_values(flattened(rows[:, order])) for order in ([0, 1, 2, 3], [0, 3, 1, 2])
+    )
+    if name in POOLED:
+        np.testing.assert_allclose(swapped, q, atol=1e-5)
+    else:
+        assert (np.abs(swapped - q).max(axis=1) > 1e-3).all()
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if CHOICES[name]])
+def test_a_row_without_a_vehicle_counts_for_nothing(name: str) -> None:
+    rows, garbage = observations(), observations()
+    garbage[:, -1, 1:] = 1e3
+    q, other = (policy(name).q_values(flattened(one)) for one in (rows, garbage))
+    np.testing.assert_array_equal(other, q)
+    garbage[:, -1, 0] = 1.0  # a vehicle at that place would count
+    assert (policy(name).q_values(flattened(garbage)) != q).any(axis=1).all()
+
+
+@pytest.mark.parametrize("name", POOLED)
+def test_more_empty_rows_change_nothing_in_a_pooled_view(name: str) -> None:
+    view = View.initialise(jax.random.key(1), name, VEHICLES * ROW).in_numpy()
+    rows = observations()
+    np.testing.assert_allclose(view(flattened(rows[:, :-1])), view(flattened(rows)), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("ego", "other", "expected"),
+    [
+        # northward, at rest: (1, 2) is 2 ahead and 1 to the right; a vehicle that heads east
+        # heads to the right
+        ([0, 0, 0, 0, 0, 1], [1, 2, 3, 0, 1, 0], [2, -1, 0, -3, 0, -1]),
+        # eastward at speed 2: what lies north lies to the left, and what stands comes closer
+        ([1, 1, 2, 0, 1, 0], [1, 4, 0, 0, -1, 0], [0, 3, -2, 0, -1, 0]),
+        # southward at speed 1 behind one of the same speed
+        ([5, 5, 0, -1, 0, -1], [5, 2, 0, -1, 0, -1], [3, 0, 0, 0, 1, 0]),
+    ],
+)
+def test_relative_columns_by_hand(ego: list, other: list, expected: list) -> None:
+    found = of_others(RELATIVE, ego, other)
+    np.testing.assert_allclose(found, [1, *other, *expected], atol=1e-12)
+
+
+def test_the_scale_is_of_positions_and_velocities_not_of_headings() -> None:
+    ego, other = [0, 0, 0, 0, 0, 1], [1, 2, 3, 0, 1, 0]
+    view = View((), (), RELATIVE._replace(scale=5.0), 2 * ROW)
+    found = view(np.array([1, 1, -2, 3, -4, 0.6, 0.8, *np.zeros(ROW)]))
+    np.testing.assert_allclose(found[: ROW - 1], [5, -10, 15, -20, 0.6, 0.8])
+    found = of_others(view.choice, ego, other)
+    np.testing.assert_allclose(found, [1, 5, 10, 15, 0, 1, 0, 10, -5, 0, -15, 0, -1], atol=1e-12)
+
+
+def test_relative_columns_do_not_change_when_the_scene_is_turned_and_shifted() -> None:
+    rows = observations().astype(np.float64)
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    turned = rows.copy()
+    for first in (1, 3, 5):
+        turned[..., first : first + 2] = rows[..., first : first + 2] @ [[cos, sin], [-sin, cos]]
+    turned[..., 1:3] += [3.0, -2.0]
+    view = View((), (), RELATIVE, VEHICLES * ROW)
+    before, after = (
+        view(flattened(one))[:, ROW - 1 :].reshape(len(rows), VEHICLES - 1, -1)
+        for one in (rows, turned)
+    )
+    assert before.shape[-1] == ROW + 6
+    np.testing.assert_allclose(after[..., ROW:], before[..., ROW:], atol=1e-12)
+    assert (np.abs(after[:, :2, 1:ROW] - before[:, :2, 1:ROW]).max(axis=-1) > 0.1).all()
+
+
+def test_pooling_is_the_sum_and_the_greatest_of_every_vehicles_code() -> None:
+    """One layer that keeps x, without a bias: x = 2, -1 and 3 become 2, 0 and 3."""
+    keep_x = np.zeros((1, ROW))
+    keep_x[0, 1] = 1.0
+    view = View((keep_x,), (np.zeros(1),), Choice(True, False, 1.0), VEHICLES * ROW)
+    rows = np.zeros((VEHICLES, ROW))
+    rows[:, 0], rows[:, 1] = 1.0, [9, 2, -1, 3]
+    np.testing.assert_array_equal(view(rows.ravel()), [9, 0, 0, 0, 0, 0, 5, 3])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_numpy_forward_equals_the_jax_network(name: str) -> None:
+    seen = flattened(observations())
+    expected = jax.vmap(network(name))(seen)
+    np.testing.assert_allclose(policy(name).q_values(seen), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if CHOICES[name]])
+def test_the_width_is_what_the_view_returns(name: str) -> None:
+    view = View.initialise(jax.random.key(0), name, VEHICLES * ROW)
+    assert view is not None
+    assert view.in_numpy()(flattened(observations())).shape == (6, view.width)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_saved_policy_comes_back_with_its_view(name: str, tmp_path: Path) -> None:
+    made, path, seen = policy(name), tmp_path / "policy.safetensors", flattened(observations(40))
+    made.save(path)
+    loaded = QPolicy.load(path)
+    assert loaded.n_features == made.n_features == VEHICLES * ROW
+    assert (loaded.view and loaded.view.choice) == CHOICES[name]
+    np.testing.assert_array_equal(loaded.q_values(seen), made.q_values(seen))
+    np.testing.assert_array_equal(loaded.predict(seen)[0], made.predict(seen)[0])
+
+
+def test_an_observation_of_another_length_is_refused_by_a_policy_with_a_view() -> None:
+    with pytest.raises(UserError, match=r"this policy takes \(28,\)"):
+        policy("set").predict(np.zeros(35))
+
+
+@pytest.mark.parametrize(
+    ("name", "n_features", "words"),
+    [
+        ("sets", 28, "^unknown view 'sets': choose one of flat, "),
+        ("set", 6, "^view set reads rows of 7 .* this world's observation has 6: use the view fla"),
+        ("flat_scaled", 7, "^view flat_scaled reads rows of 7 .* has 7: "),  # nobody but the ego
+        ("set_relative", 15, "^view set_relative reads rows of 7 .* has 15: "),
+    ],
+)
+def test_what_is_no_view_of_this_observation_is_refused(
+    name: str, n_features: int, words: str
+) -> None:
+    with pytest.raises(UserError, match=words) as caught:
+        QNetwork.initialise(jax.random.key(0), n_features, (4,), 3, view=name)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_flat_view_draws_what_a_network_without_views_drew(assert_same_leaves) -> None:
+    key, sizes = jax.random.key(5), (6, 4, 3)
+    keys = jax.random.split(key, 2)
+    plain = [
+        eqx.nn.Linear(inputs, outputs, key=one)
+        for inputs, outputs, one in zip(sizes[:-1], sizes[1:], keys, strict=True)
+    ]
+    flat = QNetwork.initialise(key, 6, (4,), 3, view="flat")
+    assert_same_leaves(flat, plain)
+    assert_same_leaves(flat, QNetwork.initialise(key, 6, (4,), 3))
+
+
+@pytest.fixture
+def assert_same_leaves():
+    def compare(one, other) -> None:
+        for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+            np.testing.assert_array_equal(a, b)
+
+    return compare
