@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
+from jax.tree_util import Partial
 from jaxtyping import Array
 
 from socialiq.errors import UserError, one_of
@@ -121,7 +122,7 @@ def clone(
     )
     lanes, history = loop.run(
         initialise=partial(_initialise, structure, sizes),
-        update=partial(_update, structure, table),
+        update=Partial(partial(_update, structure), table),
         numbers=traced,
         total=structure.updates,
         chunk=chunk,

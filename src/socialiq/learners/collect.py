@@ -1,4 +1,4 @@
-"""Experience from any Gymnasium environment, for learners that train online outside JAX."""
+"""Experience from environments outside JAX, for learners that train online: any Gymnasium one."""
 
 from __future__ import annotations
 
@@ -9,79 +9,159 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import Lanes
-from socialiq.nn.q_network import network_of
+from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
 
+Act = Callable[[np.ndarray], Any]
+"""From observations, (batch, features), to actions, (batch,)."""
 
-class GymCollector:
-    """Fills each lane's replay from an environment of its own, chunk by chunk.
+Source = Callable[[Act, np.random.Generator], Batch]
+"""Lets a driver act in an environment for a fixed number of steps."""
+
+Behaviour = Callable[[QNetwork, int, int, np.random.Generator], Act]
+"""How a lane acts: given its network, its number, the updates done and its random numbers."""
+
+
+class Collector:
+    """Fills each lane's replay from a source of its own, chunk by chunk.
 
     Pass it as `before_chunk` of a learner's `train`. Every chunk begins with a reset that is
     seeded by the lane and the number of updates done, so a resumed run sees the same experience
     as an uninterrupted one.
 
     Args:
-        make: Makes one environment with discrete actions.
+        sources: One for each lane.
         seeds: One for each lane.
-        temperatures: τ of each lane's soft policy.
-        steps: Environment steps for each chunk.
-
-    Raises:
-        UserError: If the actions are not discrete.
+        behaviour: How lanes act.
     """
 
     def __init__(
-        self,
-        make: Callable[[], gymnasium.Env[Any, Any]],
-        seeds: Sequence[int],
-        temperatures: Sequence[float],
-        steps: int,
+        self, sources: Sequence[Source], seeds: Sequence[int], behaviour: Behaviour
     ) -> None:
-        self.environments = [make() for _ in seeds]
-        self.seeds, self.temperatures, self.steps = seeds, temperatures, steps
-        if not isinstance(self.environments[0].action_space, gymnasium.spaces.Discrete):
-            raise UserError("only discrete actions are supported: wrap the environment")
+        self.sources, self.seeds, self.behaviour = sources, seeds, behaviour
         self._add = jax.jit(jax.vmap(replay.add_many))
 
     def __call__(self, lanes: Lanes, done: int) -> Lanes:
         """Let every lane act with its present network, and store what happens."""
         batches = [
             self._collect(lane, network_of(lanes.learnt.network, lane), done)
-            for lane in range(len(self.environments))
+            for lane in range(len(self.sources))
         ]
         stacked = jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
         ring = self._add(lanes.surroundings.replay, stacked)
         return lanes._replace(surroundings=lanes.surroundings._replace(replay=ring))
 
-    def _collect(self, lane: int, network: Any, done: int) -> Batch:
-        entropy = np.random.SeedSequence([self.seeds[lane], done])
-        env, rng = self.environments[lane], np.random.default_rng(entropy)
-        policy = QPolicy.of(network, self.temperatures[lane], {}, rng)
+    def _collect(self, lane: int, network: QNetwork, done: int) -> Batch:
+        rng = np.random.default_rng(np.random.SeedSequence([self.seeds[lane], done]))
+        return self.sources[lane](self.behaviour(network, lane, done, rng), rng)
+
+
+def soft(temperatures: Sequence[float]) -> Behaviour:
+    """Act by softmax(Q/τ), with each lane's τ."""
+
+    def behaviour(network: QNetwork, lane: int, _done: int, rng: np.random.Generator) -> Act:
+        policy = QPolicy.of(network, temperatures[lane], {}, rng)
+        return lambda observation: policy.predict(observation, deterministic=False)[0]
+
+    return behaviour
+
+
+def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:
+    """A source of one environment.
+
+    Args:
+        env: With discrete actions; `types.RewardPair.of_step` and `Ending.of_step` say how its
+            rewards and endings are read.
+        steps: For each chunk.
+
+    Raises:
+        UserError: If the actions are not discrete.
+    """
+    _check_discrete(env.action_space)
+
+    def source(act: Act, rng: np.random.Generator) -> Batch:
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
         rows: list[tuple[Any, ...]] = []
-        for _ in range(self.steps):
-            action, _ = policy.predict(np.ravel(observation), deterministic=False)
-            after, reward, terminated, truncated, info = env.step(int(action))
+        for _ in range(steps):
+            action = np.asarray(act(np.ravel(observation)[None])).item()
+            after, reward, terminated, truncated, info = env.step(action)
             kind = Ending.of_step(terminated, truncated, info)
-            rows.append((observation, action, after, kind, *RewardPair.of_step(reward, info)))
+            pair = RewardPair.of_step(reward, info)
+            rows.append((np.ravel(observation), action, np.ravel(after), kind, *pair))
             observation = env.reset()[0] if kind else after
-        return _batch(rows)
+        return _batch(*(np.array(column) for column in zip(*rows, strict=True)))
+
+    return source
 
 
-def _batch(rows: list[tuple[Any, ...]]) -> Batch:
-    observation, action, after, ending, env, social = zip(*rows, strict=True)
+def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) -> Source:
+    """A source of environments side by side.
+
+    Args:
+        env: With discrete actions and `AutoresetMode.SAME_STEP`. Its info has `reward_pair`,
+            (envs, 2), and `ending`, (envs,), values of `types.Ending`, both of the step that was
+            taken, also where a reset followed.
+        steps: For each chunk, of all environments together.
+
+    Raises:
+        UserError: If the actions are not discrete, or it resets at another time.
+    """
+    _check_discrete(env.single_action_space)
+    if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
+        raise UserError("a vector environment must reset in the same step: AutoresetMode.SAME_STEP")
+
+    def source(act: Act, rng: np.random.Generator) -> Batch:
+        observation, _ = env.reset(seed=int(rng.integers(2**31)))
+        rows: list[tuple[Any, ...]] = []
+        for _ in range(-(-steps // env.num_envs)):
+            action = np.asarray(act(observation))
+            follows, _, _, _, info = env.step(action)
+            after = _before_reset(follows, info)
+            rows.append((observation, action, after, info["ending"], *info["reward_pair"].T))
+            observation = follows
+        columns = (np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
+        return _batch(*columns)
+
+    return source
+
+
+def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+    """What was reached, also in the environments that have begun anew."""
+    if "final_obs" not in info:
+        return follows
+    after = follows.copy()
+    for row in np.flatnonzero(info["_final_obs"]):
+        after[row] = info["final_obs"][row]
+    return after
+
+
+def _check_discrete(space: Any) -> None:
+    if not isinstance(space, gymnasium.spaces.Discrete):
+        raise UserError("only discrete actions are supported: wrap the environment")
+
+
+def _batch(
+    observation: np.ndarray,
+    action: np.ndarray,
+    after: np.ndarray,
+    ending: np.ndarray,
+    env: np.ndarray,
+    social: np.ndarray,
+) -> Batch:
+    def column(values: np.ndarray, kind: type[np.generic]) -> jax.Array:
+        return jnp.asarray(values.astype(kind))
+
     return Batch(
-        jnp.asarray(np.array([np.ravel(one) for one in observation], np.float32)),
-        jnp.asarray(np.array(action, np.int32)),
-        jnp.asarray(np.array([np.ravel(one) for one in after], np.float32)),
-        jnp.asarray(np.array(ending, np.int32)),
-        RewardPair(
-            jnp.asarray(np.array(env, np.float32)), jnp.asarray(np.array(social, np.float32))
-        ),
+        column(observation, np.float32),
+        column(action, np.int32),
+        column(after, np.float32),
+        column(ending, np.int32),
+        RewardPair(column(env, np.float32), column(social, np.float32)),
     )

@@ -33,11 +33,16 @@ class Batch(NamedTuple):
     target: RewardPair
 
 
+_ROWS = 2048
+"""Columns are filled up to a multiple of this with rows that are never drawn, so that sets of about
+the same size share one compiled program."""
+
+
 class ExpertTable(NamedTuple):
     """One or more sets of demonstrations end to end; each lane samples from one of them.
 
     Attributes:
-        columns: All transitions.
+        columns: All transitions, and empty rows at the end.
         starts: Rows of first transitions, of all sets.
         row_bounds: First row of each set, and the end.
         start_bounds: The same for `starts`.
@@ -69,7 +74,9 @@ class ExpertTable(NamedTuple):
         episodes = [len(data.episode_starts) for data in datasets]
 
         def join(arrays: Sequence[np.ndarray], dtype: str) -> Array:
-            return jnp.asarray(np.concatenate(arrays).astype(dtype))
+            joined = np.concatenate(arrays).astype(dtype)
+            empty = np.zeros((-len(joined) % _ROWS, *joined.shape[1:]), dtype)
+            return jnp.asarray(np.concatenate([joined, empty]))
 
         return ExpertTable(
             columns=Batch(
@@ -105,7 +112,8 @@ class ExpertTable(NamedTuple):
         """Draw transitions by the cumulative sum of their (normalised) weights."""
         # Scaled, because a rounded sum that ends below 1 would leave draws beyond all weights.
         draws = jax.random.uniform(key, (size,)) * cumulative[-1]
-        return self.rows(jnp.searchsorted(cumulative, draws, side="right"))
+        drawn = jnp.searchsorted(cumulative, draws, side="right")
+        return self.rows(jnp.minimum(drawn, self.row_bounds[-1] - 1))
 
     def sample_initial(
         self, key: PRNGKeyArray, dataset: Int[Array, ""], size: int

@@ -2,6 +2,8 @@
 
 A learner is two pure functions: `initialise(numbers) -> (learnt, surroundings)` and
 `update(numbers, learnt, surroundings) -> (learnt, surroundings, terms)`. `terms` are named scalars.
+Arrays that all lanes share, such as demonstrations, are bound with `jax.tree_util.Partial`, so that
+they are the program's input: a constant of that size would be compiled into it, anew for each set.
 A lane whose terms or parameters are no longer finite keeps its last finite `learnt` and records
 which term broke; the other lanes go on.
 """
@@ -19,6 +21,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 from jaxtyping import Array
 
 from socialiq.errors import UserError
@@ -63,15 +66,12 @@ def run(
         Stopped: On Ctrl-C, after the chunk in progress.
         UserError: If a checkpoint can't be resumed.
     """
-    begin = jax.jit(jax.vmap(partial(_start, initialise)), compiler_options=_COMPILE_FAST)
-    lanes, history = begin(numbers), History()
+    initialise, update = _bound(initialise), _bound(update)
+    begin = jax.jit(_start_all, compiler_options=_COMPILE_FAST)
+    lanes, history = begin(initialise, numbers), History()
     if outside.resume:
         lanes, history = _resume(outside.checkpoint, fingerprint, lanes)
-    advance = jax.jit(
-        jax.vmap(partial(_advance, update), in_axes=(0, 0, None)),
-        static_argnums=2,
-        donate_argnums=1,
-    )
+    advance = jax.jit(_advance_all, static_argnums=3, donate_argnums=2)
     names = term_names(update, numbers, lanes)
     done = history.updates[-1] if history.updates else 0
     clock = Clock(done, total, len(jax.tree.leaves(numbers)[0]))
@@ -80,7 +80,7 @@ def run(
             if before_chunk is not None:
                 lanes = before_chunk(lanes, done)
             steps = min(chunk, total - done)
-            lanes, terms = advance(numbers, lanes, steps)
+            lanes, terms = advance(update, numbers, lanes, steps)
             done += steps
             record = dict(zip(names, np.asarray(terms).T, strict=True))
             monitored = outside.monitor(lanes.learnt) if outside.monitor else {}
@@ -138,6 +138,21 @@ def _in_order(terms: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(terms, key=lambda name: (name == "loss", name)))
 
 
+def _bound(function: Callable[..., Any]) -> Partial:
+    """As a pytree of the arrays that are bound to it."""
+    return function if isinstance(function, Partial) else Partial(function)
+
+
+def _start_all(initialise: Partial, numbers: Any) -> Lanes:
+    return jax.vmap(partial(_start, initialise))(numbers)
+
+
+def _advance_all(update: Partial, numbers: Any, lanes: Lanes, steps: int) -> tuple[Lanes, Array]:
+    """One chunk of all lanes."""
+    one = partial(_advance, update, steps=steps)
+    return jax.vmap(one)(numbers, lanes)
+
+
 def _start(initialise: Callable[[Any], tuple[Any, Any]], numbers: Any) -> Lanes:
     learnt, surroundings = initialise(numbers)
     zero = jnp.zeros((), jnp.int32)
@@ -145,7 +160,7 @@ def _start(initialise: Callable[[Any], tuple[Any, Any]], numbers: Any) -> Lanes:
 
 
 def _advance(
-    update: Callable[..., Any], numbers: Any, lane: Lanes, steps: int
+    update: Callable[..., Any], numbers: Any, lane: Lanes, *, steps: int
 ) -> tuple[Lanes, Array]:
     """One chunk of one lane; returns the mean of each term, NaN once the lane has broken."""
 

@@ -22,12 +22,13 @@ class Report(NamedTuple):
     Attributes:
         done: Units of work done, of each lane.
         total: Units to do.
-        rate: Units per second, summed over lanes, since this process started.
+        rate: Units per second, summed over lanes, since this process started; per another time
+            if the unit names it.
         seconds_left: Estimated.
         terms: Mean of each named term over the chunk and over sound lanes.
         monitored: What the monitor returned, each (lanes,).
         failures: One line for each lane that has stopped.
-        unit: What is counted.
+        unit: What is counted, "updates", or "jobs/min" where the rate is not per second.
     """
 
     done: int

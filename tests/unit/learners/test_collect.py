@@ -5,7 +5,7 @@ import pytest
 
 import socialiq  # noqa: F401 - registers the worlds
 from socialiq.errors import UserError
-from socialiq.learners.collect import GymCollector
+from socialiq.learners.collect import Collector, from_env, soft
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import initialise, traced, train
@@ -23,14 +23,14 @@ def crossing7() -> gymnasium.Env:
     return gymnasium.make("socialiq/Crossing7-v1")
 
 
-def collector(steps: int = STEPS) -> GymCollector:
-    return GymCollector(crossing7, seeds=[3, 4], temperatures=[1.0, 1.0], steps=steps)
+def collector(steps: int = STEPS) -> Collector:
+    return Collector([from_env(crossing7(), steps) for _ in RUNS], [3, 4], soft([1.0, 1.0]))
 
 
 @pytest.fixture(name="lanes", scope="module")
 def fresh_lanes(demonstrations) -> Lanes:
     table = ExpertTable.of([demonstrations()], "running", 0.99)
-    start = jax.vmap(lambda one: initialise(STRUCTURE, table, None, (6, 3), one))
+    start = jax.vmap(lambda one: initialise(STRUCTURE, None, (6, 3), table, one))
     zero = np.zeros(2, np.int32)
     return Lanes(*start(traced(RUNS)), zero, zero - 1, zero - 1)
 
@@ -90,7 +90,7 @@ def test_the_replay_keeps_what_came_before(filled) -> None:
 
 def test_actions_that_are_not_discrete_are_refused() -> None:
     with pytest.raises(UserError, match="only discrete actions"):
-        GymCollector(lambda: gymnasium.make("Pendulum-v1"), [0], [1.0], 5)
+        from_env(gymnasium.make("Pendulum-v1"), 5)
 
 
 def test_an_online_run_trains_on_what_is_collected(demonstrations) -> None:

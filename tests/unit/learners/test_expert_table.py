@@ -23,10 +23,12 @@ def their_table(sets):
 def test_columns_are_the_sets_end_to_end(sets, table) -> None:
     assert table.row_bounds.tolist() == [0, 40, 55]
     assert table.start_bounds.tolist() == [0, 5, 8]
-    assert table.starts.tolist() == [0, 8, 16, 24, 32, 40, 45, 50]
+    assert table.starts[:8].tolist() == [0, 8, 16, 24, 32, 40, 45, 50]
     for name in ("observation", "action", "next_observation", "ending"):
         expected = np.concatenate([getattr(data, name) for data in sets])
-        np.testing.assert_array_equal(getattr(table.columns, name), expected)
+        column = np.asarray(getattr(table.columns, name))
+        np.testing.assert_array_equal(column[:55], expected)
+        assert len(column) == 2048 and not column[55:].any()
 
 
 def test_targets_are_the_returns_of_the_chosen_reading(sets, table) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from socialiq.errors import UserError, one_of
+from socialiq.nn.view import CHOICES
 from socialiq.social.angle import check_angle
 from socialiq.types import Ending
 
@@ -66,6 +67,8 @@ class Structure:
     """Widths of the hidden layers."""
     activation: Literal["relu", "elu"] = "relu"
     """Between the layers."""
+    view: str = "flat"
+    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
     batch_size: int = 64
     """Transitions per batch, from the demonstrations and as many from replay."""
     updates: int = 6000
@@ -85,6 +88,7 @@ class Structure:
             if typing.get_origin(hints[field.name]) is Literal:
                 what = field.name.replace("_", " ")
                 one_of(what, getattr(self, field.name), known)
+        one_of("view", self.view, tuple(CHOICES))
         for name in ("batch_size", "updates", "env_steps_per_update", "replay_capacity"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")

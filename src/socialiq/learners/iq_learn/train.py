@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
+from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
 from socialiq.errors import UserError
@@ -119,9 +120,9 @@ def train(
     world = simulator.description if simulator else "offline or collected"
     names = outside.lane_names or tuple(lane_name(one) for one in numbers)
     outside = dataclasses.replace(outside, lane_names=names)
-    update_lane = partial(update, structure, table, simulator)
+    update_lane = Partial(partial(update, structure, simulator), table)
     lanes, history = loop.run(
-        initialise=partial(initialise, structure, table, simulator, sizes),
+        initialise=Partial(partial(initialise, structure, simulator, sizes), table),
         update=update_lane,
         numbers=traced(numbers),
         total=structure.updates,
@@ -158,16 +159,16 @@ def traced(numbers: Sequence[Numbers]) -> Traced:
 
 def initialise(
     structure: Structure,
-    table: ExpertTable,
     simulator: Simulator | None,
     sizes: tuple[int, int],
+    table: ExpertTable,
     numbers: Traced,
 ) -> tuple[Learnt, Surroundings]:
     """Draw a network and start an episode, from the lane's seed alone."""
     key, for_network, for_world = jax.random.split(jax.random.key(numbers.seed), 3)
     n_features, n_actions = sizes
     network = QNetwork.initialise(
-        for_network, n_features, structure.hidden, n_actions, structure.activation
+        for_network, n_features, structure.hidden, n_actions, structure.activation, structure.view
     )
     episode, observation = simulator.reset(for_world) if simulator else (None, None)
     ring = replay.empty(structure.replay_capacity, n_features) if structure.online else None
@@ -180,8 +181,8 @@ def initialise(
 
 def update(
     structure: Structure,
-    table: ExpertTable,
     simulator: Simulator | None,
+    table: ExpertTable,
     numbers: Traced,
     learnt: Learnt,
     surroundings: Surroundings,

@@ -122,9 +122,9 @@ def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data
     numbers = traced([Numbers(temperature=tau, learning_rate=1e-30) for tau in (1e6, 1e-6)])
 
     def live(one: Traced) -> tuple[Any, Any]:
-        start = initialise(structure, table, CROSSING7, (6, 3), one)
+        start = initialise(structure, CROSSING7, (6, 3), table, one)
         return jax.lax.scan(
-            lambda state, _: (update(structure, table, CROSSING7, one, *state)[:2], None),
+            lambda state, _: (update(structure, CROSSING7, table, one, *state)[:2], None),
             start,
             length=steps,
         )[0]

@@ -1,0 +1,100 @@
+"""What a run of deep Q-learning is: its structure, which shapes the program, and its numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from socialiq.errors import UserError, one_of
+from socialiq.nn.q_network import ACTIVATIONS
+from socialiq.nn.view import CHOICES
+from socialiq.social.angle import check_angle
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Choices that shape the program. Defaults: the experts of thesis 5.2.
+
+    The thesis gives network, learning rate, discount, steps and environments. The rest is of
+    Stable-Baselines3's DQN where its default fits (one update of 256 for 4 steps of each of 12
+    environments), or chosen here.
+    """
+
+    view: str = "flat"
+    """How the network sees the vehicles; a name of `nn.view.CHOICES`."""
+    hidden: tuple[int, ...] = (256, 256)
+    """Widths of the hidden layers."""
+    activation: str = "relu"
+    """Between the layers."""
+    double: bool = True
+    """Whether the network chooses the action that the slow copy values."""
+    through_timeouts: bool = False
+    """Whether a timeout is bootstrapped through. It would make waiting an income for ever, and the
+    policy that lives on it loses in episodes of 20 s (docs/reproduction/intersection.md)."""
+    batch_size: int = 256
+    """Transitions of an update."""
+    steps: int = 5_000_000
+    """Environment steps of a run, of all its environments together."""
+    steps_per_update: int = 48
+    """The update ratio: environment steps for each gradient step."""
+    replay_capacity: int = 200_000
+    """Size of the replay ring."""
+
+    def __post_init__(self) -> None:
+        """Refuse names and sizes that make no run."""
+        one_of("view", self.view, tuple(CHOICES))
+        one_of("activation", self.activation, tuple(ACTIVATIONS))
+        for name in ("batch_size", "steps", "steps_per_update", "replay_capacity"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if any(width < 1 for width in self.hidden):
+            raise UserError(f"hidden widths must be at least 1, got {self.hidden}")
+
+    @property
+    def updates(self) -> int:
+        """Gradient steps of a run."""
+        return max(self.steps // self.steps_per_update, 1)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of one run; all are traced, so runs that differ in them share one program."""
+
+    angle: float = 0.0
+    """α of the reward R(α), in degrees."""
+    discount: float = 0.99
+    """γ."""
+    learning_rate: float = 3e-4
+    """Of Adam, at the start."""
+    final_learning_rate: float = 3e-4
+    """Of Adam, at the end; in between it falls linearly."""
+    polyak: float = 0.005
+    """Share of the network mixed into its slow copy at each update."""
+    exploration: float = 0.05
+    """Share of random actions, after it has fallen from 1."""
+    exploration_fall: float = 0.2
+    """Share of the run during which it falls."""
+    seed: int = 0
+    """Of the network, the sampling and the acting."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        check_angle(self.angle)
+        for name in ("learning_rate", "final_learning_rate"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
+        if not 0.0 <= self.discount < 1.0:
+            raise UserError(f"discount must lie in [0, 1), got {self.discount}")
+        for name in ("polyak", "exploration_fall"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise UserError(f"{name} must lie in (0, 1], got {getattr(self, name)}")
+        if not 0.0 <= self.exploration <= 1.0:
+            raise UserError(f"exploration must lie in [0, 1], got {self.exploration}")
+        if not 0 <= self.seed < 2**32:
+            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
+
+    def exploring(self, progress: float) -> float:
+        """Share of random actions when this share of the run is done."""
+        return max(
+            1.0 - (1.0 - self.exploration) * progress / self.exploration_fall, self.exploration
+        )

@@ -1,0 +1,81 @@
+from typing import Any
+
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.learners.dqn.config import Numbers, Structure
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"view": "round"},
+        {"activation": "gelu"},
+        {"batch_size": 0},
+        {"steps": 0},
+        {"steps_per_update": 0},
+        {"replay_capacity": 0},
+        {"hidden": (8, 0)},
+    ],
+    ids=str,
+)
+def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> None:
+    with pytest.raises(UserError) as caught:
+        Structure(**fields)
+    assert "\n" not in str(caught.value)
+    assert next(iter(fields)) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        *({"angle": value} for value in (-1.0, 360.0, NAN, INF)),
+        *({"learning_rate": value} for value in (0.0, -1e-3, NAN, INF)),
+        *({"final_learning_rate": value} for value in (0.0, -1e-3, NAN, INF)),
+        *({"discount": value} for value in (-0.1, 1.0, NAN)),
+        *({"polyak": value} for value in (0.0, 1.1, NAN)),
+        *({"exploration": value} for value in (-0.1, 1.1, NAN)),
+        *({"exploration_fall": value} for value in (0.0, 1.1, NAN)),
+        *({"seed": value} for value in (-1, 2**32)),
+    ],
+    ids=str,
+)
+def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
+    with pytest.raises(UserError) as caught:
+        Numbers(**fields)
+    assert "\n" not in str(caught.value)
+    assert next(iter(fields)) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"angle": 359.9},
+        {"discount": 0.0},
+        {"polyak": 1.0},
+        {"exploration": 0.0},
+        {"exploration": 1.0},
+        {"exploration_fall": 1.0},
+        {"seed": 2**32 - 1},
+    ],
+    ids=str,
+)
+def test_a_number_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
+    numbers = Numbers(**fields)
+    assert all(getattr(numbers, name) == value for name, value in fields.items())
+
+
+def test_exploration_falls_in_a_straight_line_and_stays() -> None:
+    numbers = Numbers(exploration=0.2, exploration_fall=0.5)
+    found = [numbers.exploring(progress) for progress in (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)]
+    assert found == pytest.approx([1.0, 0.8, 0.6, 0.2, 0.2, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("steps", "updates"), [(480, 10), (479, 9), (48, 1), (1, 1), (5_000_000, 104_166)]
+)
+def test_updates_are_the_whole_ones_that_the_steps_pay_for(steps: int, updates: int) -> None:
+    assert Structure(steps=steps, steps_per_update=48).updates == updates
