@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.figures.ring import Mark, ring
 from socialiq.figures.style import COLORS, MARKS, figure, plain
 from socialiq.thesis.store import Results, Row
 
@@ -16,54 +17,23 @@ THESIS_ANGLES = {"baseline": 152.0, "egoistic": -42.0, "prosocial": 39.0, "altru
 def draw(results: Results) -> dict[str, Figure]:
     """All figures of the 7x7 study."""
     return {
-        "fig_6_2_ring": ring(results),
+        "fig_6_2_ring": fig_6_2(results),
         "fig_6_3_experts": heatmaps(results, [f"expert {mode}" for mode in list(COLORS)[1:]]),
         "fig_6_4_learned": heatmaps(results, list(COLORS)),
         "tradeoff": tradeoff(results),
     }
 
 
-def ring(results: Results) -> Figure:
+def fig_6_2(results: Results) -> Figure:
     """Fig 6.2: the empirical angle of each policy, with the thesis' as an open mark outside."""
-    drawn = figure(6.4, 6.0)
-    axes = drawn.add_subplot()
-    circle = np.radians(np.arange(361))
-    axes.plot(np.cos(circle), np.sin(circle), color="#cccccc", linewidth=1.2)
-    for degrees in range(0, 360, 45):
-        x, y = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        axes.text(0.82 * x, 0.82 * y, f"{degrees}°", ha="center", va="center", color="#888888")
-    for name in COLORS:
-        ours = results.summary["policies"][f"{name}_greedy"]["angle"]
-        label = f"{name}: {ours:.1f}° (thesis {THESIS_ANGLES[name]:.0f}°)"
-        # The altruist lies on the baseline; a larger mark below keeps both visible.
-        size = 15 if name == "baseline" else 10
-        _mark(axes, name, ours, 1.0, size, COLORS[name], label)
-        _mark(axes, name, THESIS_ANGLES[name], 1.14, 8, "none", None)
-    axes.set(xlim=(-1.35, 1.35), ylim=(-1.35, 1.35), xticks=[], yticks=[])
-    axes.set_aspect("equal")
-    axes.spines[:].set_visible(False)
-    axes.set_xlabel("r_env →")
-    axes.set_ylabel("r_social →")
-    axes.legend(loc="center", frameon=False, fontsize=8)
-    seeds = results.summary["policies"]["baseline_greedy"]["seeds"]
-    axes.set_title(f"7x7: empirical angle, greedy, {seeds} seeds (open marks: thesis)", fontsize=10)
-    return drawn
-
-
-def _mark(
-    axes: Any, name: str, degrees: float, radius: float, size: int, face: str, label: str | None
-) -> None:
-    x, y = radius * np.cos(np.radians(degrees)), radius * np.sin(np.radians(degrees))
-    axes.plot(
-        [x],
-        [y],
-        linestyle="none",
-        marker=MARKS[name],
-        markersize=size,
-        markerfacecolor=face,
-        markeredgecolor=COLORS[name],
-        label=label,
-    )
+    entries = {name: results.summary["policies"][f"{name}_greedy"] for name in COLORS}
+    marks = []
+    for name, entry in entries.items():
+        thesis = THESIS_ANGLES[name]
+        label = f"{name}: {entry['angle']:.1f}° (thesis {thesis:.0f}°)"
+        marks.append(Mark(name, entry["angle"], label, thesis))
+    seeds = entries["baseline"]["seeds"]
+    return ring(marks, f"7x7: empirical angle, greedy, {seeds} seeds (open marks: thesis)")
 
 
 def heatmaps(results: Results, policies: list[str]) -> Figure:

@@ -30,6 +30,32 @@ GRID_STRENGTH = 2.0
 SWEEP = dataclasses.replace(TABLE_C1, target_kind="instantaneous")
 SWEEP_STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 
+# Section 6.3 with Table C.1's intersection column as printed; λ is not printed. Everything waits:
+# a step of living is worth up to log 3 of entropy, more than any reward of driving.
+INTERSECTION_THESIS = dataclasses.replace(
+    TABLE_C1,
+    target_kind="running",
+    hidden=(256, 256),
+    batch_size=256,
+    updates=6_000,
+    env_steps_per_update=2,
+    replay_capacity=20_000,
+)
+# The same learner, temperature and target changed to what separates the three targets.
+INTERSECTION_CALIBRATED = dataclasses.replace(INTERSECTION_THESIS, target_kind="instantaneous")
+INTERSECTION_STRENGTH = 3.0
+INTERSECTION_TEMPERATURE = 0.1
+
+INTERSECTION_THESIS_NUMBERS = dataclasses.replace(TABLE_C1_NUMBERS, strength=INTERSECTION_STRENGTH)
+INTERSECTION_CALIBRATED_NUMBERS = dataclasses.replace(
+    INTERSECTION_THESIS_NUMBERS, temperature=INTERSECTION_TEMPERATURE
+)
+
+
+def offline(structure: Structure) -> Structure:
+    """The same learner on demonstrations alone, with term 2 over them (`value_expert`)."""
+    return dataclasses.replace(structure, online=False, value_term="value_expert")
+
 
 def baseline(structure: Structure) -> Structure:
     """The same learner with the regularizer off, which is not λ = 0 (docs/theory.md)."""
@@ -41,4 +67,6 @@ PRESETS = {
     "poc": (POC, dataclasses.replace(TABLE_C1_NUMBERS, strength=POC_STRENGTH)),
     "grid": (GRID, dataclasses.replace(TABLE_C1_NUMBERS, strength=GRID_STRENGTH)),
     "lambda-sweep": (SWEEP, TABLE_C1_NUMBERS),
+    "intersection-thesis": (INTERSECTION_THESIS, INTERSECTION_THESIS_NUMBERS),
+    "intersection-calibrated": (INTERSECTION_CALIBRATED, INTERSECTION_CALIBRATED_NUMBERS),
 }

@@ -11,7 +11,7 @@ import platform
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ class Results:
         tables: Rows by table name; each becomes a CSV file.
         summary: The figures that the claims ledger points at.
         versions: Of Python and of the libraries that made the numbers.
+        files: Content of other files by path; written, but not read back.
     """
 
     study: str
@@ -40,14 +41,20 @@ class Results:
     tables: dict[str, list[Row]]
     summary: dict[str, Any]
     versions: dict[str, str]
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
     @staticmethod
     def of(
-        study: str, config: Any, tables: dict[str, list[Row]], summary: dict[str, Any]
+        study: str,
+        config: Any,
+        tables: dict[str, list[Row]],
+        summary: dict[str, Any],
+        files: Mapping[str, bytes] | None = None,
     ) -> Results:
         """Round the numbers, resolve the configuration, and note the versions."""
+        settings = dataclasses.asdict(config)
         return Results(
-            study, dataclasses.asdict(config), rounded(tables), rounded(summary), versions()
+            study, settings, rounded(tables), rounded(summary), versions(), dict(files or {})
         )
 
 
@@ -96,6 +103,9 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
             write_atomically(part / f"{name}.csv", as_csv(rows))
         for name, png in pictures.items():
             write_atomically(part / f"{name}.png", png)
+        for name, content in results.files.items():
+            (part / name).parent.mkdir(exist_ok=True)
+            write_atomically(part / name, content)
         part.chmod(0o755)
         _swap(part, folder)
     finally:

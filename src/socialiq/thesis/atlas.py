@@ -1,0 +1,49 @@
+"""The atlas: trained intersection policies that come with the package, and how each was made.
+
+They lie beside the committed results of the intersection study, which wrote them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError, one_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import read_json
+from socialiq.thesis.claims import packaged_results
+
+FOLDER = Path("intersection") / "atlas"
+MANIFEST = "manifest.json"
+
+
+def manifest() -> dict[str, Any]:
+    """Every policy by name: file, SHA-256, how it was made, what it does.
+
+    Raises:
+        UserError: If the atlas did not come with the package.
+    """
+    return read_json(packaged_results() / FOLDER / MANIFEST)["policies"]
+
+
+def names() -> tuple[str, ...]:
+    """Names of the policies; none where the atlas did not come with the package."""
+    try:
+        return tuple(manifest())
+    except UserError:
+        return ()
+
+
+def load(name: str) -> QPolicy:
+    """A policy of the atlas.
+
+    Raises:
+        UserError: If the name is unknown, or the file is not the one of the manifest.
+    """
+    one_of("policy of the atlas", name, names())
+    entry = manifest()[name]
+    path = packaged_results() / FOLDER / entry["file"]
+    policy = QPolicy.load(path)
+    if policy.sha256 != entry["sha256"]:
+        raise UserError(f"{path} is not the file of its manifest: install the package anew")
+    return policy

@@ -1,0 +1,43 @@
+"""The atlas' files, made of a finished study: the policies that others start from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import read_json
+from socialiq.thesis import atlas
+from socialiq.thesis.intersection.config import Config
+from socialiq.thesis.intersection.plan import members, policy_file
+from socialiq.thesis.jobs import RECORD
+from socialiq.thesis.store import Row, rounded
+
+_SHOWN = ("collision", "arrival", "timeout", "speed_kmh", "stopped", "r_env", "r_social", "angle")
+
+
+def files(config: Config, work: Path, rows: Mapping[tuple[str, str], Row]) -> dict[str, bytes]:
+    """Content of the atlas' files by path below the results folder."""
+    found, entries = {}, {}
+    for name, job in members(config).items():
+        source = work / job / policy_file(job)
+        file = f"{name}.safetensors"
+        found[f"{atlas.FOLDER.name}/{file}"] = source.read_bytes()
+        policy, record = QPolicy.load(source), read_json(work / job / RECORD)
+        entries[name] = {
+            "file": file,
+            "sha256": policy.sha256,
+            "made_by": "socialiq reproduce intersection",
+            "job": job,
+            "config": record["config"],
+            "inputs": record["inputs"],
+            "greedy": {key: rows[job, "greedy"][key] for key in ("episodes", *_SHOWN)},
+        }
+    text = json.dumps(rounded(_manifest(entries)), indent=2) + "\n"
+    return found | {f"{atlas.FOLDER.name}/{atlas.MANIFEST}": text.encode()}
+
+
+def _manifest(entries: dict[str, Any]) -> dict[str, Any]:
+    return {"kind": "atlas", "version": 1, "world": "intersection", "policies": entries}

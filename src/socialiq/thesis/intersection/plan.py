@@ -1,0 +1,236 @@
+"""The jobs of the intersection study, and how their folders are called."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+
+from socialiq.learners.dqn import config as dqn
+from socialiq.learners.iq_learn import config as iq
+from socialiq.nn.view import CHOICES
+from socialiq.social.returns import TARGET_KINDS
+from socialiq.thesis import presets
+from socialiq.thesis.experts import MODES
+from socialiq.thesis.intersection.config import Config
+from socialiq.thesis.intersection.stages import (
+    BEST,
+    LAST,
+    Evaluation,
+    ExpertRun,
+    ForesightRun,
+    HighwayRun,
+    LearnerRun,
+    Recording,
+    drive_highway,
+    evaluate,
+    foresee,
+    record_demonstrations,
+    train_expert,
+    train_learner,
+)
+from socialiq.thesis.jobs import Job
+from socialiq.worlds.intersection.policies import NAMES
+
+POOLS = "demonstrations/experts"
+TARGETS = ("baseline", *MODES)
+PRESETS = {
+    "thesis": (presets.INTERSECTION_THESIS, presets.INTERSECTION_THESIS_NUMBERS),
+    "calibrated": (presets.INTERSECTION_CALIBRATED, presets.INTERSECTION_CALIBRATED_NUMBERS),
+}
+TRAINED = (("thesis", "online"), ("calibrated", "online"), ("calibrated", "offline"))
+SHIPPED = ("calibrated", "offline")
+"""Whose learners go into the atlas."""
+STRENGTHS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)
+TEMPERATURES = (1.0, 0.3, 0.1, 0.03)
+ENDINGS = ("zero", "absorbing")
+SIZES = (30, 100, 300, 1000)
+
+NETWORKS = ("flat", "set")
+"""Of experts: the thesis', and one that sees a set of vehicles and is trained as that likes it."""
+
+
+def plan(config: Config) -> list[Job]:
+    """Every job of the chosen parts, each after its inputs."""
+    parts = {
+        "networks": _networks,
+        "timeouts": _timeouts,
+        "views": _views,
+        "strengths": _strengths,
+        "targets": _targets,
+        "data": _data,
+    }
+    jobs = list(_main(config))
+    for part, make in parts.items():
+        if part in config.parts:
+            jobs += make(config)
+    return [*jobs, *_evaluations(jobs, config), *_drivers(config), *_highway(config)]
+
+
+def expert_name(network: str, mode: str, seed: int) -> str:
+    """Folder of an expert."""
+    return f"experts/{network}/{mode}/{seed}"
+
+
+def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
+    """Folder of a learner of the main part."""
+    return f"learners/{preset}/{setting}/{target}/{seed}"
+
+
+def _main(config: Config) -> Iterator[Job]:
+    first = config.expert_seeds[0]
+    yield from (_expert(config, "flat", mode, first) for mode in MODES)
+    pools = tuple(expert_name("flat", mode, first) for mode in MODES)
+    recording = Recording(episodes=config.pool_episodes)
+    yield Job(POOLS, record_demonstrations, recording, pools, cost=20.0)
+    for (preset, setting), target in itertools.product(TRAINED, TARGETS):
+        structure, numbers = PRESETS[preset]
+        structure = dataclasses.replace(structure, updates=config.updates)
+        if setting == "offline":
+            structure = presets.offline(structure)
+        for seed in config.seeds:
+            run = _learner(config, structure, numbers, target, seed)
+            name = learner_name(preset, setting, target, seed)
+            yield Job(name, train_learner, run, (POOLS,), cost=80.0 if structure.online else 45.0)
+
+
+def _networks(config: Config) -> Iterator[Job]:
+    first, *others = config.expert_seeds
+    yield from (_expert(config, "set", mode, first) for mode in MODES)
+    for network, seed in itertools.product(NETWORKS, others):
+        yield _expert(config, network, "egoistic", seed)
+
+
+def _expert(config: Config, network: str, mode: str, seed: int) -> Job:
+    """The flat network with the thesis' settings, or the set with its own."""
+    structure = dqn.Structure(steps=config.expert_steps)
+    numbers = dqn.Numbers(angle=MODES[mode], seed=seed)
+    if network == "set":
+        structure = dqn.Structure("set", (128, 128), steps=config.set_steps, steps_per_update=12)
+        numbers = _finer(dataclasses.replace(numbers, learning_rate=5e-4, polyak=0.01))
+    run = ExpertRun(structure, numbers)
+    return Job(expert_name(network, mode, seed), train_expert, run, cost=900.0)
+
+
+def _timeouts(config: Config) -> Iterator[Job]:
+    """The experts of main whose reward a long wait can feed, but for the one thing."""
+    for mode, angle in list(MODES.items())[1:]:
+        structure = dqn.Structure(steps=config.expert_steps // 2, through_timeouts=True)
+        run = ExpertRun(structure, dqn.Numbers(angle=angle, seed=config.expert_seeds[0]))
+        name = f"timeouts/through/{mode}/{config.expert_seeds[0]}"
+        yield Job(name, train_expert, run, cost=450.0)
+
+
+def _finer(numbers: dqn.Numbers) -> dqn.Numbers:
+    """Exploration and step size fall further."""
+    return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
+
+
+def _views(config: Config) -> Iterator[Job]:
+    for view, seed in itertools.product(CHOICES, config.ablation_seeds):
+        structure = dqn.Structure(view, steps=config.view_steps, steps_per_update=32)
+        run = ExpertRun(structure, _finer(dqn.Numbers(seed=seed)))
+        yield Job(f"views/{view}/{seed}", train_expert, run, cost=120.0)
+
+
+def _strengths(config: Config) -> Iterator[Job]:
+    structure, numbers = _ablated(config)
+    for strength, target in itertools.product(STRENGTHS, MODES):
+        changed = dataclasses.replace(numbers, strength=strength)
+        for seed in config.ablation_seeds:
+            run = _learner(config, structure, changed, target, seed)
+            name = f"strengths/{strength:g}/{target}/{seed}"
+            yield Job(name, train_learner, run, (POOLS,), cost=25.0)
+
+
+def _targets(config: Config) -> Iterator[Job]:
+    structure, numbers = _ablated(config)
+    cells = itertools.product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS)
+    for kind, temperature, ending, target in cells:
+        if target == "baseline" and kind != next(iter(TARGET_KINDS)):
+            continue  # without a prior the kind of target means nothing
+        endings = iq.Endings(arrival=ending, collision=ending, timeout=ending)
+        changed = dataclasses.replace(structure, target_kind=kind, endings=endings)
+        seed = config.ablation_seeds[0]
+        cooled = dataclasses.replace(numbers, temperature=temperature)
+        run = _learner(config, changed, cooled, target, seed)
+        name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seed}"
+        yield Job(name, train_learner, run, (POOLS,), cost=25.0)
+
+
+def _data(config: Config) -> Iterator[Job]:
+    structure, numbers = _ablated(config)
+    cells = [("equal_trajectories", size) for size in SIZES]
+    cells += [("equal_transitions", 10 * size) for size in (100, 1000)]
+    for (mixture, size), target in itertools.product(cells, TARGETS):
+        if size > config.pool_episodes and mixture == "equal_trajectories":
+            continue
+        for seed in config.ablation_seeds:
+            run = _learner(config, structure, numbers, target, seed)
+            run = dataclasses.replace(run, mixture=mixture, size=size)
+            name = f"data/{mixture}/{size}/{target}/{seed}"
+            yield Job(name, train_learner, run, (POOLS,), cost=25.0)
+
+
+def _evaluations(jobs: list[Job], config: Config) -> Iterator[Job]:
+    """One job for each trained policy: experts greedily, learners both ways."""
+    for job in jobs:
+        if job.work is train_expert:
+            run = Evaluation(BEST, readouts=("greedy",), episodes=config.episodes)
+            yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=3.0)
+        if job.stage == "experts":
+            looking = ForesightRun(job.config.numbers.angle, episodes=config.episodes)
+            name = job.name.removeprefix("experts/")
+            yield Job(f"evaluation/foresight/{name}", foresee, looking, (job.name,), cost=20.0)
+        if job.work is train_learner:
+            run = Evaluation(episodes=config.episodes)
+            yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=6.0)
+
+
+def _drivers(config: Config) -> Iterator[Job]:
+    for name in NAMES:
+        run = Evaluation(driver=name, readouts=("greedy",), episodes=config.episodes)
+        yield Job(f"evaluation/drivers/{name}", evaluate, run, cost=3.0)
+
+
+def _highway(config: Config) -> Iterator[Job]:
+    """The atlas' policies on the real highway-env."""
+    if config.highway_episodes:
+        for name, job in members(config).items():
+            run = HighwayRun(policy_file(job), config.highway_episodes)
+            yield Job(f"highway/{name}", drive_highway, run, (job,), cost=100.0)
+
+
+def members(config: Config) -> dict[str, str]:
+    """Folder of the job of each policy of the atlas, by its name there.
+
+    Experts, of the set too if that part is run, and the first training seed's baseline and trio.
+    """
+    first = config.expert_seeds[0]
+    found = {f"expert_{mode}": expert_name("flat", mode, first) for mode in MODES}
+    if "networks" in config.parts:
+        found |= {f"set_{mode}": expert_name("set", mode, first) for mode in MODES}
+    return found | {target: learner_name(*SHIPPED, target, config.seeds[0]) for target in TARGETS}
+
+
+def policy_file(job: str) -> str:
+    """Which network of a job counts: an expert's best by checks, a learner's last."""
+    return LAST if job.startswith("learners/") else BEST
+
+
+def _ablated(config: Config) -> tuple[iq.Structure, iq.Numbers]:
+    """The calibrated preset offline, with fewer updates: what the ablations vary."""
+    structure, numbers = PRESETS["calibrated"]
+    structure = dataclasses.replace(structure, updates=config.ablation_updates)
+    return presets.offline(structure), numbers
+
+
+def _learner(
+    config: Config, structure: iq.Structure, numbers: iq.Numbers, target: str, seed: int
+) -> LearnerRun:
+    if target == "baseline":
+        structure, angle = presets.baseline(structure), 0.0
+    else:
+        angle = MODES[target]
+    numbers = dataclasses.replace(numbers, angle=angle, seed=seed)
+    return LearnerRun(structure, numbers, size=config.episodes_each)

@@ -1,0 +1,148 @@
+"""The intersection study from nothing to tables (thesis 5.2, 5.3, 6.3, 7, A), resumable."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError
+from socialiq.social.angle import angle_difference, angle_of
+from socialiq.thesis.experts import MODES
+from socialiq.thesis.intersection import atlas_files
+from socialiq.thesis.intersection.config import Config
+from socialiq.thesis.intersection.differences import differences
+from socialiq.thesis.intersection.plan import (
+    NETWORKS,
+    POOLS,
+    TARGETS,
+    TRAINED,
+    expert_name,
+    learner_name,
+    plan,
+)
+from socialiq.thesis.intersection.rows import curves, highway, played, policy_row
+from socialiq.thesis.intersection.tables import best_angles, distributions, separability, table_6_2
+from socialiq.thesis.jobs import Job
+from socialiq.thesis.lanes import Watch, silent
+from socialiq.thesis.store import Results, Row
+from socialiq.thesis.workers import run_jobs
+from socialiq.worlds.intersection.reference.conformance import PORTABLE
+
+STUDY = "intersection"
+RESUMABLE = True
+"""`run` takes a work folder and goes on from what is in it."""
+
+
+def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+    """Do what is not done yet, and tabulate.
+
+    Args:
+        config: What to run.
+        watch: Shows progress.
+        work: Folder of the jobs; a temporary one by default.
+
+    Raises:
+        UserError: If a job fails or the folder can't be written.
+        Stopped: On Ctrl-C; the same call goes on.
+    """
+    config = config or Config()
+    if config.highway_episodes and find_spec("highway_env") is None:
+        raise UserError(
+            "the comparison with highway-env needs the extra highway (pip install "
+            "'socialiq[highway]'); or leave it out: --highway-episodes 0"
+        )
+    if work is None:
+        with tempfile.TemporaryDirectory() as folder:
+            return run(config, watch, Path(folder))
+    jobs = plan(config)
+    compiled = {
+        "JAX_COMPILATION_CACHE_DIR": str(work.absolute() / "compiled"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
+    run_jobs(jobs, work, watch, environment=PORTABLE | compiled)
+    return tabulate(config, jobs, work)
+
+
+def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
+    """Every table, from the jobs' folders alone."""
+    plays = {(one.name, one.readout): one for one in played(jobs, work)}
+    rows = {key: policy_row(one) for key, one in plays.items()}
+    a_1, a_2 = separability(work / POOLS)
+    tables = {
+        "policies": list(rows.values()),
+        "table_6_2": table_6_2(rows, plays, config),
+        "table_a_1": a_1,
+        "table_a_2": a_2,
+        "fig_a_1": distributions(work / POOLS),
+        "differences": differences(rows, config),
+        "best_angles": best_angles([row for row in rows.values() if _compared(row)]),
+        "curves": curves(jobs, work),
+        "highway": highway(jobs, work),
+    }
+    kept = {name: table for name, table in tables.items() if table}
+    files = atlas_files.files(config, work, rows)
+    return Results.of(STUDY, config, kept, _summary(config, kept), files)
+
+
+def _compared(row: Row) -> bool:
+    """Whether a policy is of the main part: experts, learners and drivers, greedy."""
+    stage = row["policy"].split("/")[0]
+    return row["readout"] == "greedy" and stage in ("experts", "learners", "drivers")
+
+
+def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
+    """What the ledger points at: tables by name, and the means of each group over its seeds."""
+    found: dict[str, Any] = {"table_6_2": {}, "table_a_1": {}, "table_a_2": {}}
+    for row in tables["table_6_2"]:
+        path = (f"{row['preset']}_{row['setting']}_{row['readout']}", row["policy"])
+        group = found["table_6_2"].setdefault(path[0], {}).setdefault(path[1], {})
+        group[row["metric"]] = {
+            name: row[name] for name in ("ours", "over_training", "over_evaluation", "low", "high")
+        }
+    for row in tables["table_a_1"]:
+        ours = {"mean": row["ours"], "sd": row["ours_sd"]}
+        found["table_a_1"].setdefault(row["mode"], {})[row["signal"]] = ours
+    for row in tables["table_a_2"]:
+        pair = f"{row['first']}_{row['second']}"
+        found["table_a_2"].setdefault(pair, {})[row["signal"]] = row["ours"]
+    by_name = {(row["policy"], row["readout"]): row for row in tables["policies"]}
+    found["policies"] = {
+        f"{preset}_{setting}_{target}": _mean(
+            [
+                by_name[learner_name(preset, setting, target, seed), "greedy"]
+                for seed in config.seeds
+            ]
+        )
+        for preset, setting in TRAINED
+        for target in TARGETS
+    }
+    first = config.expert_seeds[0]
+    found["experts"] = {
+        f"{network}_{mode}": by_name[expert_name(network, mode, first), "greedy"]
+        for network in NETWORKS
+        for mode in MODES
+        if (expert_name(network, mode, first), "greedy") in by_name
+    }
+    found["drivers"] = {
+        row["policy"].split("/")[1]: row
+        for row in tables["policies"]
+        if row["policy"].startswith("drivers/")
+    }
+    return found
+
+
+def _mean(rows: list[Row]) -> Row:
+    """Means over training seeds of what has numbers in all; the angle is that of the means."""
+    names = [name for name in rows[0] if all(isinstance(row[name], int | float) for row in rows)]
+    means = {name: sum(row[name] for row in rows) / len(rows) for name in names}
+    angle = angle_of(means["r_env"], means["r_social"])
+    off = [angle_difference(row["angle"], angle) for row in rows]
+    return means | {
+        "angle": angle,
+        "angle_low": angle + min(off),
+        "angle_high": angle + max(off),
+        "seeds": len(rows),
+    }
