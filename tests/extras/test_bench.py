@@ -21,3 +21,11 @@ def test_bench_worlds_prints_one_json_object(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["ratio"] > 0
     assert found["steps_per_s_2_threads"] > 0
+
+
+def test_bench_experts_prints_one_json_object(capsys):
+    pytest.importorskip("stable_baselines3", reason="extra `sb3` is not installed")
+    assert main(["bench", "experts", "--repeats", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ratio"] > 0
+    assert found["share_of_matrix_throughput"] > 0

@@ -13,18 +13,21 @@ import socialiq
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 
-BENCHMARKS = ("learners", "worlds")
+BENCHMARKS = ("learners", "worlds", "experts")
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Measure speed: learners beside eager PyTorch, worlds beside the real highway-env.
+    """Measure speed beside the real peers.
+
+    learners: beside eager PyTorch. worlds: beside highway-env. experts: deep Q-learning beside
+    Stable-Baselines3 on highway-env.
 
     Example: socialiq bench worlds
     """
 
     benchmark: Annotated[str, tyro.conf.Positional]
-    """learners or worlds."""
+    """learners, worlds or experts."""
     repeats: int = 3
     """Runs of each side, in turn; medians and their ratios are printed."""
     json: bool = False

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.learners.outside import Clock
 from socialiq.worlds.intersection.options import Options
-
-PORTABLE = {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"}
-"""Makes numpy, and with it highway-env, use the C library's functions, as the core does."""
+from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
 
@@ -31,7 +30,10 @@ class Conformance:
     """
 
     episodes: int = 20
-    """Episodes to compare; the drivers go, idle, wait and random take turns."""
+    """Episodes to compare."""
+    driver: str = ""
+    """Who drives: a rule, a policy of the atlas or a policy file; by default go, idle, wait and
+    random take turns."""
     seed: int = 0
     """Of the first episode; the others follow."""
     population: str = "highway_env"
@@ -65,6 +67,7 @@ class Conformance:
         command = [sys.executable, "-m", "socialiq", "conformance"]
         command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
         command += ["--population", self.population]
+        command += ["--driver", self.driver] if self.driver else []
         flags = {"--connected": self.connected, "--json": self.json}
         return command + [flag for flag, wanted in flags.items() if wanted]
 
@@ -73,9 +76,10 @@ class Conformance:
         from socialiq.worlds.intersection.reference.conformance import compare
 
         rows = []
+        driver = driver_of(self.driver, self.seed, options) if self.driver else None
         with Display() as display:
             report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)
-            for episode in compare(options, self.episodes, self.seed):
+            for episode in compare(options, self.episodes, self.seed, driver):
                 rows.append(episode)
                 told = clock.report(len(rows), {}, {}, ())
                 report(told._replace(unit="episodes"))

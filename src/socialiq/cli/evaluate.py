@@ -12,14 +12,19 @@ import gymnasium
 import numpy as np
 import tyro
 
+from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
+from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of, check_angle
+from socialiq.thesis.intersection.rows import Played, policy_row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.ids import IDS
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, WORLDS, make_grid
 
 Measure = Callable[[QPolicy], dict[str, Any]]
@@ -31,6 +36,9 @@ class Evaluate:
 
     Several policies, for instance one for each training seed, are also pooled: the angle is that of
     the mean totals.
+
+    At the intersection a driver by rule (go, wait, idm, gap_3s, ...) or a policy of the atlas
+    (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
 
     Example: socialiq evaluate run/policy_0.safetensors --world crossing7 --angle 45
     """
@@ -53,11 +61,9 @@ class Evaluate:
     def run(self) -> int:
         """Evaluate and print."""
         check_angle(self.angle)
-        loaded = [QPolicy.load(path) for path in self.policies]
-        if not loaded:
+        if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
-        measure = self.gridworld() if self.world in GRIDWORLDS else self.gymnasium()
-        rows = [measure(policy) for policy in loaded]
+        rows = self.measured()
         if self.json:
             print_json(rows[0] if len(rows) == 1 else {"policies": rows, "pooled": pool(rows)})
         elif len(rows) == 1:
@@ -68,8 +74,27 @@ class Evaluate:
             ]
             shown = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "length")
             print_table([{key: row[key] for key in shown} for row in named])
-            print_table([pool(rows)], "pooled")
+            pooled = pool(rows).items()
+            print_table([{"pooled": name, "value": value} for name, value in pooled])
         return 0
+
+    def measured(self) -> list[dict[str, Any]]:
+        """One row for each policy."""
+        if self.world == "intersection":
+            return [self.intersection(str(path)) for path in self.policies]
+        measure = self.gridworld() if self.world in GRIDWORLDS else self.gymnasium()
+        return [measure(QPolicy.load(path)) for path in self.policies]
+
+    def intersection(self, name: str) -> dict[str, Any]:
+        """Metrics of thesis 5.4 with intervals, and what the collisions were risked for."""
+        self._check_episodes()
+        driver, batch = driver_of(name, self.seed), Batch(Options(), min(self.episodes, 512))
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        readout = "soft" if self.soft else "greedy"
+        episodes = episodes_of(batch, driver, seeds, deterministic=not self.soft)
+        row = policy_row(Played(name, readout, episodes))
+        method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
+        return method | {key: value for key, value in row.items() if key not in ("policy",)}
 
     def gridworld(self) -> Measure:
         """Exact or sampled metrics, with regret against the exact optimum."""
@@ -94,8 +119,7 @@ class Evaluate:
 
     def gymnasium(self) -> Measure:
         """Sampled metrics in a registered Gymnasium environment."""
-        if not self.episodes:
-            raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
+        self._check_episodes()
         env = make_gymnasium(self.world)
 
         def measure(policy: QPolicy) -> dict[str, Any]:
@@ -105,6 +129,10 @@ class Evaluate:
             )
 
         return measure
+
+    def _check_episodes(self) -> None:
+        if self.episodes < 1:
+            raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
         """Metrics of a rollout; quantities that the environment doesn't tell are left out."""
@@ -120,11 +148,10 @@ class Evaluate:
 
 def pool(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Means over policies of every number they share; the angle is that of the mean totals."""
-    names = [name for name, value in rows[0].items() if isinstance(value, float)]
-    spread = ("angle_low", "angle_high")  # of one policy's episodes: they can't be averaged
-    means = {
-        name: float(np.mean([row[name] for row in rows])) for name in names if name not in spread
-    }
+    names = [name for name in rows[0] if all(isinstance(row.get(name), float) for row in rows)]
+    # Intervals are of one policy's episodes: they can't be averaged.
+    names = [name for name in names if not name.endswith(("_low", "_high"))]
+    means = {name: float(np.mean([row[name] for row in rows])) for name in names}
     return means | {"angle": angle_of(means["r_env"], means["r_social"])}
 
 

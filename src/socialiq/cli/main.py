@@ -10,13 +10,15 @@ from typing import Annotated, Any, cast
 import tyro
 
 from socialiq.cli.bench import Bench
+from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
 from socialiq.cli.conformance import Conformance
+from socialiq.cli.demo import Demo
 from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
-from socialiq.cli.studies import Claims, Demo, Reproduce
+from socialiq.cli.studies import Reproduce
 from socialiq.cli.train import Train
 from socialiq.errors import UserError
 from socialiq.learners.outside import Stopped

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn
 
 from socialiq.learners.outside import Report
 
@@ -31,7 +32,7 @@ class Display:
             BarColumn(bar_width=24),
             TextColumn("{task.completed}/{task.total}"),
             TextColumn("{task.fields[detail]}"),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[left]}"),
             console=console,
             disable=not self._live,
         )
@@ -45,12 +46,16 @@ class Display:
 
     def stage(self, name: str) -> Callable[[Report], None]:
         """Begin a stage; returns what its training calls after each chunk."""
-        task = self._progress.add_task(name, total=None, detail="compiling")
+        task = self._progress.add_task(name, total=None, detail="compiling", left="")
         printed = [time.monotonic() - _PLAIN_SECONDS, 0]
 
         def show(report: Report) -> None:
             self._progress.update(
-                task, total=report.total, completed=report.done, detail=describe(report)
+                task,
+                total=report.total,
+                completed=report.done,
+                detail=describe(report),
+                left=remaining(report.seconds_left),
             )
             for failure in report.failures[printed[1] :]:
                 self._progress.console.print(f"  {failure}", style="red", highlight=False)
@@ -60,10 +65,19 @@ class Display:
                 printed[0] = time.monotonic()
                 sys.stderr.write(
                     f"{name}: {report.done}/{report.total}, {describe(report)}, "
-                    f"{report.seconds_left:.0f} s left\n"
+                    f"{remaining(report.seconds_left)}\n"
                 )
 
         return show
+
+
+def remaining(seconds: float) -> str:
+    """The time that is left, as people say it."""
+    if not math.isfinite(seconds):
+        return ""
+    if seconds < 100:
+        return f"{seconds:.0f} s left"
+    return f"{seconds / 60:.0f} min left"
 
 
 def describe(report: Report) -> str:
@@ -77,4 +91,5 @@ def describe(report: Report) -> str:
         low, high = np.min(angles), np.max(angles)
         parts.append(f"α̂ {low:.1f}°" if low == high else f"α̂ {low:.1f}° to {high:.1f}°")
     rate = f"{report.rate:,.0f}" if report.rate >= 10 else f"{report.rate:.1f}"
-    return " ".join([*parts, f"{rate} {report.unit}/s"])
+    unit = report.unit if "/" in report.unit else f"{report.unit}/s"
+    return " ".join([*parts, f"{rate} {unit}"])

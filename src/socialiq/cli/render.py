@@ -9,16 +9,14 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from socialiq.cli.drivers import driver_of
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.figures.style import png
-from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
-from socialiq.types import Policy
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.experts import expert_policy
-from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
@@ -88,24 +86,6 @@ class Render:
             return
         drawn = render.filmstrip(episode[:: options.frames])
         write_atomically(self.out, png({"picture": drawn})["picture"])
-
-
-def driver_of(name: str, seed: int) -> Policy:
-    """A reference driver by name, or a policy file.
-
-    Raises:
-        UserError: If it is neither, or the policy was trained for another world.
-    """
-    if name in policies.NAMES or not Path(name).exists():
-        one_of("driver", name, (*policies.NAMES, "a policy file"))
-        return policies.policy(name, seed)
-    policy, world = QPolicy.load(Path(name)), Intersection()
-    if (policy.n_features, policy.n_actions) != (world.n_features, world.n_actions):
-        raise UserError(
-            f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
-            f"intersection has {world.n_features} and {world.n_actions}: name another policy"
-        )
-    return policy
 
 
 def _episode(table: Table, angle: float, seed: int) -> list[list[int]]:

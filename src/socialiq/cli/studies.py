@@ -1,9 +1,8 @@
-"""`demo`, `reproduce` and `claims`: the studies, and what came of the thesis' claims."""
+"""`reproduce`: the studies, run or shown."""
 
 from __future__ import annotations
 
 import dataclasses
-import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.figures import alternatives as alternatives_figures
 from socialiq.figures import classic_control as classic_control_figures
 from socialiq.figures import grid as grid_figures
+from socialiq.figures import intersection as intersection_figures
 from socialiq.figures import intersection_world as intersection_world_figures
 from socialiq.figures import lambda_sweep as lambda_sweep_figures
 from socialiq.figures import poc as poc_figures
@@ -26,7 +26,6 @@ from socialiq.figures import worlds as worlds_figures
 from socialiq.figures.style import png
 from socialiq.thesis import (
     alternatives,
-    claims,
     classic_control,
     grid,
     intersection_world,
@@ -36,6 +35,7 @@ from socialiq.thesis import (
     worlds,
 )
 from socialiq.thesis.experts import MODES
+from socialiq.thesis.intersection import study as intersection
 from socialiq.thesis.store import Results, Row
 from socialiq.worlds.intersection.batch import BACK_ENDS
 
@@ -55,20 +55,24 @@ STUDIES = {
     "lambda-sweep": Study(lambda_sweep, lambda_sweep_figures.draw, "pooled"),
     "alternatives": Study(alternatives, alternatives_figures.draw, "pooled"),
     "intersection-world": Study(intersection_world, intersection_world_figures.draw, "outcomes"),
+    "intersection": Study(intersection, intersection_figures.draw, "table_6_2"),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
 
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Run a study: worlds and intersection-world (5.1), poc (6.1), grid (6.2), and the appendices.
+    """Run a study of the thesis: worlds (5.1) to intersection (6.3, A), or an appendix.
+
+    The intersection takes an hour or more. It keeps what is done in FOLDER.work, so the same
+    command goes on where it was stopped, in whatever way.
 
     Example: socialiq reproduce grid --out my-results
     """
 
     study: Annotated[str, tyro.conf.Positional]
-    """worlds, intersection-world, poc, grid, alternatives (appendix B), lambda-sweep (D); or
-    classic-control, an outside check."""
+    """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
+    (D); or classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()
@@ -76,7 +80,12 @@ class Reproduce:
     episodes: int | None = None
     """Episodes, in studies that count them."""
     back_end: str = ""
-    """core or highway_env, in studies of the intersection."""
+    """core or highway_env, in the study intersection-world."""
+    parts: tuple[str, ...] = ()
+    """Parts of the intersection study, by default all: main, networks, timeouts, views, strengths,
+    targets, data."""
+    highway_episodes: int | None = None
+    """Episodes of each final policy of the intersection study on the real highway-env."""
     replace: bool = False
     """Replace the results that are in the folder."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -92,7 +101,7 @@ class Reproduce:
         else:
             folder = self.out or Path(f"results-{self.study}")
             store.check_target(folder, self.replace)
-            results = self.compute()
+            results = self.compute(folder)
             save(self.study, results, folder, self.replace)
         if self.json:
             print_json({"study": results.study, "config": results.config} | results.summary)
@@ -100,11 +109,14 @@ class Reproduce:
             show(results)
         return 0
 
-    def compute(self) -> Results:
+    def compute(self, folder: Path) -> Results:
         """Run the study with its progress shown."""
         module = STUDIES[self.study].module
         config = module.Config(**self.given(module.Config))
         with Display() as display:
+            if hasattr(module, "RESUMABLE"):
+                work = folder.with_name(f"{folder.name}.work")
+                return module.run(config, display.stage, work)
             return module.run(config, display.stage)
 
     def given(self, kind: Any) -> dict[str, Any]:
@@ -113,7 +125,10 @@ class Reproduce:
         Raises:
             UserError: If the study has no such option.
         """
-        options = {"seeds": self.seeds, "episodes": self.episodes, "back_end": self.back_end}
+        options = {
+            name: getattr(self, name)
+            for name in ("seeds", "episodes", "back_end", "parts", "highway_episodes")
+        }
         found = {name: value for name, value in options.items() if value not in ((), None, "")}
         names = {field.name for field in dataclasses.fields(kind)}
         for name in found:
@@ -124,90 +139,6 @@ class Reproduce:
         if self.episodes is not None and self.episodes < 1:
             raise UserError(f"episodes must be at least 1, got {self.episodes}")
         return found
-
-
-@dataclass(frozen=True)
-class Demo:
-    """Train the 7x7 baseline and three targets on five seeds, beside the thesis and the optimum.
-
-    Example: socialiq demo
-    """
-
-    out: Path = Path("demo")
-    """Folder for the tables and figures; an earlier demo there is replaced."""
-    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-    """Training seeds."""
-    json: bool = False
-    """Print one JSON object."""
-
-    def run(self) -> int:
-        """Run the small grid study, print the table, say where to look next."""
-        store.check_target(self.out, replace=True)
-        config = grid.Config(
-            seeds=self.seeds, target_kinds=("running",), strengths=(2.0,), comparisons=False
-        )
-        with Display() as display:
-            results = grid.run(config, display.stage)
-        save("grid", results, self.out, replace=True)
-        rows = comparison(results)
-        if self.json:
-            print_json({"table": rows, "out": str(self.out)})
-            return 0
-        print_table(rows, f"7x7: angle in degrees, greedy, {len(self.seeds)} seeds, exact")
-        print(
-            f"\nThe pictures are in {self.out}/: tradeoff.png first, then fig_6_2_ring.png.\n"
-            "The optimum for 45 degrees itself lies at 10.0 degrees: an angle of 39 would be a\n"
-            "deviation, so read the regret column (0 is optimal), not the angle's distance.\n"
-            "Next: socialiq claims (what of the thesis holds), docs/reproduction/grid.md (why),\n"
-            "socialiq train --help (your own angle)."
-        )
-        return 0
-
-
-@dataclass(frozen=True)
-class Claims:
-    """The ledger: each checkable claim of the thesis, our value, and the verdict.
-
-    Example: socialiq claims --verdict not
-    """
-
-    results: Path | None = None
-    """Folder that holds results/STUDY; by default the results that came with the package."""
-    verdict: str = ""
-    """Only these: reproduced, partly, not or untested."""
-    study: str = ""
-    """Only the claims that this study tests."""
-    json: bool = False
-    """Print one JSON object."""
-
-    def run(self) -> int:
-        """Resolve our values and print."""
-        rows = claims.ledger(self.results or claims.packaged_results())
-        if self.verdict:
-            one_of("verdict", self.verdict, claims.VERDICTS)
-            rows = [row for row in rows if row["verdict"] == self.verdict]
-        if self.study:
-            one_of("study", self.study, claims.STUDIES)
-            rows = [row for row in rows if row["study"] == self.study]
-        counts = claims.count(rows)
-        if self.json:
-            print_json({"counts": counts, "claims": rows})
-            return 0
-        for row in rows:
-            print(described(row))
-        print(", ".join(f"{number} {verdict}" for verdict, number in counts.items()))
-        return 0
-
-
-def described(row: Row) -> str:
-    """A claim as a short paragraph."""
-    lines = [f"[{row['verdict']}] {row['id']} ({row['place']})", row["statement"]]
-    lines += [f"thesis: {row['thesis']}"]
-    lines += [f"ours: {row['ours']}"] if row["ours"] else []
-    lines += [f"because: {row['reason']}"] if row["reason"] else []
-    lines += [f"command: {row['command']}"] if row["command"] else []
-    wrapped = [lines[0], *(textwrap.fill(line, 96) for line in lines[1:])]
-    return textwrap.indent("\n".join(wrapped), "  ")[2:] + "\n"
 
 
 def save(study: str, results: Results, folder: Path, replace: bool) -> None:
@@ -228,6 +159,9 @@ def show(results: Results) -> None:
         shown = ("population", "driver", *intersection_world.OUTCOMES, "ego_struck", "speed_kmh")
         rows = [{key: row[key] for key in shown} for row in results.tables["outcomes"]]
         print_table(rows, "shares of episodes; ego_struck: the ego ran into another")
+    elif results.study == "intersection":
+        for rows, title in intersection_tables(results):
+            print_table(rows, title)
     elif results.study == "lambda-sweep":
         kind = results.config["target_kinds"][0]
         rows = [
@@ -238,6 +172,20 @@ def show(results: Results) -> None:
         print_table(rows, f"{kind} target, means over seeds, exact")
     else:
         print_table(results.tables[STUDIES[results.study].main_table])
+
+
+def intersection_tables(results: Results) -> list[tuple[list[Row], str]]:
+    """Table 6.2 of the experts and of each group of learners, greedy, a policy in each row."""
+    rows = [row for row in results.tables["table_6_2"] if row["readout"] == "greedy"]
+    found = []
+    for preset, setting in dict.fromkeys((row["preset"], row["setting"]) for row in rows):
+        table: dict[str, Row] = {}
+        for row in rows:
+            if (row["preset"], row["setting"]) == (preset, setting):
+                shown = table.setdefault(row["policy"], {"policy": row["policy"]})
+                shown[row["metric"]] = f"{row['ours']:.1f} ({row['thesis']:g})"
+        found.append((list(table.values()), f"{preset}, {setting}: ours (thesis); %, km/h"))
+    return found
 
 
 def comparison(results: Results) -> list[Row]:

@@ -18,7 +18,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
-from socialiq.learners.collect import GymCollector
+from socialiq.learners.collect import Collector, from_env, soft
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.outside import Outside
@@ -160,12 +160,10 @@ class Train:
             return None, None
         if self.world in GRIDWORLDS:
             return make_grid(self.world), None
-        collector = GymCollector(
-            lambda: make_gymnasium(self.world),
-            [one.seed for one in numbers],
-            [one.temperature for one in numbers],
-            CHUNK * structure.env_steps_per_update,
-        )
+        steps = CHUNK * structure.env_steps_per_update
+        sources = [from_env(make_gymnasium(self.world), steps) for _ in numbers]
+        seeds = [one.seed for one in numbers]
+        collector = Collector(sources, seeds, soft([one.temperature for one in numbers]))
         return None, collector
 
     def folder(self) -> Path:

@@ -92,6 +92,16 @@ def test_render_takes_a_policy_file_that_fits(tmp_path, capsys):
     assert "the intersection has 70 and 3" in capsys.readouterr().err
 
 
+def test_evaluate_takes_drivers_of_the_intersection_by_name(capsys):
+    command = ["evaluate", "go", "wait", "--world", "intersection", "--episodes", "30"]
+    go, wait = json_of(capsys, *command)["policies"]
+    assert go["collision"] + go["arrival"] == 1.0 and wait["timeout"] == 1.0
+    assert go["collision_low"] < go["collision"] < go["collision_high"]
+    assert (go["entries"], wait["entries"]) == (30, 0)
+    assert main([*command[:3], "--world", "intersection"]) == 2
+    assert "add --episodes N" in capsys.readouterr().err
+
+
 def test_reproduce_intersection_world_in_small(tmp_path, capsys):
     out = tmp_path / "results"
     command = ["reproduce", "intersection-world", "--episodes", "8", "--seeds", "5"]

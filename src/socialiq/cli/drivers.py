@@ -1,0 +1,39 @@
+"""Who drives the intersection: a driver by rule, a policy of the atlas, or a policy file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from socialiq.errors import UserError, one_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.thesis import atlas
+from socialiq.types import Policy
+from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
+
+
+def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
+    """A driver by name or file.
+
+    Args:
+        name: Of a rule, of a policy of the atlas, or a file's.
+        seed: Of the random driver.
+        options: The scenario it is to drive.
+
+    Raises:
+        UserError: If it is none of these, or the policy was trained for another world.
+    """
+    if name in policies.NAMES:
+        return policies.policy(name, seed)
+    shipped = atlas.names()
+    if name not in shipped and not Path(name).exists():
+        one_of("driver", name, (*policies.NAMES, *shipped, "a policy file"))
+    policy = atlas.load(name) if name in shipped else QPolicy.load(Path(name))
+    world = Intersection(options or Options())
+    if (policy.n_features, policy.n_actions) != (world.n_features, world.n_actions):
+        raise UserError(
+            f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
+            f"intersection has {world.n_features} and {world.n_actions}: name another policy"
+        )
+    return policy
