@@ -140,6 +140,7 @@ def names(config):
             expert_name(network, "egoistic", seed)
             for network, seed in product(NETWORKS, config.expert_seeds[1:])
         ],
+        "timeouts": [f"timeouts/through/{mode}/{first}" for mode in ("prosocial", "altruistic")],
         "views": [f"views/{view}/{seed}" for view, seed in product(CHOICES, seeds)],
         "strengths": [joined("strengths", *one) for one in product(STRENGTHS, MODES, seeds)],
         "targets": [
