@@ -41,11 +41,15 @@ from socialiq.worlds.intersection.batch import BACK_ENDS
 
 
 class Study(NamedTuple):
-    """A study's module (with `Config` and `run`), its figures, and the table to print."""
+    """A study's module (with `Config` and `run`), its figures, and the table to print.
+
+    A resumable one takes a work folder too, and goes on from what is in it.
+    """
 
     module: ModuleType
     draw: Callable[[Results], dict[str, Figure]]
     main_table: str
+    resumable: bool = False
 
 
 STUDIES = {
@@ -55,7 +59,7 @@ STUDIES = {
     "lambda-sweep": Study(lambda_sweep, lambda_sweep_figures.draw, "pooled"),
     "alternatives": Study(alternatives, alternatives_figures.draw, "pooled"),
     "intersection-world": Study(intersection_world, intersection_world_figures.draw, "outcomes"),
-    "intersection": Study(intersection, intersection_figures.draw, "table_6_2"),
+    "intersection": Study(intersection, intersection_figures.draw, "table_6_2", True),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
 
@@ -111,10 +115,10 @@ class Reproduce:
 
     def compute(self, folder: Path) -> Results:
         """Run the study with its progress shown."""
-        module = STUDIES[self.study].module
-        config = module.Config(**self.given(module.Config))
+        study = STUDIES[self.study]
+        module, config = study.module, study.module.Config(**self.given(study.module.Config))
         with Display() as display:
-            if hasattr(module, "RESUMABLE"):
+            if study.resumable:
                 work = folder.with_name(f"{folder.name}.work")
                 return module.run(config, display.stage, work)
             return module.run(config, display.stage)

@@ -1,9 +1,9 @@
-"""How well a policy would drive if it knew what comes: a bound for what any driver can reach.
+"""How well a policy would drive if it knew what comes: a mark for what is left to gain.
 
 At every decision the state is copied once for each action, the action taken, and the policy drives
 each copy to the end of its episode. The copies draw the same random numbers as the episode itself
-will, so the best of these ends is known beforehand, and that action is taken (one step of policy
-improvement). Nobody who only sees can be expected to do as well.
+will, so the best of these ends is known beforehand, and that action is taken. This is one step of
+policy improvement, not a bound: a better policy to improve on would give more.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ class Structure:
     double: bool = True
     """Whether the network chooses the action that the slow copy values."""
     through_timeouts: bool = False
-    """Whether a timeout is bootstrapped through. It would make waiting an income for ever, and the
-    policy that lives on it loses in episodes of 20 s (docs/reproduction/intersection.md)."""
+    """Whether a timeout is bootstrapped through. That makes a wait that pays an income for ever,
+    which an episode of 20 s doesn't give (docs/reproduction/intersection.md)."""
     batch_size: int = 256
     """Transitions of an update."""
     steps: int = 5_000_000

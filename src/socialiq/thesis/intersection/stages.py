@@ -29,8 +29,8 @@ from socialiq.learners.dqn.train import train as train_dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.outside import Outside, Report
+from socialiq.learners.state import History
 from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import check_angle
 from socialiq.storage import save_arrays, write_atomically
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection.checks import Checks, Monitor, write_curve
@@ -67,7 +67,7 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
     monitor = Monitor(
         config.checks,
         config.options,
-        check_angle(config.numbers.angle),
+        config.numbers.angle,
         CHUNK,
         math.ceil(structure.updates / CHUNK),
         lambda learnt: int(learnt.adam.count[0]),
@@ -83,9 +83,7 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
         _outside(folder, monitor, tell),
         CHUNK,
     )
-    trained.policy(0).save(folder / LAST)
-    write_curve(trained.history, folder / "curve.csv")
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    _keep(trained.policy(0), trained.history, folder)
 
 
 @dataclass(frozen=True)
@@ -156,9 +154,7 @@ def train_learner(config: LearnerRun, folder: Path, inputs: Mapping[str, Path], 
         chunk=CHUNK,
         before_chunk=collector,
     )
-    trained.policy(0).save(folder / LAST)
-    write_curve(trained.history, folder / "curve.csv")
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    _keep(trained.policy(0), trained.history, folder)
 
 
 @dataclass(frozen=True)
@@ -186,7 +182,7 @@ def evaluate(config: Evaluation, folder: Path, inputs: Mapping[str, Path], tell:
 
 @dataclass(frozen=True)
 class ForesightRun:
-    """Episodes of one expert who knows what comes: how much better could anybody be?"""
+    """Episodes of one expert who knows what comes."""
 
     angle: float
     driver: str = BEST
@@ -232,6 +228,13 @@ def driver_of(name: str, inputs: Mapping[str, Path], seed: int) -> Policy:
     for trained in inputs.values():
         return QPolicy.load(trained / name)
     return policies.policy(name, seed)
+
+
+def _keep(policy: QPolicy, history: History, folder: Path) -> None:
+    """Write the last network and the learning curve; the checkpoint has served."""
+    policy.save(folder / LAST)
+    write_curve(history, folder / "curve.csv")
+    (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
 def _source(options: Options, environments: int, steps: int) -> Source:

@@ -32,8 +32,6 @@ from socialiq.thesis.workers import run_jobs
 from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 STUDY = "intersection"
-RESUMABLE = True
-"""`run` takes a work folder and goes on from what is in it."""
 
 
 def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
