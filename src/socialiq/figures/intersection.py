@@ -22,6 +22,7 @@ from socialiq.figures.style import COLORS, MARKS, figure, plain
 from socialiq.social.angle import angle_difference
 from socialiq.thesis.intersection import thesis_values
 from socialiq.thesis.intersection.checks import Checks
+from socialiq.thesis.intersection.plan import SHIPPED
 from socialiq.thesis.store import Results, Row
 
 METRICS = {
@@ -72,7 +73,7 @@ def fig_6_5(results: Results) -> Figure:
     """Fig 6.5: the empirical angle of each learner, with the thesis' as an open mark outside."""
     marks = []
     for name in COLORS:
-        angle = results.summary["policies"][f"calibrated_offline_{name}"]["angle"]
+        angle = results.summary["policies"]["_".join((*SHIPPED, name))]["angle"]
         # Around the mean, because the least and greatest number may span the gap at 180 degrees.
         away = [angle_difference(row["angle"], angle) for row in _learners(results, name)]
         spread = (angle + min(*away, 0.0), angle + max(*away, 0.0))
@@ -84,7 +85,7 @@ def fig_6_5(results: Results) -> Figure:
     return ring(marks, f"Intersection: empirical angle, {_over(results)}\n({note})")
 
 
-def _learners(results: Results, target: str, group: str = "calibrated/offline") -> list[Row]:
+def _learners(results: Results, target: str, group: str = "/".join(SHIPPED)) -> list[Row]:
     return [row for parts, row in runs(results, f"learners/{group}") if parts[0] == target]
 
 
@@ -94,7 +95,7 @@ def table_6_2(results: Results) -> Figure:
         (row["metric"], row["policy"]): row
         for row in results.tables["table_6_2"]
         if row["readout"] == "greedy"
-        and (row["preset"], row["setting"]) in (("experts", "flat"), ("calibrated", "offline"))
+        and (row["preset"], row["setting"]) in (("experts", "flat"), SHIPPED)
     }
     drawn = figure(9.1, 4.6)
     panels = drawn.subplots(1, len(METRICS), sharey=True)
@@ -112,7 +113,8 @@ def table_6_2(results: Results) -> Figure:
     panels[0].set_ylim(places[-1] + 0.5, -0.4)
     groups = results.config["group_episodes"]
     drawn.legend(handles=_table_legend(groups), loc="outside lower center", ncols=2, fontsize=9)
-    title = f"Tables 6.1 and 6.2: calibrated, offline, {_over(results)}; one expert of each mode"
+    shipped = ", ".join(SHIPPED)
+    title = f"Tables 6.1 and 6.2: {shipped}, {_over(results)}; one expert of each mode"
     drawn.suptitle(title, fontsize=10)
     return drawn
 
@@ -259,7 +261,7 @@ def exposure(results: Results) -> Figure:
     panels[0].set_ylabel("collisions at fault")
     handles: list[Any] = [
         Patch(color="#555555", alpha=0.4, label="expert (line: 95 % interval)"),
-        Patch(color="#555555", label="learners, calibrated, offline (dot: a seed)"),
+        Patch(color="#555555", label=f"learners, {', '.join(SHIPPED)} (dot: a seed)"),
     ]
     drawn.legend(handles=handles, loc="outside lower center", ncols=2)
     drawn.suptitle(f"Intersection: collisions at fault by exposure, {_over(results)}", fontsize=10)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError, one_of
+from socialiq.thesis import presets
 
 PARTS = ("main", "networks", "timeouts", "views", "strengths", "targets", "data")
 """Parts of the study.
@@ -38,14 +40,16 @@ class Config:
     """Environment steps of experts that see a set; they update four times as often."""
     view_steps: int = 600_000
     """Of the ablation of views."""
-    updates: int = 6_000
+    updates: int = presets.INTERSECTION_THESIS.updates
     """Gradient steps of a learner."""
-    ablation_updates: int = 3_000
-    """Gradient steps of a learner in the ablations."""
+    ablation_updates: int = 4_000
+    """Gradient steps of a learner in the parts targets and data."""
     pool_episodes: int = 3000
     """Episodes recorded of each expert."""
-    episodes_each: int = 1000
-    """Episodes of each expert in a mixture."""
+    mixture: str = "equal_transitions"
+    """What each expert has an equal part of; 6.3 says transitions."""
+    size: int = 15_000
+    """Transitions of each expert in a mixture, or episodes with mixture "equal_trajectories"."""
     episodes: int = 2000
     """Evaluation episodes of each policy, the same for all."""
     evaluation_seeds: int = 5
@@ -59,6 +63,7 @@ class Config:
         """Refuse unknown parts and empty sizes."""
         for part in self.parts:
             one_of("part", part, PARTS)
+        one_of("mixture", self.mixture, tuple(MIXTURES))
         for name, value in vars(self).items():
             least = 0 if name == "highway_episodes" else 1
             if isinstance(value, int) and value < least:

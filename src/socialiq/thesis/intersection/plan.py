@@ -39,12 +39,12 @@ PRESETS = {
     "calibrated": (presets.INTERSECTION_CALIBRATED, presets.INTERSECTION_CALIBRATED_NUMBERS),
 }
 TRAINED = (("thesis", "online"), ("calibrated", "online"), ("calibrated", "offline"))
-SHIPPED = ("calibrated", "offline")
-"""Whose learners go into the atlas."""
+SHIPPED = ("calibrated", "online")
+"""Whose learners are drawn beside the thesis' and go into the atlas."""
 STRENGTHS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)
 TEMPERATURES = (1.0, 0.3, 0.1, 0.03)
 ENDINGS = ("zero", "absorbing")
-SIZES = (30, 100, 300, 1000)
+SIZES = {"equal_transitions": (1000, 3000, 10_000), "equal_trajectories": (100, 1000)}
 
 NETWORKS = ("flat", "set")
 """Of experts: the thesis', and one that sees a set of vehicles and is trained as that likes it."""
@@ -134,17 +134,17 @@ def _views(config: Config) -> Iterator[Job]:
 
 
 def _strengths(config: Config) -> Iterator[Job]:
-    structure, numbers = _ablated(config)
+    structure, numbers = _ablated(config.updates)
     for strength, target in itertools.product(STRENGTHS, MODES):
         changed = dataclasses.replace(numbers, strength=strength)
         for seed in config.ablation_seeds:
             run = _learner(config, structure, changed, target, seed)
             name = f"strengths/{strength:g}/{target}/{seed}"
-            yield Job(name, train_learner, run, (POOLS,), cost=25.0)
+            yield Job(name, train_learner, run, (POOLS,), cost=75.0)
 
 
 def _targets(config: Config) -> Iterator[Job]:
-    structure, numbers = _ablated(config)
+    structure, numbers = _ablated(config.ablation_updates)
     cells = itertools.product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS)
     for kind, temperature, ending, target in cells:
         if target == "baseline" and kind != next(iter(TARGET_KINDS)):
@@ -155,21 +155,18 @@ def _targets(config: Config) -> Iterator[Job]:
         cooled = dataclasses.replace(numbers, temperature=temperature)
         run = _learner(config, changed, cooled, target, seed)
         name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seed}"
-        yield Job(name, train_learner, run, (POOLS,), cost=25.0)
+        yield Job(name, train_learner, run, (POOLS,), cost=40.0)
 
 
 def _data(config: Config) -> Iterator[Job]:
-    structure, numbers = _ablated(config)
-    cells = [("equal_trajectories", size) for size in SIZES]
-    cells += [("equal_transitions", 10 * size) for size in (100, 1000)]
+    structure, numbers = _ablated(config.ablation_updates)
+    cells = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
     for (mixture, size), target in itertools.product(cells, TARGETS):
-        if size > config.pool_episodes and mixture == "equal_trajectories":
-            continue
         for seed in config.ablation_seeds:
             run = _learner(config, structure, numbers, target, seed)
             run = dataclasses.replace(run, mixture=mixture, size=size)
             name = f"data/{mixture}/{size}/{target}/{seed}"
-            yield Job(name, train_learner, run, (POOLS,), cost=25.0)
+            yield Job(name, train_learner, run, (POOLS,), cost=40.0)
 
 
 def _evaluations(jobs: list[Job], config: Config) -> Iterator[Job]:
@@ -218,11 +215,10 @@ def policy_file(job: str) -> str:
     return LAST if job.startswith("learners/") else BEST
 
 
-def _ablated(config: Config) -> tuple[iq.Structure, iq.Numbers]:
-    """The calibrated preset offline, with fewer updates: what the ablations vary."""
+def _ablated(updates: int) -> tuple[iq.Structure, iq.Numbers]:
+    """The calibrated preset: what the ablations vary."""
     structure, numbers = PRESETS["calibrated"]
-    structure = dataclasses.replace(structure, updates=config.ablation_updates)
-    return presets.offline(structure), numbers
+    return dataclasses.replace(structure, updates=updates), numbers
 
 
 def _learner(
@@ -233,4 +229,4 @@ def _learner(
     else:
         angle = MODES[target]
     numbers = dataclasses.replace(numbers, angle=angle, seed=seed)
-    return LearnerRun(structure, numbers, size=config.episodes_each)
+    return LearnerRun(structure, numbers, config.mixture, config.size)
