@@ -5,15 +5,29 @@ machine must agree on: exact facts to the last printed digit, and greedy policie
 discrete, of runs whose decisions are not close calls.
 """
 
+import numpy as np
 import pytest
 
-from socialiq.thesis import claims, grid, intersection_world, lambda_sweep, poc, store, worlds
+from socialiq.evaluation.play import episodes_of
+from socialiq.thesis import (
+    atlas,
+    claims,
+    grid,
+    intersection_world,
+    lambda_sweep,
+    poc,
+    store,
+    worlds,
+)
+from socialiq.thesis.intersection.stages import BATCH, Evaluation, Recording
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
 
 
 @pytest.fixture(scope="module")
 def committed():
     folder = claims.packaged_results()
-    names = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world")
+    names = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world", "intersection")
     return {name: store.load(folder / name) for name in names}
 
 
@@ -103,3 +117,36 @@ def test_the_intersection_begins_as_before(committed):
     results = committed["intersection-world"]
     again = intersection_world.start_row(intersection_world.Config())
     assert store.rounded(again) == results.summary["start"]
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return Batch(Options(), BATCH)
+
+
+@pytest.mark.parametrize("name", ["expert_prosocial", "prosocial"])
+def test_the_atlas_drives_as_before(committed, batch, name):
+    first, episodes = Evaluation().first_seed, committed["intersection"].config["episodes"]
+    again = episodes_of(batch, atlas.load(name), np.arange(first, first + episodes))
+    found, theirs = intersection_world.outcome_row(again), atlas.manifest()[name]["greedy"]
+    assert episodes == theirs["episodes"] == found["episodes"]
+    for outcome in ("collision", "arrival", "timeout"):
+        # A processor may round a network's close call, and so a few episodes, to another action.
+        assert found[outcome] == pytest.approx(theirs[outcome], abs=5 / episodes)
+    rewards = intersection_world.reward_row(again)
+    for signal in ("r_env", "r_social"):
+        assert rewards[signal] == pytest.approx(theirs[signal], abs=0.02)
+
+
+def test_the_demonstrations_of_the_altruist_pay_as_before(committed, batch):
+    first = Recording().first_seed + 2 * committed["intersection"].config["pool_episodes"]
+    seeds = np.arange(first, first + committed["intersection"].config["pool_episodes"])
+    again = intersection_world.reward_row(
+        episodes_of(batch, atlas.load("expert_altruistic"), seeds)
+    )
+    theirs = committed["intersection"].summary["table_a_1"]["altruistic"]
+    pairs = {"g_self": "classical_own", "g_global": "classical_others"}
+    pairs |= {"g_env": "r_env", "g_social": "r_social"}
+    for signal, ours in pairs.items():
+        assert again[ours] == pytest.approx(theirs[signal]["mean"], abs=0.02)
+        assert again[f"{ours}_sd"] == pytest.approx(theirs[signal]["sd"], abs=0.02)

@@ -17,7 +17,7 @@ from socialiq.thesis.store import Results, Row
 Runs = list[tuple[list[str], Row]]
 """Policies: the parts of the name after the stage, and the row."""
 
-PER_EPISODE = 10  # transitions of an episode, about; it places a mixture of equal transitions
+PER_EPISODE = 15  # transitions of an episode, about; it places a mixture of equal trajectories
 
 
 def runs(results: Results, stage: str) -> Runs:
@@ -194,43 +194,43 @@ def _dots(every: Runs, height: float) -> tuple[Figure, Any]:
 
 
 def data(results: Results) -> Figure:
-    """The endings of each policy against the episodes of each mode that it was shown."""
+    """The endings of each policy against the transitions of each mode that it was shown."""
     every = runs(results, "data")
     drawn = figure(9.1, 3.8)
     panels = drawn.subplots(1, 3)
-    sizes = {int(parts[1]) for parts, _ in every if parts[0] == "equal_trajectories"}
+    sizes = {int(parts[1]) for parts, _ in every if parts[0] == "equal_transitions"}
     for axes, metric in zip(panels, OUTCOME_COLORS, strict=True):
         for target in COLORS:
             here = [(parts, row) for parts, row in every if parts[2] == target]
             _mixtures(axes, target, here, _mean_percent(metric))
         axes.set_xscale("log")
-        axes.set_xticks(sorted(sizes), [str(size) for size in sorted(sizes)])
+        axes.set_xticks(sorted(sizes), [f"{size:,}" for size in sorted(sizes)])
         axes.minorticks_off()
-        axes.set(xlabel="episodes of each mode", ylabel=f"{metric}s (% of episodes)")
+        axes.set(xlabel="transitions of each mode", ylabel=f"{metric}s (% of episodes)")
         axes.set_ylim(*((0, None) if metric == "collision" else (-4, 104)))
         plain(axes)
     handles, labels = panels[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside lower center", ncols=4)
     title = f"Intersection: how much is shown; {_described(every)}"
-    note = f"open marks: as many transitions of each mode, at 1/{PER_EPISODE} of their number"
+    note = f"open marks: as many episodes of each mode, at {PER_EPISODE} times their number"
     drawn.suptitle(f"{title}\n{note}", fontsize=10)
     return drawn
 
 
 def _mixtures(axes: Any, target: str, every: Runs, value: Callable[[Sequence[Row]], float]) -> None:
-    """Filled marks on a line for equal trajectories, open ones for equal transitions."""
-    trajectories: dict[float, list[Row]] = {}
+    """Filled marks on a line for equal transitions, open ones for equal trajectories."""
     transitions: dict[float, list[Row]] = {}
+    trajectories: dict[float, list[Row]] = {}
     for (mixture, size, *_), row in every:
-        if mixture == "equal_trajectories":
-            trajectories.setdefault(float(size), []).append(row)
+        if mixture == "equal_transitions":
+            transitions.setdefault(float(size), []).append(row)
         else:
-            transitions.setdefault(float(size) / PER_EPISODE, []).append(row)
-    if trajectories:
-        _line(axes, target, trajectories, value)
+            trajectories.setdefault(float(size) * PER_EPISODE, []).append(row)
     if transitions:
+        _line(axes, target, transitions, value)
+    if trajectories:
         shape = {"linestyle": "none", "markerfacecolor": "white", "markersize": 10, "zorder": 1.9}
-        _line(axes, target, transitions, value, **shape, label=None)
+        _line(axes, target, trajectories, value, **shape, label=None)
 
 
 ABLATIONS = {

@@ -41,7 +41,7 @@ _COMMANDS = {
     "alternatives": "socialiq reproduce alternatives",
     "theory": "pytest tests/identities",
     "intersection-world": "socialiq reproduce intersection-world",
-    "intersection": "",
+    "intersection": "socialiq reproduce intersection --parts main",
     "none": "",
 }
 

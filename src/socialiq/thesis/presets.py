@@ -30,9 +30,9 @@ GRID_STRENGTH = 2.0
 SWEEP = dataclasses.replace(TABLE_C1, target_kind="instantaneous")
 SWEEP_STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 
-# Section 6.3 with Table C.1's intersection column as printed. λ and the updates are not printed; they
-# were chosen on seeds 1 and 2, with the calibrated preset (docs/reproduction/intersection.md). At
-# temperature 1 a step of living is worth up to log 3 of entropy, as much as a step of driving.
+# Section 6.3 with Table C.1's intersection column as printed. It prints neither λ nor the updates:
+# they were chosen on seeds 1 and 2, with the calibrated preset (docs/reproduction/intersection.md).
+# At temperature 1 a step of living is worth up to log 3 of entropy, as much as a step of driving.
 INTERSECTION_THESIS = dataclasses.replace(
     TABLE_C1,
     target_kind="running",

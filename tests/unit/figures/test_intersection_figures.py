@@ -20,6 +20,7 @@ from socialiq.thesis.intersection.config import Config
 from socialiq.thesis.intersection.plan import (
     ENDINGS,
     NETWORKS,
+    SHIPPED,
     SIZES,
     STRENGTHS,
     TARGETS,
@@ -87,7 +88,7 @@ def table_6_2():
     for metric, columns in thesis_values.TABLE_6_2.items():
         for number, (name, (mean, spread)) in enumerate(columns.items()):
             expert = name.startswith("expert")
-            head = ("experts", "flat") if expert else ("calibrated", "offline")
+            head = ("experts", "flat") if expert else SHIPPED
             rows.append(
                 dict(zip(("preset", "setting"), head, strict=True))
                 | {"readout": "greedy", "policy": name, "metric": metric}
@@ -130,7 +131,7 @@ def names(config):
     """The policies of each part, as the plan calls them."""
     seeds, first = config.ablation_seeds, config.expert_seeds[0]
     cells = product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS, seeds[:1])
-    amounts = [*product(["equal_trajectories"], SIZES), *product(["equal_transitions"], (1000,))]
+    amounts = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
     return {
         "main": [expert_name("flat", mode, first) for mode in MODES]
         + [learner_name(*one[0], *one[1:]) for one in product(TRAINED, TARGETS, config.seeds)]
@@ -187,10 +188,12 @@ def test_a_part_that_was_not_run_is_left_out():
 
 def test_an_arc_goes_through_180_degrees_not_around(monkeypatch):
     results = made_up(Config(**SMALL, parts=("main",)))
-    learners = [r for r in results.tables["policies"] if "offline/altruistic" in r["policy"]]
+    learners = [
+        r for r in results.tables["policies"] if joined(*SHIPPED, "altruistic") in r["policy"]
+    ]
     for row, angle in zip(learners, (170.0, 170.0, -170.0, -170.0), strict=True):
         row["angle"] = angle
-    results.summary["policies"]["calibrated_offline_altruistic"]["angle"] = -178.0
+    results.summary["policies"]["_".join((*SHIPPED, "altruistic"))]["angle"] = -178.0
     marks = []
     monkeypatch.setattr(intersection, "ring", lambda found, _: marks.extend(found) or Figure())
     fig_6_5(results)

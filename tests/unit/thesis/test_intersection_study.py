@@ -66,6 +66,15 @@ def test_table_6_2_has_the_thesis_numbers_beside_the_means_of_ours(results):
         assert row["ours"] == pytest.approx(sum(ours) / 2, abs=1e-4)
 
 
+def test_the_thesis_table_a_2_follows_from_its_table_a_1(results):
+    rows = [row for row in results.tables["table_a_2"] if row["thesis"] != ""]
+    assert len(rows) == 9
+    for row in rows:
+        assert row["thesis_from_a_1"] == pytest.approx(row["thesis"], abs=0.008), row
+        pair, signal = f"{row['first']}_{row['second']}", row["signal"]
+        assert results.summary["table_a_2"][pair][signal]["ours"] == row["ours"]
+
+
 def test_the_atlas_is_the_policies_that_were_evaluated(results, work):
     manifest = json.loads(results.files["atlas/manifest.json"])["policies"]
     assert set(manifest) == set(plan.members(TINY))

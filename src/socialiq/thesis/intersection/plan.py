@@ -44,7 +44,7 @@ SHIPPED = ("calibrated", "online")
 STRENGTHS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)
 TEMPERATURES = (1.0, 0.3, 0.1, 0.03)
 ENDINGS = ("zero", "absorbing")
-SIZES = {"equal_transitions": (1000, 3000, 10_000), "equal_trajectories": (100, 1000)}
+SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 1000)}
 
 NETWORKS = ("flat", "set")
 """Of experts: the thesis', and one that sees a set of vehicles and is trained as that likes it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -93,7 +94,8 @@ def _compared(row: Row) -> bool:
 
 def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
     """What the ledger points at: tables by name, and the means of each group over its seeds."""
-    found: dict[str, Any] = {"table_6_2": {}, "table_a_1": {}, "table_a_2": {}}
+    found: dict[str, Any] = {"table_6_2": {}, "table_a_1": {}, "table_a_2": {}, "differences": {}}
+    found["settings"] = _settings(config)
     for row in tables["table_6_2"]:
         path = (f"{row['preset']}_{row['setting']}_{row['readout']}", row["policy"])
         group = found["table_6_2"].setdefault(path[0], {}).setdefault(path[1], {})
@@ -105,7 +107,12 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
         found["table_a_1"].setdefault(row["mode"], {})[row["signal"]] = ours
     for row in tables["table_a_2"]:
         pair = f"{row['first']}_{row['second']}"
-        found["table_a_2"].setdefault(pair, {})[row["signal"]] = row["ours"]
+        ours = {"ours": row["ours"], "thesis_from_a_1": row["thesis_from_a_1"]}
+        found["table_a_2"].setdefault(pair, {})[row["signal"]] = ours
+    for row in tables.get("differences", []):
+        group = found["differences"].setdefault(f"{row['preset']}_{row['setting']}", {})
+        pair = group.setdefault(f"{row['first']} against {row['second']}", {})
+        pair[row["metric"]] = {name: row[name] for name in ("mean", "p", "p_holm")}
     by_name = {(row["policy"], row["readout"]): row for row in tables["policies"]}
     found["policies"] = {
         f"{preset}_{setting}_{target}": _mean(
@@ -129,6 +136,17 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
         for row in tables["policies"]
         if row["policy"].startswith("drivers/")
     }
+    return found
+
+
+def _settings(config: Config) -> dict[str, Any]:
+    """Of the first expert and of the first learner of each preset."""
+    first = {job.name: dataclasses.asdict(job.config) for job in plan(config)}
+    found = {"expert": first[expert_name("flat", "egoistic", config.expert_seeds[0])]}
+    for preset, setting in TRAINED:
+        name = learner_name(preset, setting, "egoistic", config.seeds[0])
+        found[f"{preset}_{setting}"] = first[name]
+    found["pool_episodes"] = config.pool_episodes
     return found
 
 

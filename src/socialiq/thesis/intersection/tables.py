@@ -89,12 +89,18 @@ def separability(pools: Path) -> tuple[list[Row], list[Row]]:
     second: list[Row] = []
     for (a, b), signals in thesis_values.TABLE_A_2.items():
         for signal in ("g_self", "g_global", "g_env", "g_social"):
-            ours = cohens_d(returns[a][signal], returns[b][signal])
-            thesis = signals.get(signal, "")
             second.append(
-                {"first": a, "second": b, "signal": signal, "thesis": thesis, "ours": ours}
+                {"first": a, "second": b, "signal": signal}
+                | {"thesis": signals.get(signal, ""), "thesis_from_a_1": _printed_d(a, b, signal)}
+                | {"ours": cohens_d(returns[a][signal], returns[b][signal])}
             )
     return first, second
+
+
+def _printed_d(first: str, second: str, signal: str) -> float:
+    """Cohen's d that follows from the thesis' Table A.1, for groups of one size."""
+    (mean, sd), (other, its_sd) = (thesis_values.TABLE_A_1[m][signal] for m in (first, second))
+    return (mean - other) / float(np.hypot(sd, its_sd) / np.sqrt(2))
 
 
 def distributions(pools: Path) -> list[Row]:

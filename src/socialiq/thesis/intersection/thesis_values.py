@@ -34,11 +34,12 @@ TABLE_A_1: dict[str, dict[str, tuple[float, float]]] = {
 """Mean and standard deviation over episodes: classical self and global, r_env and r_social."""
 
 TABLE_A_2: dict[tuple[str, str], dict[str, float]] = {
-    ("egoistic", "prosocial"): {"g_self": 0.67, "g_global": -1.17, "g_social": -0.46},
-    ("prosocial", "altruistic"): {"g_self": 1.93, "g_global": -0.02, "g_social": -0.17},
-    ("egoistic", "altruistic"): {"g_self": 2.96, "g_global": -1.16, "g_social": -0.72},
+    ("egoistic", "prosocial"): {"g_env": 0.67, "g_global": -1.17, "g_social": -0.46},
+    ("prosocial", "altruistic"): {"g_env": 1.93, "g_global": -0.02, "g_social": -0.17},
+    ("egoistic", "altruistic"): {"g_env": 2.96, "g_global": -1.16, "g_social": -0.72},
 }
-"""Cohen's d between modes."""
+"""Cohen's d between modes. What its heading calls G_self follows from Table A.1's G_env alone:
+the column of classical G_self would give 0.40, 1.60 and 2.20."""
 
 FIG_6_5 = {"egoistic": 0.0, "prosocial": 30.0, "altruistic": 131.0}
 """Empirical angles in degrees; the baseline's is only drawn, near the prosocial one."""
