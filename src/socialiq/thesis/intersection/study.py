@@ -142,7 +142,9 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
 def _settings(config: Config) -> dict[str, Any]:
     """Of the first expert and of the first learner of each preset."""
     first = {job.name: dataclasses.asdict(job.config) for job in plan(config)}
-    found = {"expert": first[expert_name("flat", "egoistic", config.expert_seeds[0])]}
+    found: dict[str, Any] = {
+        "expert": first[expert_name("flat", "egoistic", config.expert_seeds[0])]
+    }
     for preset, setting in TRAINED:
         name = learner_name(preset, setting, "egoistic", config.seeds[0])
         found[f"{preset}_{setting}"] = first[name]
