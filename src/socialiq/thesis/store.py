@@ -171,9 +171,23 @@ def as_csv(rows: list[Row]) -> str:
 
 
 def from_csv(path: Path) -> list[Row]:
-    """Rows of a CSV file; cells that read as numbers become numbers."""
-    with path.open(newline="") as file:
-        return [{key: _cell(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    """Rows of a CSV file; cells that read as numbers become numbers.
+
+    Raises:
+        UserError: If it is no text, or a row has not as many cells as the first line.
+    """
+    try:
+        with path.open(newline="") as file:
+            head, *rows = csv.reader(file)
+    except (UnicodeDecodeError, csv.Error, ValueError) as error:
+        raise UserError(f"{path} is damaged: restore it or make it again") from error
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(head):
+            raise UserError(
+                f"{path} is damaged: line {number} has {len(row)} cells, the first {len(head)}; "
+                "restore it or make it again"
+            )
+    return [dict(zip(head, map(_cell, row), strict=True)) for row in rows]
 
 
 def _cell(text: str) -> Any:

@@ -40,6 +40,22 @@ def test_an_existing_folder_is_kept_unless_replaced(tmp_path):
     assert store.load(folder).summary["value"] == 2.0
 
 
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        (b"a,b\n1,2\n3\n", "line 3 has 1 cells, the first 2"),
+        (b"a,b\n1,2,3\n", "line 2 has 3 cells, the first 2"),
+        (b"", "is damaged"),
+        (b"a,b\n\xff\xfe,2\n", "is damaged"),
+    ],
+)
+def test_a_damaged_table_is_named(tmp_path, content, line):
+    store.save(results(), tmp_path / "out", {}, replace=False)
+    (tmp_path / "out" / "t.csv").write_bytes(content)
+    with pytest.raises(UserError, match=line):
+        store.load(tmp_path / "out")
+
+
 def test_only_a_results_folder_is_replaced(tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(UserError, match="is not a results folder"):
