@@ -75,6 +75,13 @@ def test_the_thesis_table_a_2_follows_from_its_table_a_1(results):
         assert results.summary["table_a_2"][pair][signal]["ours"] == row["ours"]
 
 
+def test_every_job_has_its_time(results):
+    rows = results.tables["times"]
+    assert sum(row["number"] for row in rows) == len(plan.plan(TINY))
+    assert all(0 <= row["longest"] <= row["seconds"] for row in rows)
+    assert max(row["longest"] for row in rows) > 0
+
+
 def test_the_atlas_is_the_policies_that_were_evaluated(results, work):
     manifest = json.loads(results.files["atlas/manifest.json"])["policies"]
     assert set(manifest) == set(plan.members(TINY))

@@ -11,13 +11,15 @@ import numpy as np
 from socialiq.evaluation.exposure import rates
 from socialiq.evaluation.play import Episodes
 from socialiq.social.estimate import estimate_angle
+from socialiq.storage import read_json
 from socialiq.thesis.intersection.config import Config
 from socialiq.thesis.intersection.episodes import load_episodes
 from socialiq.thesis.intersection_world import outcome_row, reward_row
-from socialiq.thesis.jobs import Job
+from socialiq.thesis.jobs import RECORD, Job
 from socialiq.thesis.store import Row, from_csv
 
 _ANGLE_SEED = 0  # of the bootstrap
+_DEPTH = {"learners": 3, "highway": 1}  # parts of a name that make a kind of job
 _REWARDS = ("r_env", "r_env_sd", "r_social", "r_social_sd")
 _CLASSICAL = ("classical_own", "classical_own_sd", "classical_others", "classical_others_sd")
 
@@ -94,6 +96,18 @@ def curves(jobs: Sequence[Job], work: Path) -> list[Row]:
             kept = ("updates", "loss", "total", "collision", "arrival", "timeout")
             rows += [{"run": job.name} | {k: row[k] for k in kept} for row in from_csv(path)]
     return rows
+
+
+def times(jobs: Sequence[Job], work: Path) -> list[Row]:
+    """What each kind of job took, one process on one core for each job."""
+    seconds: dict[str, list[float]] = {}
+    for job in jobs:
+        kind = "/".join(job.name.split("/")[: _DEPTH.get(job.stage, 2)])
+        seconds.setdefault(kind, []).append(read_json(work / job.name / RECORD)["seconds"])
+    return [
+        {"jobs": kind, "number": len(took), "seconds": sum(took), "longest": max(took)}
+        for kind, took in seconds.items()
+    ]
 
 
 def highway(jobs: Sequence[Job], work: Path) -> list[Row]:

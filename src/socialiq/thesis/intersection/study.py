@@ -24,7 +24,7 @@ from socialiq.thesis.intersection.plan import (
     learner_name,
     plan,
 )
-from socialiq.thesis.intersection.rows import curves, highway, played, policy_row
+from socialiq.thesis.intersection.rows import curves, highway, played, policy_row, times
 from socialiq.thesis.intersection.tables import best_angles, distributions, separability, table_6_2
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
@@ -80,6 +80,7 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "best_angles": best_angles([row for row in rows.values() if _compared(row)]),
         "curves": curves(jobs, work),
         "highway": highway(jobs, work),
+        "times": times(jobs, work),
     }
     kept = {name: table for name, table in tables.items() if table}
     files = atlas_files.files(config, work, rows)
