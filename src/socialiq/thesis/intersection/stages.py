@@ -118,8 +118,8 @@ class LearnerRun:
 
     structure: iq.Structure
     numbers: iq.Numbers
-    mixture: str = "equal_trajectories"
-    size: int = 1000
+    mixture: str
+    size: int
     """Episodes of each mode, or transitions in a mixture of equal transitions."""
     environments: int = 12
     options: Options = field(default_factory=Options)
