@@ -58,19 +58,27 @@ class Optimum:
 
 def action_table(
     policy: QPolicy, table: Table, readout: Readout
-) -> Float[np.ndarray, "state action"]:
-    """A trained network's action probabilities in every state of a table.
+) -> Float[np.ndarray, "*time state action"]:
+    """A trained network's action probabilities in every state, or every time and state, of a table.
 
     Args:
         policy: The network.
         table: The world, or its reachable part.
         readout: "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
+
+    Returns:
+        Probabilities by state, and by time first where the world shows its clock.
     """
     one_of("readout", readout, READOUTS)
+    times = np.arange(table.world.horizon if table.world.clock else 1)
+    time, state = np.divmod(np.arange(len(times) * table.mdp.n_states), table.mdp.n_states)
+    seen = table.observe(state, time)
     if readout == "soft":
-        return policy.probabilities(table.observations)
-    best = policy.q_values(table.observations).argmax(axis=1)
-    return np.eye(policy.n_actions)[best]
+        chances = policy.probabilities(seen)
+    else:
+        chances = np.eye(policy.n_actions)[policy.q_values(seen).argmax(axis=1)]
+    by_time = chances.reshape(len(times), table.mdp.n_states, policy.n_actions)
+    return by_time if table.world.clock else by_time[0]
 
 
 def exact_monitor(

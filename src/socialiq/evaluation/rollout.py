@@ -49,7 +49,7 @@ class Rollout(NamedTuple):
 
 def rollout_table(
     table: Table,
-    policy: Float[np.ndarray, "state action"],
+    policy: Float[np.ndarray, "*time state action"],
     episodes: int,
     seed: int,
     mode: str = "policy",
@@ -59,7 +59,7 @@ def rollout_table(
 
     Args:
         table: The world with all its states (not the reachable part, which lacks final states).
-        policy: Action probabilities by state.
+        policy: Action probabilities by state, or by time and state.
         episodes: How many.
         seed: Of chance and of the policy's draws.
         mode: Name of the driver mode to record.
@@ -68,6 +68,50 @@ def rollout_table(
     Raises:
         UserError: If no episode is asked for.
     """
+    episode, step, state, action, after, ending = _steps(table, policy, episodes, seed)
+    mdp = table.mdp
+    transitions = Demonstrations(
+        observation=table.observe(state, step),
+        action=action.astype(np.int32),
+        next_observation=table.observe(after, step + 1),
+        terminated=(ending != Ending.NONE) & (ending != Ending.TIMEOUT),
+        truncated=ending == Ending.TIMEOUT,
+        ending=ending.astype(np.int8),
+        rewards=RewardPair(mdp.rewards.env[state, action], mdp.rewards.social[state, action]),
+        mode=np.zeros(len(action), np.int8),
+        episode=episode.astype(np.int32),
+        step=step.astype(np.int32),
+        mode_names=(mode,),
+        n_actions=mdp.n_actions,
+        source={"world": table.world.name, "seed": seed, **(source or {})},
+    )
+    return Rollout(transitions, table.speed[state, action])
+
+
+def rollout_totals(
+    table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
+) -> Float[np.ndarray, "episode 2"]:
+    """Sums of r_env and r_social of each episode of a policy in an enumerated world.
+
+    Args:
+        table: The world or its reachable part.
+        policy: Action probabilities by state, or by time and state.
+        episodes: How many.
+        seed: Of chance and of the policy's draws.
+
+    Raises:
+        UserError: If no episode is asked for.
+    """
+    episode, _, state, action, _, _ = _steps(table, policy, episodes, seed)
+    return np.stack(
+        [np.bincount(episode, reward[state, action]) for reward in table.mdp.rewards], axis=1
+    )
+
+
+def _steps(
+    table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
+) -> list[Int[np.ndarray, " transition"]]:
+    """Columns of all transitions: episode, step, state, action, next state, ending."""
     _check_episodes(episodes)
     rng = np.random.default_rng(seed)
     mdp = table.mdp
@@ -75,38 +119,19 @@ def rollout_table(
     running = np.arange(episodes)
     rows: list[tuple[np.ndarray, ...]] = []
     for time in range(table.world.horizon):
-        action = draw_actions(policy[state], rng)
+        chances = policy[time] if policy.ndim == 3 else policy
+        action = draw_actions(chances[state], rng)
         outcome = draw_actions(mdp.probability[state, action], rng)
         after = mdp.successor[state, action, outcome]
         ending = mdp.ending[state, action, outcome]
         if time == table.world.horizon - 1:
             ending = np.where(ending == Ending.NONE, int(Ending.TIMEOUT), ending)
-        rows.append((running, state, action, after, ending))
+        rows.append((running, np.full_like(running, time), state, action, after, ending))
         going = ending == Ending.NONE
         running, state = running[going], after[going]
-    episode, state, action, after, ending = (
-        np.concatenate(part) for part in zip(*rows, strict=True)
-    )
-    order = np.argsort(episode, kind="stable")
-    episode, state, action, after, ending = (
-        column[order] for column in (episode, state, action, after, ending)
-    )
-    transitions = Demonstrations(
-        observation=table.observations[state],
-        action=action.astype(np.int32),
-        next_observation=table.observations[after],
-        terminated=(ending != Ending.NONE) & (ending != Ending.TIMEOUT),
-        truncated=ending == Ending.TIMEOUT,
-        ending=ending.astype(np.int8),
-        rewards=RewardPair(mdp.rewards.env[state, action], mdp.rewards.social[state, action]),
-        mode=np.zeros(len(action), np.int8),
-        episode=episode.astype(np.int32),
-        step=steps_of(episode),
-        mode_names=(mode,),
-        n_actions=mdp.n_actions,
-        source={"world": table.world.name, "seed": seed, **(source or {})},
-    )
-    return Rollout(transitions, table.speed[state, action])
+    columns = [np.concatenate(part) for part in zip(*rows, strict=True)]
+    order = np.argsort(columns[0], kind="stable")
+    return [column[order] for column in columns]
 
 
 def rollout_env(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from socialiq.errors import UserError
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
@@ -142,7 +142,9 @@ class AttainableSet:
         return normals, (normals @ self.vertices.T).max(axis=1)
 
 
-def attainable_set(mdp: TabularMDP, horizon: int) -> AttainableSet:
+def attainable_set(
+    mdp: TabularMDP, horizon: int, allowed: Bool[np.ndarray, "*time state action"] | None = None
+) -> AttainableSet:
     """Find every vertex of the attainable set of a finite horizon.
 
     Chords are split until none can be moved outwards: from the extreme points of four directions,
@@ -153,22 +155,22 @@ def attainable_set(mdp: TabularMDP, horizon: int) -> AttainableSet:
     Args:
         mdp: The dynamics and the reward pair.
         horizon: Largest number of steps of an episode.
+        allowed: Which actions may be taken, as in `horizon_optimum`; none given, all.
 
     Raises:
-        UserError: If the horizon is not positive.
+        UserError: If the horizon is not positive, or `allowed` has another shape.
     """
     # Some fifty optima are computed, and in the 7x7 world 276 of 12,096 states can be visited.
-    mdp, _ = mdp.reachable_part()
-    corners = [
-        _extreme(mdp, horizon, np.array(d)) for d in ((1.0, 0), (0, 1.0), (-1.0, 0), (0, -1.0))
-    ]
+    mdp, states = mdp.reachable_part()
+    best = _Extremes(mdp, horizon, None if allowed is None else allowed[..., states, :])
+    corners = [best(np.array(d)) for d in ((1.0, 0), (0, 1.0), (-1.0, 0), (0, -1.0))]
     tolerance = _TOLERANCE * float(np.abs(corners).max())
     points: list[np.ndarray] = []
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
         # A stack in place of recursion: `pending` is what lies ahead, counter-clockwise.
         done, pending = start, [end]
         while pending:
-            beyond = _beyond(mdp, horizon, done, pending[-1], tolerance)
+            beyond = _beyond(best, done, pending[-1], tolerance)
             if beyond is None:
                 points.append(done)
                 done = pending.pop()
@@ -183,15 +185,23 @@ def direction(angle: float) -> Float[np.ndarray, " xy"]:
     return np.array([np.cos(radians), np.sin(radians)])
 
 
-def _extreme(mdp: TabularMDP, horizon: int, weights: np.ndarray) -> np.ndarray:
-    """The pair of a policy that is optimal for these weights of r_env and r_social."""
-    scored = weights[0] * mdp.rewards.env + weights[1] * mdp.rewards.social
-    policy = horizon_optimum(mdp, scored, horizon).probabilities(mdp.n_actions)
-    return np.array(horizon_evaluation(mdp, policy, horizon).totals)
+class _Extremes(NamedTuple):
+    """Finds the pair of a policy that is optimal for given weights of r_env and r_social."""
+
+    mdp: TabularMDP
+    horizon: int
+    allowed: Bool[np.ndarray, "*time state action"] | None
+
+    def __call__(self, weights: np.ndarray) -> np.ndarray:
+        mdp = self.mdp
+        scored = weights[0] * mdp.rewards.env + weights[1] * mdp.rewards.social
+        found = horizon_optimum(mdp, scored, self.horizon, allowed=self.allowed)
+        policy = found.probabilities(mdp.n_actions)
+        return np.array(horizon_evaluation(mdp, policy, self.horizon).totals)
 
 
 def _beyond(
-    mdp: TabularMDP, horizon: int, start: np.ndarray, end: np.ndarray, tolerance: float
+    best: _Extremes, start: np.ndarray, end: np.ndarray, tolerance: float
 ) -> np.ndarray | None:
     """The attainable point farthest beyond a counter-clockwise chord, or None if it is an edge."""
     along = end - start
@@ -199,7 +209,7 @@ def _beyond(
     if length <= tolerance:
         return None
     normal = np.array([along[1], -along[0]]) / length
-    found = _extreme(mdp, horizon, normal)
+    found = best(normal)
     return found if normal @ (found - start) > tolerance else None
 
 

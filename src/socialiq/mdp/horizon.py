@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.mdp.solve import best_action
@@ -57,6 +57,7 @@ def horizon_optimum(
     horizon: int,
     tie_tolerance: float = 1e-12,
     prefer: Literal["first", "last"] = "first",
+    allowed: Bool[np.ndarray, "*time state action"] | None = None,
 ) -> HorizonPolicy:
     """Maximise the expected undiscounted sum of a reward, by backward induction.
 
@@ -66,17 +67,20 @@ def horizon_optimum(
         horizon: Largest number of steps of an episode.
         tie_tolerance: Relative difference below which two actions tie (`solve.greedy_policy`).
         prefer: Which of tied actions is taken.
+        allowed: Which actions may be taken, by state or by time and state; none given, all. Where
+            a state allows none, all are: nothing is known there, and the best is assumed.
 
     Raises:
         UserError: If the reward or the horizon will not do.
     """
     check_reward(mdp, reward)
     _check_horizon(horizon)
+    barred = _barred(mdp, horizon, allowed)
     actions = np.zeros((horizon, mdp.n_states), np.int64)
     values = np.zeros((horizon, mdp.n_states))
     after = np.zeros(mdp.n_states)
     for time in reversed(range(horizon)):
-        q = reward + mdp.expected_next(after)
+        q = np.where(barred[time], -np.inf, reward + mdp.expected_next(after))
         actions[time] = best_action(q, tie_tolerance, prefer)
         # The maximum and not the tied action's value, so that no tolerance adds up over time.
         after = values[time] = q.max(axis=1)
@@ -114,6 +118,18 @@ def horizon_evaluation(
     endings[Ending.NONE], endings[Ending.TIMEOUT] = 0.0, running.sum()
     totals = RewardPair(*(float((visits * reward).sum()) for reward in mdp.rewards))
     return HorizonEvaluation(totals, float(visits.sum()), endings, visits)
+
+
+def _barred(
+    mdp: TabularMDP, horizon: int, allowed: Bool[np.ndarray, "*time state action"] | None
+) -> Bool[np.ndarray, "time state action"]:
+    """Which actions may not be taken, at each time."""
+    shape = (horizon, mdp.n_states, mdp.n_actions)
+    if allowed is None:
+        return np.broadcast_to(False, shape)
+    if allowed.shape not in (shape, shape[1:]):
+        raise UserError(f"allowed has shape {allowed.shape}: give {shape[1:]}, or {shape} by time")
+    return np.broadcast_to(~allowed & allowed.any(axis=-1, keepdims=True), shape)
 
 
 def _check_horizon(horizon: int) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from socialiq.nn.one_hot import OneHot
 from socialiq.nn.view import View
 
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"relu": jax.nn.relu, "elu": jax.nn.elu}
+
+Encoding = View | OneHot
+"""What a first layer may read instead of the observation."""
 
 
 class QNetwork(eqx.Module):
@@ -25,7 +29,7 @@ class QNetwork(eqx.Module):
 
     layers: tuple[eqx.nn.Linear, ...]
     activation: str = eqx.field(static=True)
-    view: View | None = None
+    view: Encoding | None = None
 
     @staticmethod
     def initialise(
@@ -42,23 +46,34 @@ class QNetwork(eqx.Module):
             UserError: If the view is unknown or doesn't fit the observation.
         """
         seen = View.initialise(jax.random.fold_in(key, 0), view, n_features)
-        sizes = (seen.width if seen else n_features, *hidden, n_actions)
-        keys = jax.random.split(key, len(sizes) - 1)
-        layers = tuple(
-            eqx.nn.Linear(inputs, outputs, key=one)
-            for inputs, outputs, one in zip(sizes[:-1], sizes[1:], keys, strict=True)
-        )
-        return QNetwork(layers, activation, seen)
+        inputs = seen.width if seen else n_features
+        return QNetwork(affine_layers(key, (inputs, *hidden, n_actions)), activation, seen)
 
     def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
         """Values of one observation; `jax.vmap` for a batch."""
-        *inner, last = self.layers
         value = self.view(observation) if self.view else observation
-        for layer in inner:
-            value = ACTIVATIONS[self.activation](layer(value))
-        return last(value)
+        return through(self.layers, self.activation, value)
 
 
-def network_of(networks: QNetwork, lane: int) -> QNetwork:
+def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linear, ...]:
+    """Layers of these widths, the inputs' first."""
+    keys = jax.random.split(key, len(sizes) - 1)
+    return tuple(
+        eqx.nn.Linear(inputs, outputs, key=one)
+        for inputs, outputs, one in zip(sizes[:-1], sizes[1:], keys, strict=True)
+    )
+
+
+def through(
+    layers: Sequence[eqx.nn.Linear], activation: str, value: Float[Array, " input"]
+) -> Float[Array, " output"]:
+    """Pass a value through layers, with the activation between them."""
+    *inner, last = layers
+    for layer in inner:
+        value = ACTIVATIONS[activation](layer(value))
+    return last(value)
+
+
+def network_of(networks: Any, lane: int) -> Any:
     """One network of many whose arrays share a leading lane axis."""
     return jax.tree.map(lambda leaf: leaf[lane], networks)

@@ -12,7 +12,8 @@ from jaxtyping import Float
 from scipy.special import softmax
 
 from socialiq.errors import UserError
-from socialiq.nn.q_network import QNetwork
+from socialiq.nn.one_hot import OneHot
+from socialiq.nn.q_network import Encoding, QNetwork
 from socialiq.nn.view import Choice, View
 from socialiq.storage import load_arrays, save_arrays
 
@@ -45,7 +46,7 @@ class QPolicy:
     temperature: float
     provenance: Mapping[str, Any] = field(default_factory=dict)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    view: View | None = None
+    view: Encoding | None = None
     sha256: str = ""
 
     @staticmethod
@@ -140,6 +141,19 @@ class QPolicy:
         Raises:
             UserError: If the file can't be written.
         """
+        return save_arrays(path, "policy", SCHEMA_VERSION, *self.content())
+
+    @staticmethod
+    def load(path: Path) -> QPolicy:
+        """Read a policy that `save` wrote.
+
+        Raises:
+            UserError: If the file is missing, damaged, or holds something else.
+        """
+        return QPolicy.of_content(*load_arrays(path, "policy", SCHEMA_VERSION))
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """The named arrays and the header that a file holds."""
         arrays = {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
         arrays |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
         header = {
@@ -149,7 +163,9 @@ class QPolicy:
             "view": None,
             "provenance": dict(self.provenance),
         }
-        if self.view:
+        if isinstance(self.view, OneHot):
+            header["one_hot"] = {"lows": self.view.lows, "sizes": self.view.sizes}
+        elif self.view:
             arrays |= {f"view_weight_{i}": weight for i, weight in enumerate(self.view.weights)}
             arrays |= {f"view_bias_{i}": bias for i, bias in enumerate(self.view.biases)}
             header["view"] = {
@@ -157,16 +173,11 @@ class QPolicy:
                 "layers": len(self.view.weights),
                 "n_features": self.view.n_features,
             }
-        return save_arrays(path, "policy", SCHEMA_VERSION, arrays, header)
+        return arrays, header
 
     @staticmethod
-    def load(path: Path) -> QPolicy:
-        """Read a policy that `save` wrote.
-
-        Raises:
-            UserError: If the file is missing, damaged, or holds something else.
-        """
-        arrays, header = load_arrays(path, "policy", SCHEMA_VERSION)
+    def of_content(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> QPolicy:
+        """The policy of a file's content, the inverse of `content`."""
         layers = range(header["layers"])
         return QPolicy(
             tuple(arrays[f"weight_{i}"] for i in layers),
@@ -174,13 +185,16 @@ class QPolicy:
             header["activation"],
             header["temperature"],
             header["provenance"],
-            view=_view_of(arrays, header["view"]),
+            view=_view_of(arrays, header),
             sha256=header["sha256"],
         )
 
 
-def _view_of(arrays: Mapping[str, np.ndarray], described: Mapping[str, Any] | None) -> View | None:
+def _view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Encoding | None:
     """The view that a file describes."""
+    if places := header.get("one_hot"):
+        return OneHot(tuple(places["lows"]), tuple(places["sizes"]))
+    described = header["view"]
     if described is None:
         return None
     layers = range(described["layers"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.worlds.grid_world import GridWorld
@@ -31,10 +31,12 @@ class Table:
     speed: Float[np.ndarray, "state action"]
     signals: dict[str, Float[np.ndarray, "state action"]]
 
-    @property
-    def observations(self) -> Float[np.ndarray, "state feature"]:
-        """The observation of each state, float32."""
-        return self.states.astype(np.float32)
+    def observe(
+        self, state: Int[np.ndarray, " row"], time: Int[np.ndarray, " row"]
+    ) -> Float32[np.ndarray, "row feature"]:
+        """What is observed in the states of these numbers, at these times."""
+        seen = self.states[state]
+        return (np.column_stack([seen, time]) if self.world.clock else seen).astype(np.float32)
 
     def reachable_part(self) -> Table:
         """The same table on the states that some policy can visit: small, and closed."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -42,7 +43,7 @@ class Outcome(NamedTuple):
 
 
 class Episode(NamedTuple):
-    """A running episode: the state and the number of steps taken."""
+    """A running episode: the state and the number of steps taken (the time)."""
 
     state: Int[Array, " feature"]
     time: Int[Array, ""]
@@ -68,6 +69,8 @@ class GridWorld:
         env_weights: Weight of each signal in r_env.
         social_weights: Weight of each signal in r_social.
         draw: (axes, world, state) -> None; draws one state with matplotlib.
+        clock: Whether the time is observed too, as a last feature. The thesis' agents don't see
+            it; what it is worth is told in docs/dial.md.
     """
 
     name: str
@@ -82,6 +85,7 @@ class GridWorld:
     env_weights: Mapping[str, float]
     social_weights: Mapping[str, float]
     draw: Callable[[Any, GridWorld, tuple[int, ...]], None]
+    clock: bool = False
 
     @property
     def n_actions(self) -> int:
@@ -89,14 +93,25 @@ class GridWorld:
         return len(self.actions)
 
     @property
+    def observed(self) -> tuple[Feature, ...]:
+        """What an observation holds: the state, and the time where there is a clock."""
+        return (
+            (*self.features, Feature("time", 0, self.horizon + 1)) if self.clock else self.features
+        )
+
+    @property
     def n_features(self) -> int:
-        """Length of a state and of an observation."""
-        return len(self.features)
+        """Length of an observation."""
+        return len(self.observed)
 
     @property
     def description(self) -> str:
-        """The world's name and its readings of the thesis."""
-        return f"{self.name} {self.options}"
+        """The world's name, its readings of the thesis, and its clock."""
+        return f"{self.name} {self.options}" + (" with clock" if self.clock else "")
+
+    def with_clock(self) -> GridWorld:
+        """The same world whose observations end with the time."""
+        return dataclasses.replace(self, clock=True)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -115,7 +130,7 @@ class GridWorld:
 
     def states(self) -> Int[np.ndarray, "state feature"]:
         """All states in the order of their numbers."""
-        values = np.indices(self.shape).reshape(self.n_features, -1).T
+        values = np.indices(self.shape).reshape(len(self.features), -1).T
         return (values + np.array([feature.low for feature in self.features])).astype(np.int32)
 
     def rewards(self, signals: Signals) -> RewardPair:
@@ -129,7 +144,8 @@ class GridWorld:
         """Draw an initial state."""
         states = jnp.array([state for state, _ in self.start])
         state = states[_draw(key, [probability for _, probability in self.start])]
-        return Episode(state, jnp.zeros((), jnp.int32)), state.astype(jnp.float32)
+        episode = Episode(state, jnp.zeros((), jnp.int32))
+        return episode, self._observation(episode)
 
     def advance(self, key: Any, episode: Episode, action: Any) -> tuple[Episode, Step]:
         """Take one step; an episode that reaches the horizon ends by TIMEOUT."""
@@ -138,8 +154,12 @@ class GridWorld:
         out_of_time = (outcome.ending == Ending.NONE) & (time >= self.horizon)
         ending = jnp.where(out_of_time, int(Ending.TIMEOUT), outcome.ending)
         rewards = self.rewards(outcome.signals)
-        step = Step(outcome.state.astype(jnp.float32), rewards, ending)
-        return Episode(outcome.state, time), step
+        follows = Episode(outcome.state, time)
+        return follows, Step(self._observation(follows), rewards, ending)
+
+    def _observation(self, episode: Episode) -> Float[Array, " feature"]:
+        values = jnp.append(episode.state, episode.time) if self.clock else episode.state
+        return values.astype(jnp.float32)
 
 
 def _draw(key: Any, probabilities: Sequence[float]) -> Any:

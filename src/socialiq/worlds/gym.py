@@ -28,6 +28,7 @@ class GridWorldEnv(gymnasium.Env):
         world: Name of the world.
         angle: Social angle in degrees that makes one reward of the pair.
         render_mode: "rgb_array" or None.
+        clock: Whether observations end with the time.
         options: Readings of the thesis, as for `worlds.registry.make`.
 
     Raises:
@@ -41,17 +42,19 @@ class GridWorldEnv(gymnasium.Env):
         world: str = "crossing7",
         angle: float = 0.0,
         render_mode: str | None = None,
+        clock: bool = False,
         **options: Any,
     ) -> None:
-        self.world: GridWorld = registry.make_grid(world, **options)
+        plain = registry.make_grid(world, **options)
+        self.world: GridWorld = plain.with_clock() if clock else plain
         self.render_mode = render_mode
         self._weights = weights(check_angle(angle))
-        low = np.array([feature.low for feature in self.world.features], np.float32)
-        high = low + np.array(self.world.shape, np.float32) - 1
+        low = np.array([feature.low for feature in self.world.observed], np.float32)
+        high = low + np.array([feature.size for feature in self.world.observed], np.float32) - 1
         low[low == high] = 0.0  # Gymnasium warns of features that never change
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Discrete(self.world.n_actions)
-        self._state = np.zeros(self.world.n_features, np.int32)
+        self._state = np.zeros(len(self.world.features), np.int32)
         self._time = 0
 
     @cached_property
@@ -66,7 +69,7 @@ class GridWorldEnv(gymnasium.Env):
         chosen = self.np_random.choice(len(self.world.start), p=[p for _, p in self.world.start])
         self._state = np.array(self.world.start[chosen][0], np.int32)
         self._time = 0
-        return self._state.astype(np.float32), {}
+        return self._observation(), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step; the horizon truncates, every other ending terminates."""
@@ -86,12 +89,16 @@ class GridWorldEnv(gymnasium.Env):
             "speed": float(outcome.speed),
         }
         return (
-            self._state.astype(np.float32),
+            self._observation(),
             float(score(self._weights, rewards)),
             ending not in (Ending.NONE, Ending.TIMEOUT),
             ending == Ending.TIMEOUT,
             info,
         )
+
+    def _observation(self) -> np.ndarray:
+        seen = np.append(self._state, self._time) if self.world.clock else self._state
+        return seen.astype(np.float32)
 
     def render(self) -> np.ndarray | None:
         """Picture of the present state, uint8 (height, width, 3)."""

@@ -134,7 +134,7 @@ def test_states_are_numbered_in_order(table7):
     assert table7.states[0].tolist() == [0, 0, -1, 0, -1, 0]
     assert table7.states[-1].tolist() == [6, 2, 6, 2, 6, 2]
     assert table7.states[1].tolist() == [0, 0, -1, 0, -1, 1]
-    assert table7.observations.dtype == np.float32
+    assert table7.observe(np.arange(2), np.zeros(2, int)).dtype == np.float32
 
 
 def test_first_states_have_their_probabilities(tabulated):

@@ -1,0 +1,118 @@
+"""What a run of the dial is: its structure, which shapes the program, and its numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from socialiq.errors import UserError, one_of
+from socialiq.learners.iq_learn.config import Endings
+from socialiq.learners.ranges import (
+    check_above_zero,
+    check_counts,
+    check_not_negative,
+    check_seed,
+    check_shares,
+)
+from socialiq.nn.q_network import ACTIVATIONS
+from socialiq.nn.view import CHOICES
+from socialiq.social.angle import check_angle
+
+Scored = Literal["all", "demonstrations"]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Choices that shape the program. Defaults: the 7x7 world with its clock, online."""
+
+    low: float = 0.0
+    """Smallest social angle trained for, in degrees."""
+    high: float = 90.0
+    """Largest."""
+    online: bool = True
+    """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
+    demonstrations: bool = True
+    """Whether it sees demonstrations; without them it is soft Q-learning on R(α)."""
+    scored: Scored = "all"
+    """Which transitions r̂ is drawn to λR(α) on: all, for whose own steps the world must tell the
+    reward pair, or demonstrations only."""
+    endings: Endings = field(default_factory=Endings)
+    """What V(s') is after each kind of ending. A timeout is an end like others to a learner that
+    sees the clock."""
+    redraw_times: int = 0
+    """Horizon of a clock, the last feature: every transition is learned from at a time drawn anew.
+    0 leaves times as they are. Right where neither dynamics nor rewards depend on the time."""
+    hidden: tuple[int, ...] = (128, 128)
+    """Widths of the hidden layers."""
+    activation: str = "relu"
+    """Between the layers."""
+    view: str = "flat"
+    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
+    one_hot: tuple[tuple[int, int], ...] = ()
+    """For observations of integers: smallest value and number of values of each feature, which
+    the network then sees one place for each value. None: it sees the view."""
+    expert_batch: int = 64
+    """Demonstrated transitions of an update."""
+    replay_batch: int = 192
+    """The learner's own transitions of an update."""
+    updates: int = 24_000
+    """Gradient steps of a run."""
+    environments: int = 4
+    """Worlds side by side in which the learner takes one step each before a gradient step."""
+    replay_capacity: int = 100_000
+    """Size of the replay ring."""
+
+    def __post_init__(self) -> None:
+        """Refuse names, sizes and combinations that make no run."""
+        check_angle(self.low)
+        check_angle(self.high)
+        if self.low > self.high:
+            raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
+        one_of("view", self.view, tuple(CHOICES))
+        one_of("activation", self.activation, tuple(ACTIVATIONS))
+        one_of("scored", self.scored, get_args(Scored))
+        sizes = ("expert_batch", "replay_batch", "updates", "environments", "replay_capacity")
+        check_counts(self, sizes)
+        check_not_negative(self, ("redraw_times",))
+        if any(width < 1 for width in self.hidden):
+            raise UserError(f"hidden widths must be at least 1, got {self.hidden}")
+        if not self.online and not self.demonstrations:
+            raise UserError("offline and without demonstrations there is nothing to learn from")
+        if not self.demonstrations and self.scored == "demonstrations":
+            raise UserError("scored 'demonstrations' needs demonstrations: choose 'all'")
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of one run; all are traced, so a whole grid of them shares one program."""
+
+    strength: float = 1.0
+    """λ: scales the centre λR(α). With τ it decides how sharp the policy is."""
+    prior_weight: float = 1000.0
+    """w: weight of the squared distance to λR(α) beside IQ-Learn's terms. r̂ leaves the centre by
+    about 1/w, so a small w imitates and a large one obeys."""
+    temperature: float = 0.02
+    """τ of Eq 2.5."""
+    discount: float = 1.0
+    """γ. With a clock the horizon is finite, and 1 is what the regret is counted with."""
+    chi2_alpha: float = 0.5
+    """α_χ: the squared term is w / (4 α_χ) (r̂ - λR(α))²."""
+    learning_rate: float = 1e-3
+    """Of Adam, at the start; it falls as a cosine."""
+    final_rate: float = 0.02
+    """What is left of the learning rate at the end, as a share."""
+    polyak: float = 0.01
+    """Share of the network mixed into its slow copy at each update."""
+    exploration: float = 0.1
+    """Share of random actions while acting; the others are drawn from softmax(Q/τ)."""
+    seed: int = 0
+    """Of the network, the sampling and the acting."""
+    dataset: int = 0
+    """Which of the given sets of demonstrations this run learns from."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        check_not_negative(self, ("strength", "prior_weight", "dataset"))
+        check_above_zero(self, ("temperature", "chi2_alpha", "learning_rate", "polyak"))
+        check_shares(self, ("discount", "final_rate", "polyak", "exploration"))
+        check_seed(self.seed)

@@ -1,0 +1,315 @@
+"""Training of the dial: one network for a range of angles, many lanes in one compiled program."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+from jax.tree_util import Partial
+from jaxtyping import Array
+
+from socialiq.errors import UserError
+from socialiq.learners import loop, replay
+from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.objective import (
+    Rows,
+    Traced,
+    at_other_times,
+    draw_directions,
+    objective,
+)
+from socialiq.learners.expert_table import Batch, ExpertTable
+from socialiq.learners.outside import Outside
+from socialiq.learners.state import History, Lanes
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_network import network_of
+from socialiq.types import Ending, RewardPair, Simulator, Transitions
+
+_ADAM = optax.scale_by_adam()  # the traced learning rate is applied by hand
+
+
+class Learnt(NamedTuple):
+    """What training changes; `slow` is what a policy is made of."""
+
+    network: DialNetwork
+    slow: DialNetwork
+    adam: Any
+
+
+class Acting(NamedTuple):
+    """Running episodes, each driven at an angle of its own; arrays lead with the environments."""
+
+    episode: Any
+    observation: Array
+    direction: RewardPair
+
+
+class Surroundings(NamedTuple):
+    """What an update carries along.
+
+    Attributes:
+        key: Random key.
+        replay: The learner's own transitions; None offline.
+        acting: Where it acts; None offline, or if experience comes from outside JAX.
+    """
+
+    key: Array
+    replay: replay.Replay | None
+    acting: Acting | None
+
+
+@dataclass(frozen=True)
+class Trained:
+    """The outcome of a training call.
+
+    Attributes:
+        structure: Of all lanes.
+        numbers: Of each lane.
+        networks: The slow copies, arrays with a leading lane axis.
+        history: What was recorded, (chunks, lanes).
+        failures: One line for each lane that stopped early.
+    """
+
+    structure: Structure
+    numbers: tuple[Numbers, ...]
+    networks: DialNetwork
+    history: History
+    failures: tuple[str, ...]
+
+    def dial(self, lane: int) -> DialPolicy:
+        """The trained dial of one lane."""
+        return dial_of(self.structure, self.numbers[lane], network_of(self.networks, lane))
+
+
+def dial_of(structure: Structure, numbers: Numbers, network: DialNetwork) -> DialPolicy:
+    """A network as a dial with its record."""
+    record = {
+        "learner": "dial",
+        "structure": dataclasses.asdict(structure),
+        "numbers": dataclasses.asdict(numbers),
+    }
+    return DialPolicy.of(network, numbers.temperature, structure.low, structure.high, record)
+
+
+def train(
+    structure: Structure,
+    numbers: Sequence[Numbers],
+    datasets: Sequence[Transitions],
+    simulator: Simulator | None = None,
+    sizes: tuple[int, int] | None = None,
+    outside: Outside | None = None,
+    chunk: int = 500,
+    before_chunk: Callable[[Lanes, int], Lanes] | None = None,
+) -> Trained:
+    """Train one lane for each of `numbers`, all in one compiled program.
+
+    Args:
+        structure: What the lanes share.
+        numbers: What they differ in.
+        datasets: Sets of demonstrations; `Numbers.dataset` picks each lane's. None without
+            demonstrations.
+        simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
+        sizes: Features of an observation and number of actions; needed only where neither
+            demonstrations nor a simulator tell.
+        outside: Progress, monitor, checkpoint.
+        chunk: Updates between two looks at the outside.
+        before_chunk: Brings in experience from outside JAX (`learners.collect`).
+
+    Raises:
+        UserError: If structure, data and world don't fit together.
+        Stopped: On Ctrl-C.
+    """
+    sizes = check_fit(structure, numbers, datasets, simulator, sizes, before_chunk is not None)
+    table = ExpertTable.of(datasets, "instantaneous", 1.0) if datasets else None
+    outside = outside or Outside()
+    world = simulator.description if simulator else "offline or collected"
+    names = outside.lane_names or tuple(f"dial, seed {one.seed}" for one in numbers)
+    outside = dataclasses.replace(outside, lane_names=names)
+    update_lane = Partial(partial(update, structure, simulator), table)
+    lanes, history = loop.run(
+        initialise=Partial(partial(initialise, structure, simulator, sizes)),
+        update=update_lane,
+        numbers=traced(numbers),
+        total=structure.updates,
+        chunk=chunk,
+        fingerprint=loop.fingerprint(table, "dial", structure, *numbers, chunk, world),
+        outside=outside,
+        before_chunk=before_chunk,
+    )
+    terms = loop.term_names(update_lane, traced(numbers), lanes)
+    failures = loop.failure_lines(lanes, terms, names)
+    return Trained(structure, tuple(numbers), lanes.learnt.slow, history, failures)
+
+
+def traced(numbers: Sequence[Numbers]) -> Traced:
+    """Stack the lanes' numbers into arrays."""
+    kinds = {"seed": jnp.uint32, "dataset": jnp.int32}
+    return Traced(
+        *(
+            jnp.array([getattr(one, name) for one in numbers], kinds.get(name, jnp.float32))
+            for name in Traced._fields
+        )
+    )
+
+
+def initialise(
+    structure: Structure, simulator: Simulator | None, sizes: tuple[int, int], numbers: Traced
+) -> tuple[Learnt, Surroundings]:
+    """Draw a network and start episodes, from the lane's seed alone."""
+    key, for_network, for_acting = jax.random.split(jax.random.key(numbers.seed), 3)
+    n_features, n_actions = sizes
+    network = DialNetwork.initialise(
+        for_network,
+        n_features,
+        structure.hidden,
+        n_actions,
+        structure.activation,
+        structure.view,
+        structure.one_hot,
+    )
+    ring = replay.empty(structure.replay_capacity, n_features) if structure.online else None
+    acting = _begin(structure, simulator, for_acting) if simulator else None
+    learnt = Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array)))
+    return learnt, Surroundings(key, ring, acting)
+
+
+def _begin(structure: Structure, simulator: Simulator, key: Array) -> Acting:
+    """Fresh episodes at angles drawn for them."""
+    for_world, for_angle = jax.random.split(key)
+    keys = jax.random.split(for_world, structure.environments)
+    episode, observation = jax.vmap(simulator.reset)(keys)
+    return Acting(
+        episode, observation, draw_directions(for_angle, structure.environments, structure)
+    )
+
+
+def update(
+    structure: Structure,
+    simulator: Simulator | None,
+    table: ExpertTable | None,
+    numbers: Traced,
+    learnt: Learnt,
+    surroundings: Surroundings,
+) -> tuple[Learnt, Surroundings, dict[str, Array]]:
+    """Act, sample rows and angles, and take one Adam step on the objective."""
+    key, for_acting, for_rows = jax.random.split(surroundings.key, 3)
+    surroundings = surroundings._replace(key=key)
+    if simulator is not None:
+        surroundings = _act(structure, simulator, numbers, learnt, surroundings, for_acting)
+    rows = _rows(structure, table, numbers, surroundings, for_rows)
+    gradient, terms = jax.grad(objective, has_aux=True)(
+        learnt.network, learnt.slow, rows, numbers, structure
+    )
+    direction, adam = _ADAM.update(gradient, learnt.adam)
+    rate = numbers.learning_rate * _cosine(learnt.adam.count, structure, numbers.final_rate)
+    network = jax.tree.map(lambda weight, step: weight - rate * step, learnt.network, direction)
+    slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
+    return Learnt(network, slow, adam), surroundings, terms
+
+
+def _cosine(done: Array, structure: Structure, final: Array) -> Array:
+    """Share of the learning rate after so many updates: 1 at first, `final` at the end."""
+    return final + (1.0 - final) * 0.5 * (1.0 + jnp.cos(jnp.pi * done / structure.updates))
+
+
+def _rows(
+    structure: Structure,
+    table: ExpertTable | None,
+    numbers: Traced,
+    surroundings: Surroundings,
+    key: Array,
+) -> Rows:
+    """Demonstrations, then the learner's own steps, each row at an angle drawn for it."""
+    for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
+    parts: list[Batch] = []
+    if structure.demonstrations and table is not None:
+        parts.append(table.sample(for_expert, numbers.dataset, structure.expert_batch))
+    if surroundings.replay is not None:
+        parts.append(replay.sample(surroundings.replay, for_replay, structure.replay_batch))
+    batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
+    if structure.redraw_times:
+        batch = at_other_times(for_time, batch, structure.redraw_times)
+    n_expert = structure.expert_batch if structure.demonstrations else 0
+    return Rows(batch, draw_directions(for_angle, len(batch.action), structure), n_expert)
+
+
+def _act(
+    structure: Structure,
+    simulator: Simulator,
+    numbers: Traced,
+    learnt: Learnt,
+    surroundings: Surroundings,
+    key: Array,
+) -> Surroundings:
+    """One step in every environment: softmax(Q/τ) at the episode's angle, or a random action."""
+    acting, ring = surroundings.acting, surroundings.replay
+    assert acting is not None and ring is not None  # `check_fit` asks for online training
+    for_action, for_chance, for_random, for_step, for_new = jax.random.split(key, 5)
+    count = structure.environments
+    q = jax.vmap(learnt.network)(acting.observation, acting.direction)
+    chosen = jax.random.categorical(for_action, q / numbers.temperature)
+    random = jax.random.randint(for_random, (count,), 0, q.shape[-1])
+    explores = jax.random.uniform(for_chance, (count,)) < numbers.exploration
+    action = jnp.where(explores, random, chosen)
+    follows, step = jax.vmap(simulator.advance)(
+        jax.random.split(for_step, count), acting.episode, action
+    )
+    ring = replay.add_many(
+        ring, Batch(acting.observation, action, step.observation, step.ending, step.rewards)
+    )
+    ended = step.ending != int(Ending.NONE)
+    going = Acting(follows, step.observation, acting.direction)
+
+    def begun(new: Array, old: Array) -> Array:
+        return jnp.where(ended.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+    acting = jax.tree.map(begun, _begin(structure, simulator, for_new), going)
+    return surroundings._replace(replay=ring, acting=acting)
+
+
+def check_fit(
+    structure: Structure,
+    numbers: Sequence[Numbers],
+    datasets: Sequence[Transitions],
+    simulator: Simulator | None,
+    sizes: tuple[int, int] | None,
+    collects: bool,
+) -> tuple[int, int]:
+    """Refuse runs whose settings, data and world don't fit together, before any work is done.
+
+    Returns:
+        Features of an observation and number of actions.
+
+    Raises:
+        UserError: The line says what doesn't fit.
+    """
+    if not numbers:
+        raise UserError("no runs: pass at least one set of numbers")
+    if structure.demonstrations and not datasets:
+        raise UserError("no demonstrations: pass at least one set, or train without them")
+    if structure.demonstrations and max(one.dataset for one in numbers) >= len(datasets):
+        raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
+    acts = simulator is not None or collects
+    if structure.online != acts:
+        raise UserError(
+            "online training needs a world: name one, or train offline"
+            if structure.online
+            else "offline training takes no world: drop it, or train online"
+        )
+    found = [(data.observation.shape[1], data.n_actions) for data in datasets]
+    found += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
+    found += [sizes] if sizes else []
+    if len(set(found)) != 1:
+        raise UserError(
+            f"data and world differ in (features, actions): {sorted(set(found))}: "
+            "record the data in this world, with a clock if it has one"
+        )
+    return found[0]

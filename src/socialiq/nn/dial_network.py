@@ -1,0 +1,80 @@
+"""One network for every social angle: Q(s, · ; α), with the angle as two further inputs."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from socialiq.nn.one_hot import OneHot
+from socialiq.nn.q_network import Encoding, QNetwork, affine_layers, through
+from socialiq.nn.view import View
+from socialiq.types import RewardPair
+
+
+class DialNetwork(eqx.Module):
+    """Observation and direction (cos α, sin α) in, one value per action out.
+
+    Attributes:
+        layers: Affine layers; the first one's last two inputs are the direction.
+        activation: Name in `q_network.ACTIVATIONS`, between the layers.
+        view: What the first layer reads instead of the observation itself.
+    """
+
+    layers: tuple[eqx.nn.Linear, ...]
+    activation: str = eqx.field(static=True)
+    view: Encoding | None = None
+
+    @staticmethod
+    def initialise(
+        key: PRNGKeyArray,
+        n_features: int,
+        hidden: tuple[int, ...],
+        n_actions: int,
+        activation: str = "relu",
+        view: str = "flat",
+        one_hot: tuple[tuple[int, int], ...] = (),
+    ) -> DialNetwork:
+        """Draw weights and biases uniformly within ±1/sqrt(fan-in).
+
+        Args:
+            key: Random key.
+            n_features: Length of an observation.
+            hidden: Widths of the hidden layers.
+            n_actions: Number of actions.
+            activation: Between the layers.
+            view: A name of `nn.view.CHOICES`.
+            one_hot: Smallest value and number of values of each feature; none for the view.
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
+        """
+        seen: Encoding | None = OneHot.of(one_hot) if one_hot else None
+        if seen is None:
+            seen = View.initialise(jax.random.fold_in(key, 0), view, n_features)
+        inputs = (seen.width if seen else n_features) + 2
+        return DialNetwork(affine_layers(key, (inputs, *hidden, n_actions)), activation, seen)
+
+    def __call__(
+        self, observation: Float[Array, " feature"], direction: RewardPair
+    ) -> Float[Array, " action"]:
+        """Values of one observation at one angle's weights; `jax.vmap` for a batch."""
+        value = self.view(observation) if self.view else observation
+        turned = jnp.concatenate([value, jnp.stack([direction.env, direction.social])])
+        return through(self.layers, self.activation, turned)
+
+    def at(self, direction: RewardPair) -> QNetwork:
+        """The network of one angle: with the direction fixed, it only moves the first bias."""
+        first, *others = self.layers
+        assert first.bias is not None
+        fixed = first.weight[:, -2:] @ jnp.stack([direction.env, direction.social])
+        plain = dataclasses.replace(
+            first,
+            weight=first.weight[:, :-2],
+            bias=first.bias + fixed,
+            in_features=first.weight.shape[1] - 2,
+        )
+        return QNetwork((plain, *others), self.activation, self.view)

@@ -1,0 +1,110 @@
+"""A trained dial: one file, a policy for every social angle of its range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
+from socialiq.social.angle import exact_weights
+from socialiq.storage import load_arrays, save_arrays
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class DialPolicy:
+    """What `learners.dial` trains; `at` turns it into the policy of one angle.
+
+    Attributes:
+        turned: The network as a policy whose first layer reads the direction too, as its last two
+            inputs; `at` alone knows what to do with them.
+        low: Smallest social angle that it was trained for, in degrees.
+        high: Largest.
+    """
+
+    turned: QPolicy
+    low: float
+    high: float
+
+    @staticmethod
+    def of(
+        network: DialNetwork,
+        temperature: float,
+        low: float,
+        high: float,
+        provenance: Mapping[str, Any],
+    ) -> DialPolicy:
+        """Take the parameters out of a trained network."""
+        turned = QNetwork(network.layers, network.activation, network.view)
+        return DialPolicy(QPolicy.of(turned, temperature, provenance), low, high)
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        view = self.turned.view
+        return view.n_features if view else self.turned.weights[0].shape[1] - 2
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return self.turned.n_actions
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """JSON-able record of how the dial was made."""
+        return self.turned.provenance
+
+    def at(self, angle: float) -> QPolicy:
+        """The policy of one angle, as good as any other: it predicts, and can be saved.
+
+        Args:
+            angle: Social angle in degrees.
+
+        Raises:
+            UserError: If the dial was not trained for it.
+        """
+        if not self.low <= angle <= self.high:
+            raise UserError(
+                f"angle {angle:g} is outside this dial's range: "
+                f"choose one in [{self.low:g}, {self.high:g}] degrees"
+            )
+        weight, bias = self.turned.weights[0], self.turned.biases[0]
+        direction = np.array(exact_weights(angle), weight.dtype)
+        return replace(
+            self.turned,
+            weights=(weight[:, :-2], *self.turned.weights[1:]),
+            biases=(bias + weight[:, -2:] @ direction, *self.turned.biases[1:]),
+            provenance={**self.provenance, "angle": angle},
+            rng=np.random.default_rng(0),
+        )
+
+    def save(self, path: Path) -> str:
+        """Write the dial to one safetensors file.
+
+        Returns:
+            The content's SHA-256.
+
+        Raises:
+            UserError: If the file can't be written.
+        """
+        arrays, header = self.turned.content()
+        header |= {"low": self.low, "high": self.high}
+        return save_arrays(path, "dial", SCHEMA_VERSION, arrays, header)
+
+    @staticmethod
+    def load(path: Path) -> DialPolicy:
+        """Read a dial that `save` wrote.
+
+        Raises:
+            UserError: If the file is missing, damaged, or holds something else.
+        """
+        arrays, header = load_arrays(path, "dial", SCHEMA_VERSION)
+        return DialPolicy(QPolicy.of_content(arrays, header), header["low"], header["high"])

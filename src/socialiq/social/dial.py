@@ -1,0 +1,115 @@
+"""The exact dial: a wanted *behavioural* angle as a mixture of two policies, one drawn per episode.
+
+Few angles are those of a single policy: a front has corners, and an optimum at a corner keeps its
+own angle whatever is asked for. Mixtures of whole episodes have all angles between, in expectation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.errors import UserError
+from socialiq.social.angle import angle_difference, angle_of, weights
+from socialiq.social.estimate import resampled
+
+
+class Setting(NamedTuple):
+    """How to mix.
+
+    Attributes:
+        first: Number of one policy.
+        second: Number of the other, the same where one policy alone has the angle.
+        share: Share of episodes that the second drives.
+        radius: Length of the mixture's expected sums, along the wanted angle.
+    """
+
+    first: int
+    second: int
+    share: float
+    radius: float
+
+
+def mixture(points: Float[np.ndarray, "policy 2"], one: Setting) -> Float[np.ndarray, " xy"]:
+    """Expected sums of (r_env, r_social) of a mixture of these policies."""
+    return (1.0 - one.share) * points[one.first] + one.share * points[one.second]
+
+
+class Interval(NamedTuple):
+    """An angle in degrees with its interval; the ends may leave (-180, 180]."""
+
+    angle: float
+    low: float
+    high: float
+
+
+def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:
+    """The mixture of two policies at an angle that earns the most along it.
+
+    Mixtures of more than two earn no more: the ray leaves the convex hull through an edge.
+
+    Args:
+        points: Expected sums of (r_env, r_social) of each policy.
+        angle: Wanted α̂ in degrees.
+
+    Raises:
+        UserError: If no mixture of these policies has this angle.
+    """
+    ray = np.array(weights(angle))
+    across, along = points @ np.array([-ray[1], ray[0]]), points @ ray
+    before, after = across[:, None], across[None, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = before / (before - after)
+    share = np.where(before == after, 0.0, share)
+    on_ray = (before * after <= 0.0) & ((before != after) | (before == 0.0))
+    radius = np.where(on_ray, (1.0 - share) * along[:, None] + share * along[None, :], -np.inf)
+    first, second = np.unravel_index(radius.argmax(), radius.shape)
+    if radius[first, second] < 0.0:
+        raise UserError(
+            f"no mixture of these policies lies at {angle:g} degrees: theirs are at "
+            f"{_spread(points)}; ask for one between, or train more angles"
+        )
+    return Setting(int(first), int(second), float(share[first, second]), float(radius.max()))
+
+
+def mixed_angle(
+    first: Float[np.ndarray, "episode 2"],
+    second: Float[np.ndarray, "other_episode 2"],
+    share: float,
+    seed: int,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+) -> Interval:
+    """α̂ of a mixture from rollouts of its two policies, with a bootstrap interval over episodes.
+
+    Args:
+        first: Sums of (r_env, r_social) of each episode that the first policy drove.
+        second: The same of the second.
+        share: Share of episodes that the second drives in the mixture.
+        seed: Of the resampling.
+        confidence: Level of the two-sided interval.
+        resamples: Number of bootstrap resamples.
+
+    Raises:
+        UserError: If a policy has no episode.
+    """
+    if not len(first) or not len(second):
+        raise UserError("an angle needs at least one episode of each policy")
+
+    def means(totals: np.ndarray, stream: int) -> np.ndarray:
+        drawn = resampled(len(totals), resamples, 2 * seed + stream)
+        return np.concatenate([totals[rows].mean(axis=1) for rows in drawn])
+
+    mean = (1.0 - share) * first.mean(axis=0) + share * second.mean(axis=0)
+    angle = angle_of(*mean)
+    points = (1.0 - share) * means(first, 0) + share * means(second, 1)
+    off = [angle_difference(angle_of(*point), angle) for point in points]
+    low, high = angle + np.quantile(off, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return Interval(angle, float(low), float(high))
+
+
+def _spread(points: np.ndarray) -> str:
+    angles = sorted(angle_of(*point) for point in points)
+    return f"{angles[0]:.0f} to {angles[-1]:.0f} degrees"
