@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import Optimum, Readout, action_table, evaluate_exactly
 from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.tally import tally
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
@@ -66,29 +67,6 @@ def sweep(
     return Sweep(chosen, tuple(metrics))
 
 
-def demonstrated(
-    data: Demonstrations, table: Table, timed: bool
-) -> Bool[np.ndarray, "*time state action"]:
-    """Which actions the demonstrations show in each state, or at each time and state.
-
-    Args:
-        data: Demonstrations in the table's world.
-        table: The world's reachable part.
-        timed: Whether the time counts.
-    """
-    width = len(table.world.features)
-    places = {state.tobytes(): number for number, state in enumerate(table.states)}
-    states = data.observation[:, :width].astype(table.states.dtype)
-    rows = np.array([places[state.tobytes()] for state in states])
-    if not timed:
-        seen = np.zeros((table.mdp.n_states, table.mdp.n_actions), bool)
-        seen[rows, data.action] = True
-        return seen
-    seen = np.zeros((table.world.horizon, table.mdp.n_states, table.mdp.n_actions), bool)
-    seen[data.step, rows, data.action] = True
-    return seen
-
-
 def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> AttainableSet:
     """What policies can reach that take demonstrated actions only: the ceiling of offline learning.
 
@@ -100,7 +78,8 @@ def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> Attainab
         table: The world's reachable part.
         timed: Whether an action counts only at the time at which it was demonstrated.
     """
-    allowed = demonstrated(data, table, timed)
+    counts = tally(data, table)
+    allowed = np.asarray((counts if timed else counts.sum(axis=0)) > 0)
     return attainable_set(table.mdp, table.world.horizon, allowed)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from socialiq.errors import UserError
-from socialiq.mdp.solve import best_action
+from socialiq.mdp.solve import best_action, check_temperature, soft_value
 from socialiq.mdp.tabular import TabularMDP, check_policy, check_reward
 from socialiq.types import Ending, RewardPair
 
@@ -85,6 +85,45 @@ def horizon_optimum(
         # The maximum and not the tied action's value, so that no tolerance adds up over time.
         after = values[time] = q.max(axis=1)
     return HorizonPolicy(actions, values, float(mdp.initial @ after))
+
+
+@dataclass(frozen=True, eq=False)
+class SoftHorizonPolicy:
+    """The optimal policy with an entropy bonus that knows the time.
+
+    Attributes:
+        probabilities: Of each action at each time and state.
+        value: Expected sum of rewards and entropy bonus from the initial distribution.
+    """
+
+    probabilities: Float[np.ndarray, "time state action"]
+    value: float
+
+
+def soft_horizon_optimum(
+    mdp: TabularMDP, reward: Float[np.ndarray, "state action"], horizon: int, temperature: float
+) -> SoftHorizonPolicy:
+    """Maximise the expected undiscounted sum of a reward and τ times the policy's entropy (Eq 2.5).
+
+    Args:
+        mdp: The dynamics.
+        reward: The one reward.
+        horizon: Largest number of steps of an episode.
+        temperature: τ > 0.
+
+    Raises:
+        UserError: If the reward, the horizon or the temperature will not do.
+    """
+    check_reward(mdp, reward)
+    check_temperature(temperature)
+    _check_horizon(horizon)
+    probabilities = np.empty((horizon, mdp.n_states, mdp.n_actions))
+    after = np.zeros(mdp.n_states)
+    for time in reversed(range(horizon)):
+        q = reward + mdp.expected_next(after)
+        after = soft_value(q, temperature)
+        probabilities[time] = np.exp((q - after[:, None]) / temperature)
+    return SoftHorizonPolicy(probabilities, float(mdp.initial @ after))
 
 
 def horizon_evaluation(

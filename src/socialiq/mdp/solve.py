@@ -83,7 +83,7 @@ def soft_value_iteration(
     Raises:
         UserError: If an argument will not do, or the sweeps do not converge.
     """
-    _check_temperature(temperature)
+    check_temperature(temperature)
 
     def backup(q: Float[np.ndarray, "action state"]) -> Float[np.ndarray, " state"]:
         return soft_value(q.T, temperature)
@@ -115,7 +115,7 @@ def evaluate_policy(
     check_reward(mdp, reward)
     check_discount(discount)
     if temperature != 0.0:
-        _check_temperature(temperature)
+        check_temperature(temperature)
     chain = mdp.under(policy)
     if discount == 1.0:
         ends = (policy * (1.0 - mdp.ending_probability[:, :, Ending.NONE])).sum(axis=1) > 0.0
@@ -174,7 +174,7 @@ def soft_policy(
     Raises:
         UserError: If the temperature is not positive.
     """
-    _check_temperature(temperature)
+    check_temperature(temperature)
     return softmax(q / temperature, axis=1)
 
 
@@ -219,6 +219,11 @@ def _sweep(
     )
 
 
-def _check_temperature(temperature: float) -> None:
+def check_temperature(temperature: float) -> None:
+    """Refuse what is no temperature.
+
+    Raises:
+        UserError: If it is not positive and finite.
+    """
     if not (np.isfinite(temperature) and temperature > 0.0):
         raise UserError(f"temperature {temperature:g} is not a positive number")

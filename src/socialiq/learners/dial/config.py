@@ -29,6 +29,9 @@ class Structure:
     """Smallest social angle trained for, in degrees."""
     high: float = 90.0
     """Largest."""
+    margin: float = 5.0
+    """Degrees beyond both ends in which angles are drawn too: a network is least sure at the edge
+    of what it has seen, and the two ends are asked for most."""
     online: bool = True
     """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
     demonstrations: bool = True
@@ -73,7 +76,7 @@ class Structure:
         one_of("scored", self.scored, get_args(Scored))
         sizes = ("expert_batch", "replay_batch", "updates", "environments", "replay_capacity")
         check_counts(self, sizes)
-        check_not_negative(self, ("redraw_times",))
+        check_not_negative(self, ("redraw_times", "margin"))
         if any(width < 1 for width in self.hidden):
             raise UserError(f"hidden widths must be at least 1, got {self.hidden}")
         if not self.online and not self.demonstrations:

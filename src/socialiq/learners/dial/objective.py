@@ -88,8 +88,9 @@ def objective(
 
 
 def draw_directions(key: PRNGKeyArray, size: int, structure: Structure) -> RewardPair:
-    """Draw (cos α, sin α) of angles between the structure's `low` and `high`, uniformly."""
-    drawn = jax.random.uniform(key, (size,), minval=structure.low, maxval=structure.high)
+    """Draw (cos α, sin α), α uniform between the structure's `low` and `high` and its margin."""
+    low, high = structure.low - structure.margin, structure.high + structure.margin
+    drawn = jax.random.uniform(key, (size,), minval=low, maxval=high)
     radians = jnp.deg2rad(drawn)
     return RewardPair(jnp.cos(radians), jnp.sin(radians))
 
