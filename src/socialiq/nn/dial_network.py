@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -71,10 +69,9 @@ class DialNetwork(eqx.Module):
         first, *others = self.layers
         assert first.bias is not None
         fixed = first.weight[:, -2:] @ jnp.stack([direction.env, direction.social])
-        plain = dataclasses.replace(
+        plain = eqx.tree_at(
+            lambda layer: (layer.weight, layer.bias),
             first,
-            weight=first.weight[:, :-2],
-            bias=first.bias + fixed,
-            in_features=first.weight.shape[1] - 2,
+            (first.weight[:, :-2], first.bias + fixed),
         )
         return QNetwork((plain, *others), self.activation, self.view)

@@ -1,6 +1,6 @@
 """What demonstrators share beside their social angles: r_i = f + cos a_i r_env + sin a_i r_social.
 
-IQ-Learn with the thesis' prior takes every demonstrator for one of the target angle. Here each keeps
-its own, given or inferred, and what none of the two rewards explains is learned once from all: a
+IQ-Learn with the thesis' prior takes every demonstrator for one of the target angle. Here each has
+its own, given or inferred, and what neither reward explains is learned once from all of them: a
 skill f that goes with any angle.
 """

@@ -45,6 +45,7 @@ class Settings(NamedTuple):
         temperature: τ of the demonstrators' softness.
         shrinkage: c, how strongly f is drawn to 0 where there are demonstrations.
         spread: ε, the same where there are none, relative to c and per pair.
+        tolerance: Largest derivative at which L-BFGS stops.
         max_iterations: Of L-BFGS.
     """
 
@@ -52,6 +53,7 @@ class Settings(NamedTuple):
     temperature: float = 0.1
     shrinkage: float = 0.2
     spread: float = 1e-3
+    tolerance: float = 1e-6
     max_iterations: int = 1000
 
 
@@ -109,6 +111,11 @@ def fit(
         return -value, -slope.ravel()
 
     begin = np.zeros(shape) if start is None else start
-    options = {"maxiter": settings.max_iterations, "maxfun": 2 * settings.max_iterations}
+    options = {
+        "maxiter": settings.max_iterations,
+        "maxfun": 2 * settings.max_iterations,
+        "gtol": settings.tolerance,
+        "ftol": 0.0,  # the derivative alone decides
+    }
     found = minimize(loss, begin.ravel(), jac=True, method="L-BFGS-B", options=options)
     return Fit(found.x.reshape(shape), int(found.nit), float(np.abs(found.jac).max()))

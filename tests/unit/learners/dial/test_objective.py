@@ -1,0 +1,120 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from socialiq.learners.dial.config import Structure
+from socialiq.learners.dial.objective import (
+    Rows,
+    Traced,
+    at_other_times,
+    draw_directions,
+    objective,
+)
+from socialiq.learners.expert_table import Batch
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.types import Ending, RewardPair
+
+STRUCTURE = Structure(hidden=(4,))
+NUMBERS = Traced(
+    strength=jnp.asarray(2.0),
+    prior_weight=jnp.asarray(3.0),
+    temperature=jnp.asarray(0.5),
+    discount=jnp.asarray(0.9),
+    chi2_alpha=jnp.asarray(0.25),
+    learning_rate=jnp.asarray(0.0),
+    final_rate=jnp.asarray(0.0),
+    polyak=jnp.asarray(0.0),
+    exploration=jnp.asarray(0.0),
+    seed=jnp.asarray(0),
+    dataset=jnp.asarray(0),
+)
+
+
+def batch(size: int = 4) -> Batch:
+    rng = np.random.default_rng(1)
+    numbers = jnp.asarray(rng.normal(size=(size, 3)), jnp.float32)
+    return Batch(
+        observation=numbers,
+        action=jnp.asarray(rng.integers(2, size=size)),
+        next_observation=numbers[::-1],
+        ending=jnp.array([Ending.NONE, Ending.ARRIVAL, Ending.TIMEOUT, Ending.NONE])[:size],
+        target=RewardPair(jnp.arange(4.0)[:size], -jnp.ones(4)[:size]),
+    )
+
+
+def angles(*degrees: float) -> RewardPair:
+    radians = jnp.deg2rad(jnp.array(degrees))
+    return RewardPair(jnp.cos(radians), jnp.sin(radians))
+
+
+def by_hand(network: DialNetwork, rows: Rows, scored: slice) -> tuple[float, float, float]:
+    """The three terms in plain loops."""
+    expert, value, prior = [], [], []
+    for row in range(4):
+        one = jax.tree.map(lambda leaf, row=row: leaf[row], (rows.batch, rows.direction))
+        transition, direction = one
+        q = np.asarray(network(transition.observation, direction), np.float64)
+        q_next = np.asarray(network(transition.next_observation, direction), np.float64)
+        v = 0.5 * np.log(np.exp(q / 0.5).sum())
+        goes_on = transition.ending == Ending.NONE
+        follows = 0.9 * (0.5 * np.log(np.exp(q_next / 0.5).sum()) if goes_on else 0.0)
+        reward = q[int(transition.action)] - follows
+        told = direction.env * transition.target.env + direction.social * transition.target.social
+        expert.append(reward)
+        value.append(v - follows)
+        prior.append((reward - 2.0 * told) ** 2)
+    weight = 3.0 / (4 * 0.25)
+    return (
+        float(-np.mean(expert[: rows.n_expert])),
+        float(np.mean(value)),
+        float(weight * np.mean(prior[scored])),
+    )
+
+
+@pytest.mark.parametrize(
+    ("scored", "rows_scored"), [("all", slice(None)), ("demonstrations", slice(2))]
+)
+def test_the_loss_is_its_formula_at_each_rows_own_angle(scored: str, rows_scored: slice) -> None:
+    network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
+    rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2)
+    structure = dataclasses.replace(STRUCTURE, scored=scored)
+    total, terms = objective(network, network, rows, NUMBERS, structure)
+    expected = by_hand(network, rows, rows_scored)
+    found = [float(terms[name]) for name in ("expert", "value", "prior")]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    assert float(total) == pytest.approx(sum(expected), rel=1e-5)
+
+
+def test_without_demonstrations_only_the_quadratic_is_left() -> None:
+    network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
+    rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
+    structure = dataclasses.replace(STRUCTURE, demonstrations=False)
+    total, terms = objective(network, network, rows, NUMBERS, structure)
+    assert set(terms) == {"prior", "max_q", "loss"}
+    expected = by_hand(network, rows._replace(n_expert=2), slice(None))[2]
+    assert float(total) == pytest.approx(expected, rel=1e-5)
+
+
+def test_angles_are_drawn_between_the_ends_and_a_little_beyond() -> None:
+    structure = dataclasses.replace(STRUCTURE, low=10.0, high=50.0, margin=5.0)
+    drawn = draw_directions(jax.random.key(0), 4000, structure)
+    degrees = np.degrees(np.arctan2(drawn.social, drawn.env))
+    assert 5.0 <= degrees.min() < 5.5
+    assert 54.5 < degrees.max() <= 55.001
+    assert abs(degrees.mean() - 30.0) < 1.0  # 4 standard errors
+    np.testing.assert_allclose(np.hypot(drawn.env, drawn.social), 1.0, rtol=1e-6)
+
+
+def test_redrawn_times_move_the_clock_and_its_timeouts_alone() -> None:
+    before = batch()
+    after = at_other_times(jax.random.key(3), before, horizon=2)
+    np.testing.assert_array_equal(after.observation[:, :-1], before.observation[:, :-1])
+    time = np.asarray(after.observation[:, -1])
+    assert set(time.tolist()) <= {0.0, 1.0}
+    np.testing.assert_array_equal(after.next_observation[:, -1], time + 1)
+    expected = np.where(time == 1.0, int(Ending.TIMEOUT), int(Ending.NONE))
+    expected[1] = int(Ending.ARRIVAL)  # a terminal state ends at any time
+    np.testing.assert_array_equal(after.ending, expected)

@@ -1,0 +1,125 @@
+import dataclasses
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.train import Trained, train
+from socialiq.learners.outside import Outside, Report, Stopped
+from socialiq.worlds import registry
+
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+WORLD = registry.make_grid("crossing7").with_clock()
+ONLINE = Structure(
+    hidden=(8,), expert_batch=4, replay_batch=8, updates=60, environments=2, replay_capacity=50
+)
+OFFLINE = dataclasses.replace(ONLINE, online=False, scored="demonstrations", redraw_times=25)
+RUNS = (Numbers(seed=0), Numbers(seed=1))
+
+
+@pytest.fixture(name="data", scope="module")
+def random_demonstrations(demonstrations):
+    return demonstrations(n_features=7)
+
+
+@pytest.fixture(name="whole", scope="module")
+def uninterrupted(data) -> Trained:
+    return train(ONLINE, RUNS, [data], WORLD, chunk=20)
+
+
+def test_every_lane_trains_soundly(whole: Trained) -> None:
+    assert whole.failures == ()
+    assert set(whole.history.values) == {"expert", "value", "prior", "max_q", "loss"}
+    parts = [whole.history.array(name) for name in ("expert", "value", "prior")]
+    np.testing.assert_allclose(np.sum(parts, axis=0), whole.history.array("loss"), rtol=1e-4)
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not(
+    whole: Trained, assert_same, data
+) -> None:
+    again = train(ONLINE, RUNS, [data], WORLD, chunk=20)
+    assert_same(again.networks, whole.networks)
+    one, other = (whole.dial(lane).at(45.0).weights[0] for lane in (0, 1))
+    assert not np.allclose(one, other)
+
+
+def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
+    whole: Trained, assert_same, data, tmp_path: Path
+) -> None:
+    path = tmp_path / "state"
+
+    def interrupt(report: Report) -> None:
+        if report.done == 40:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(Stopped, match="stopped after 40 of 60 updates"):
+        around = Outside(interrupt, checkpoint=path)
+        train(ONLINE, RUNS, [data], WORLD, outside=around, chunk=20)
+    around = Outside(checkpoint=path, resume=True)
+    resumed = train(ONLINE, RUNS, [data], WORLD, outside=around, chunk=20)
+    assert_same(resumed.networks, whole.networks)
+    changed = dataclasses.replace(ONLINE, margin=1.0)
+    with pytest.raises(UserError, match="belongs to a run of other settings"):
+        train(changed, RUNS, [data], WORLD, outside=around, chunk=20)
+
+
+def test_a_dial_tells_how_it_was_made(whole: Trained) -> None:
+    dial = whole.dial(1)
+    assert (dial.low, dial.high) == (0.0, 90.0)
+    assert dial.provenance["learner"] == "dial"
+    assert Numbers(**dial.provenance["numbers"]) == RUNS[1]
+
+
+def test_offline_needs_no_world_and_without_demonstrations_no_data(data) -> None:
+    assert train(OFFLINE, RUNS[:1], [data], chunk=60).failures == ()
+    alone = dataclasses.replace(ONLINE, demonstrations=False)
+    assert train(alone, RUNS[:1], [], WORLD, chunk=60).failures == ()
+
+
+def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> None:
+    refused = {
+        "no runs": (ONLINE, (), [data], WORLD),
+        "no demonstrations": (ONLINE, RUNS, [], WORLD),
+        "beyond the 1 given": (ONLINE, (Numbers(dataset=1),), [data], WORLD),
+        "needs a world": (ONLINE, RUNS, [data], None),
+        "takes no world": (OFFLINE, RUNS, [data], WORLD),
+        "with a clock if it has one": (ONLINE, RUNS, [demonstrations(n_features=6)], WORLD),
+    }
+    for line, arguments in refused.items():
+        with pytest.raises(UserError, match=line):
+            train(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"low": 60.0, "high": 30.0}, "give the smaller first"),
+        ({"low": 400.0, "high": 500.0}, "outside"),
+        ({"margin": -1.0}, "margin must be 0 or more"),
+        ({"online": False, "demonstrations": False}, "nothing to learn from"),
+        ({"demonstrations": False, "scored": "demonstrations"}, "choose 'all'"),
+        ({"updates": 0}, "updates must be at least 1"),
+        ({"hidden": (0,)}, "hidden widths"),
+        ({"view": "round"}, "unknown view"),
+    ],
+)
+def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> None:
+    with pytest.raises(UserError, match=line):
+        dataclasses.replace(Structure(), **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"temperature": 0.0}, "temperature must be above 0"),
+        ({"prior_weight": float("nan")}, "prior_weight must be 0 or more"),
+        ({"discount": 1.1}, "discount must lie in"),
+        ({"seed": -1}, "seed must lie in"),
+    ],
+)
+def test_numbers_outside_their_range_are_refused(changes: dict, line: str) -> None:
+    with pytest.raises(UserError, match=line):
+        dataclasses.replace(Numbers(), **changes)
