@@ -42,6 +42,8 @@ class Collect:
     """The mode that contaminates it."""
     share: float = 0.2
     """The contaminant's share of the episodes."""
+    clock: bool = False
+    """Whether observations end with the time, as a dial wants them."""
     seed: int = 0
     """Of the rollouts and of the draw."""
     json: bool = False
@@ -66,7 +68,8 @@ class Collect:
 
     def mix(self) -> Demonstrations:
         """The demonstrations that the options describe."""
-        table = tabulate(make_grid(self.world))
+        world = make_grid(self.world)
+        table = tabulate(world.with_clock() if self.clock else world)
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
         pools = expert_pools(table, dict.fromkeys(MODES, longest), self.seed)
         if self.mixture == "equal_trajectories":

@@ -1,16 +1,19 @@
-"""Who drives the intersection: a driver by rule, a policy of the atlas, or a policy file."""
+"""Who drives where: drivers of the intersection by name or file, and a policy's own gridworld."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from socialiq.errors import UserError, one_of
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis import atlas
 from socialiq.types import Policy
+from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import make_grid
 
 
 def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
@@ -37,3 +40,20 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
             f"intersection has {world.n_features} and {world.n_actions}: name another policy"
         )
     return policy
+
+
+def gridworld_of(name: str, policy: QPolicy | DialPolicy) -> Table:
+    """The gridworld that a policy or dial was trained in, with a clock if it reads one.
+
+    Raises:
+        UserError: If the world is unknown, or fits neither with nor without a clock.
+    """
+    plain = make_grid(name)
+    for world in (plain, plain.with_clock()):
+        if (world.n_features, world.n_actions) == (policy.n_features, policy.n_actions):
+            return tabulate(world)
+    raise UserError(
+        f"the policy takes {policy.n_features} features and {policy.n_actions} actions, {name} "
+        f"has {plain.n_features} (one more with a clock) and {plain.n_actions}: name the world it "
+        "was trained for"
+    )

@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import driver_of
+from socialiq.cli.drivers import driver_of, gridworld_of
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
@@ -21,7 +21,7 @@ from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.thesis.intersection.rows import Played, policy_row
-from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.ids import IDS
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -98,13 +98,12 @@ class Evaluate:
 
     def gridworld(self) -> Measure:
         """Exact or sampled metrics, with regret against the exact optimum."""
-        table = tabulate(make_grid(self.world))
-        part = table.reachable_part()
-        optimum = Optimum(part)
+        optimum = Optimum(tabulate(make_grid(self.world)).reachable_part())
         readout = "soft" if self.soft else "greedy"
 
         def measure(policy: QPolicy) -> dict[str, Any]:
-            _check_fit(policy, table)
+            table = gridworld_of(self.world, policy)
+            part = table.reachable_part()
             if self.episodes:
                 whole = action_table(policy, table, readout)
                 rollout = rollout_table(table, whole, self.episodes, self.seed)
@@ -168,13 +167,3 @@ def make_gymnasium(name: str) -> gymnasium.Env:
             f"unknown world '{name}': choose one of {', '.join(WORLDS)}, "
             "or a registered Gymnasium id"
         ) from error
-
-
-def _check_fit(policy: QPolicy, table: Table) -> None:
-    wanted = (policy.n_features, policy.n_actions)
-    given = (table.world.n_features, table.world.n_actions)
-    if wanted != given:
-        raise UserError(
-            f"the policy takes {wanted[0]} features and {wanted[1]} actions, {table.world.name} "
-            f"has {given[0]} and {given[1]}: name the world it was trained for"
-        )

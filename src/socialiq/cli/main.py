@@ -14,12 +14,14 @@ from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
 from socialiq.cli.conformance import Conformance
 from socialiq.cli.demo import Demo
+from socialiq.cli.dial import Dial, Turn
 from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
 from socialiq.cli.train import Train
+from socialiq.cli.train_dial import TrainDial
 from socialiq.errors import UserError
 from socialiq.learners.outside import Stopped
 
@@ -31,6 +33,9 @@ Command = (
     | Annotated[Render, _name("render")]
     | Annotated[Collect, _name("collect")]
     | Annotated[Train, _name("train")]
+    | Annotated[TrainDial, _name("train-dial")]
+    | Annotated[Dial, _name("dial")]
+    | Annotated[Turn, _name("turn")]
     | Annotated[Evaluate, _name("evaluate")]
     | Annotated[Reproduce, _name("reproduce")]
     | Annotated[Claims, _name("claims")]

@@ -17,6 +17,8 @@ from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.figures import alternatives as alternatives_figures
 from socialiq.figures import classic_control as classic_control_figures
+from socialiq.figures import competence as competence_figures
+from socialiq.figures import dial as dial_figures
 from socialiq.figures import grid as grid_figures
 from socialiq.figures import intersection as intersection_figures
 from socialiq.figures import intersection_world as intersection_world_figures
@@ -27,6 +29,8 @@ from socialiq.figures.style import png
 from socialiq.thesis import (
     alternatives,
     classic_control,
+    competence,
+    dial,
     grid,
     intersection_world,
     lambda_sweep,
@@ -58,6 +62,8 @@ STUDIES = {
     "grid": Study(grid, grid_figures.draw, "pooled"),
     "lambda-sweep": Study(lambda_sweep, lambda_sweep_figures.draw, "pooled"),
     "alternatives": Study(alternatives, alternatives_figures.draw, "pooled"),
+    "dial": Study(dial, dial_figures.draw, "pooled"),
+    "competence": Study(competence, competence_figures.draw, "pooled"),
     "intersection-world": Study(intersection_world, intersection_world_figures.draw, "outcomes"),
     "intersection": Study(intersection, intersection_figures.draw, "table_6_2", True),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),

@@ -300,6 +300,17 @@ def _pooled(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
+def best_strengths(pooled: Sequence[Row]) -> dict[str, Any]:
+    """For each method the strength with the best greedy score over all angles, in hindsight."""
+    best: dict[str, Row] = {}
+    for row in pooled:
+        if row["readout"] == "greedy":
+            leader = best.setdefault(row["method"], row)
+            if row["score_all"] > leader["score_all"]:
+                best[row["method"]] = row
+    return {method: row["strength"] for method, row in best.items()}
+
+
 def _mean(rows: Sequence[Row], name: str) -> float:
     return float(np.mean([row[name] for row in rows]))
 

@@ -56,14 +56,14 @@ _OFFLINE = Structure(online=False, scored="demonstrations")
 # Chosen on training seeds 0 and 1 (docs/dial.md).
 RUNS = {
     "online": Run(Structure(), Numbers()),
-    "online, no demonstrations": Run(Structure(demonstrations=False, replay_batch=256), Numbers()),
-    "online, no clock": Run(Structure(), Numbers(discount=0.99), clock=False),
+    "online-alone": Run(Structure(demonstrations=False, replay_batch=256), Numbers()),
+    "online-clockless": Run(Structure(), Numbers(discount=0.99), clock=False),
     "offline": Run(
         dataclasses.replace(_OFFLINE, updates=12_000),
         Numbers(prior_weight=50.0, temperature=0.03),
         support="timed",
     ),
-    "offline, times redrawn": Run(
+    "offline-redrawn": Run(
         dataclasses.replace(_OFFLINE, updates=16_000, redraw_times=25),
         Numbers(prior_weight=200.0),
         support="any time",
@@ -114,6 +114,10 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
                 tables[table] += rows
     tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
     tables["pooled"] = _pooled(tables["dials"])
+    tables["front"] = [
+        {"r_env": float(env), "r_social": float(social)}
+        for env, social in ground.optimum.attainable.front()
+    ]
     kept = {name: rows for name, rows in tables.items() if rows}
     return Results.of(STUDY, config, kept, _summary(kept), files)
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax.tree_util import Partial
 from jaxtyping import Array
@@ -32,6 +33,9 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.types import Ending, RewardPair, Simulator, Transitions
+
+BeforeChunk = Callable[[Lanes, int], Lanes]
+"""Called with the lanes and the number of updates done, before each chunk."""
 
 _ADAM = optax.scale_by_adam()  # the traced learning rate is applied by hand
 
@@ -59,11 +63,13 @@ class Surroundings(NamedTuple):
         key: Random key.
         replay: The learner's own transitions; None offline.
         acting: Where it acts; None offline, or if experience comes from outside JAX.
+        multiplier: What a budget has made of the prior's weight (`learners.dial.budget`).
     """
 
     key: Array
     replay: replay.Replay | None
     acting: Acting | None
+    multiplier: Array
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,7 @@ class Trained:
         structure: Of all lanes.
         numbers: Of each lane.
         networks: The slow copies, arrays with a leading lane axis.
+        multipliers: Of each lane at the end, 1 without a budget.
         history: What was recorded, (chunks, lanes).
         failures: One line for each lane that stopped early.
     """
@@ -81,22 +88,28 @@ class Trained:
     structure: Structure
     numbers: tuple[Numbers, ...]
     networks: DialNetwork
+    multipliers: tuple[float, ...]
     history: History
     failures: tuple[str, ...]
 
     def dial(self, lane: int) -> DialPolicy:
         """The trained dial of one lane."""
-        return dial_of(self.structure, self.numbers[lane], network_of(self.networks, lane))
+        network = network_of(self.networks, lane)
+        return dial_of(self.structure, self.numbers[lane], network, self.multipliers[lane])
 
 
-def dial_of(structure: Structure, numbers: Numbers, network: DialNetwork) -> DialPolicy:
+def dial_of(
+    structure: Structure, numbers: Numbers, network: DialNetwork, multiplier: float = 1.0
+) -> DialPolicy:
     """A network as a dial with its record."""
     record = {
         "learner": "dial",
         "structure": dataclasses.asdict(structure),
         "numbers": dataclasses.asdict(numbers),
+        "multiplier": multiplier,
     }
-    return DialPolicy.of(network, numbers.temperature, structure.low, structure.high, record)
+    temperature = numbers.temperature / multiplier
+    return DialPolicy.of(network, temperature, structure.low, structure.high, record)
 
 
 def train(
@@ -107,7 +120,8 @@ def train(
     sizes: tuple[int, int] | None = None,
     outside: Outside | None = None,
     chunk: int = 500,
-    before_chunk: Callable[[Lanes, int], Lanes] | None = None,
+    before_chunk: BeforeChunk | None = None,
+    budget: BeforeChunk | None = None,
 ) -> Trained:
     """Train one lane for each of `numbers`, all in one compiled program.
 
@@ -122,6 +136,7 @@ def train(
         outside: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside.
         before_chunk: Brings in experience from outside JAX (`learners.collect`).
+        budget: Moves the multiplier (`learners.dial.budget`).
 
     Raises:
         UserError: If structure, data and world don't fit together.
@@ -142,11 +157,24 @@ def train(
         chunk=chunk,
         fingerprint=loop.fingerprint(table, "dial", structure, *numbers, chunk, world),
         outside=outside,
-        before_chunk=before_chunk,
+        before_chunk=_in_turn(before_chunk, budget),
     )
     terms = loop.term_names(update_lane, traced(numbers), lanes)
     failures = loop.failure_lines(lanes, terms, names)
-    return Trained(structure, tuple(numbers), lanes.learnt.slow, history, failures)
+    multipliers = tuple(np.asarray(lanes.surroundings.multiplier, np.float64).tolist())
+    return Trained(structure, tuple(numbers), lanes.learnt.slow, multipliers, history, failures)
+
+
+def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
+    """One after another, those that are given."""
+    given = [hook for hook in hooks if hook is not None]
+
+    def all_of(lanes: Lanes, done: int) -> Lanes:
+        for hook in given:
+            lanes = hook(lanes, done)
+        return lanes
+
+    return all_of if given else None
 
 
 def traced(numbers: Sequence[Numbers]) -> Traced:
@@ -178,7 +206,7 @@ def initialise(
     ring = replay.empty(structure.replay_capacity, n_features) if structure.online else None
     acting = _begin(structure, simulator, for_acting) if simulator else None
     learnt = Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array)))
-    return learnt, Surroundings(key, ring, acting)
+    return learnt, Surroundings(key, ring, acting, jnp.ones(()))
 
 
 def _begin(structure: Structure, simulator: Simulator, key: Array) -> Acting:
@@ -202,6 +230,7 @@ def update(
     """Act, sample rows and angles, and take one Adam step on the objective."""
     key, for_acting, for_rows = jax.random.split(surroundings.key, 3)
     surroundings = surroundings._replace(key=key)
+    numbers = weighed(numbers, surroundings.multiplier)
     if simulator is not None:
         surroundings = _act(structure, simulator, numbers, learnt, surroundings, for_acting)
     rows = _rows(structure, table, numbers, surroundings, for_rows)
@@ -212,7 +241,20 @@ def update(
     rate = numbers.learning_rate * _cosine(learnt.adam.count, structure, numbers.final_rate)
     network = jax.tree.map(lambda weight, step: weight - rate * step, learnt.network, direction)
     slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
+    terms |= {"multiplier": surroundings.multiplier}
     return Learnt(network, slow, adam), surroundings, terms
+
+
+def weighed(numbers: Traced, multiplier: Array) -> Traced:
+    """The numbers under a multiplier μ: weight μ w and temperature τ / μ.
+
+    In the primal problem (docs/theory.md) the score then weighs μ times as much against the data's
+    χ², while the entropy weighs what it did; and Q keeps its size.
+    """
+    return numbers._replace(
+        prior_weight=numbers.prior_weight * multiplier,
+        temperature=numbers.temperature / multiplier,
+    )
 
 
 def _cosine(done: Array, structure: Structure, final: Array) -> Array:

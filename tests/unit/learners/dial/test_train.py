@@ -32,7 +32,7 @@ def uninterrupted(data) -> Trained:
 
 def test_every_lane_trains_soundly(whole: Trained) -> None:
     assert whole.failures == ()
-    assert set(whole.history.values) == {"expert", "value", "prior", "max_q", "loss"}
+    assert set(whole.history.values) == {"expert", "value", "prior", "multiplier", "max_q", "loss"}
     parts = [whole.history.array(name) for name in ("expert", "value", "prior")]
     np.testing.assert_allclose(np.sum(parts, axis=0), whole.history.array("loss"), rtol=1e-4)
 

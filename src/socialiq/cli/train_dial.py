@@ -1,0 +1,131 @@
+"""`train-dial`: one network for every social angle of a gridworld."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from socialiq.cli.output import complain, print_json, print_table
+from socialiq.cli.progress import Display
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError, one_of
+from socialiq.learners.dial.train import Trained, check_fit, train
+from socialiq.learners.outside import Outside
+from socialiq.storage import new_folder, write_json
+from socialiq.thesis import dial as study
+from socialiq.thesis.store import rounded, versions
+from socialiq.worlds.registry import make_grid
+
+
+@dataclass(frozen=True)
+class TrainDial:
+    """Train one network for every social angle of a gridworld.
+
+    Example: socialiq train-dial crossing7 --data clocked.safetensors --out run
+    """
+
+    world: Annotated[str, tyro.conf.Positional]
+    """crossing5 or crossing7."""
+    out: Path
+    """Folder to make: dials, run.json."""
+    data: Path | None = None
+    """Demonstrations file, of `socialiq collect --clock`; a run without demonstrations has none."""
+    preset: str = "online"
+    """online, online-alone (no demonstrations), online-clockless, offline, offline-redrawn (each
+    transition at times drawn anew)."""
+    seed: tuple[int, ...] = (0,)
+    """Training seeds."""
+    updates: int | None = None
+    """Gradient steps; by default the preset's."""
+    resume: bool = False
+    """Go on with a run that was stopped."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Train, write the folder, print what came out."""
+        one_of("preset", self.preset, tuple(study.RUNS))
+        chosen = study.RUNS[self.preset]
+        plain = make_grid(self.world)
+        world = plain.with_clock() if chosen.clock else plain
+        structure = dataclasses.replace(
+            chosen.structure,
+            one_hot=study.seen(world),
+            updates=self.updates or chosen.structure.updates,
+            redraw_times=world.horizon if chosen.structure.redraw_times else 0,
+        )
+        numbers = [dataclasses.replace(chosen.numbers, seed=seed) for seed in self.seed]
+        data = self.demonstrations(structure.demonstrations)
+        simulator = world if structure.online else None
+        sizes = (world.n_features, world.n_actions)
+        check_fit(structure, numbers, data, simulator, sizes, collects=False)
+        checkpoint = self.folder() / "checkpoint.safetensors"
+        with Display() as display:
+            outside = Outside(
+                on_report=display.stage("training"), checkpoint=checkpoint, resume=self.resume
+            )
+            trained = train(structure, numbers, data, simulator, sizes, outside)
+        lanes = self.write(trained)
+        checkpoint.unlink(missing_ok=True)
+        if self.json:
+            print_json({"out": str(self.out), "dials": lanes})
+        else:
+            print_table(lanes)
+        for failure in trained.failures:
+            complain(failure)
+        return 1 if trained.failures else 0
+
+    def demonstrations(self, wanted: bool) -> list[Demonstrations]:
+        """The data of a run that learns from data.
+
+        Raises:
+            UserError: If they are missing, or given to a run that takes none.
+        """
+        if wanted and self.data is None:
+            raise UserError(
+                f"preset '{self.preset}' learns from demonstrations: add --data FILE "
+                "(socialiq collect WORLD --clock --out FILE)"
+            )
+        if not wanted and self.data is not None:
+            raise UserError(f"preset '{self.preset}' takes no demonstrations: leave --data out")
+        return [files.load(self.data)] if self.data else []
+
+    def folder(self) -> Path:
+        """The output folder: a new one, or that of a stopped run."""
+        if not self.resume:
+            return new_folder(self.out)
+        if (self.out / "run.json").exists():
+            raise UserError(f"{self.out} holds a finished run: there is nothing to resume")
+        return self.out
+
+    def write(self, trained: Trained) -> list[dict[str, Any]]:
+        """Dials and the record of the run."""
+        lanes = []
+        for lane, numbers in enumerate(trained.numbers):
+            name = f"dial_{lane}.safetensors"
+            sha256 = trained.dial(lane).save(self.out / name)
+            loss = float(np.asarray(trained.history.array("loss"))[-1, lane])
+            lanes.append({"file": name, "seed": numbers.seed, "loss": loss, "sha256": sha256})
+        record = {
+            "preset": self.preset,
+            "structure": dataclasses.asdict(trained.structure),
+            "numbers": [dataclasses.asdict(one) for one in trained.numbers],
+            "world": self.world,
+            "data": self.data
+            and {
+                "file": str(self.data),
+                "sha256": hashlib.sha256(self.data.read_bytes()).hexdigest(),
+            },
+            "versions": versions(),
+            "failures": trained.failures,
+            "dials": lanes,
+        }
+        write_json(self.out / "run.json", rounded(record))
+        return lanes

@@ -1,0 +1,84 @@
+"""Scores with a skill that the reward pair doesn't speak of, by method and angle."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.figures.style import figure, plain
+from socialiq.thesis.competence import best_strengths
+from socialiq.thesis.store import Results
+
+_LOOKS = {
+    "shared competence": ("#2166ac", "o"),
+    "shared competence, angles inferred": ("#67a9cf", "s"),
+    "prior on returns-to-go": ("#e08214", "^"),
+    "prior on rewards": ("#b2abd2", "v"),
+    "IQ-Learn, no prior": ("#6e6e6e", "x"),
+    "RL on R(α)": ("#c23b22", "D"),
+}
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Greedy score by angle, and how the angles were inferred."""
+    return {"scores": _scores(results), "angles": _angles(results)}
+
+
+def _scores(results: Results) -> Figure:
+    drawn = figure(8.6, 4.6)
+    axes = drawn.subplots()
+    strengths = best_strengths(results.tables["pooled"])
+    for method, (color, mark) in _LOOKS.items():
+        rows = [
+            row
+            for row in results.tables["scores"]
+            if (row["method"], row["strength"], row["readout"])
+            == (method, strengths[method], "greedy")
+        ]
+        angles = sorted({row["angle"] for row in rows})
+        values = [[row["score"] for row in rows if row["angle"] == angle] for angle in angles]
+        named = f" (best λ: {strengths[method]:g})" if strengths[method] != "" else ""
+        axes.fill_between(
+            angles,
+            [min(one) for one in values],
+            [max(one) for one in values],
+            color=color,
+            alpha=0.15,
+            linewidth=0,
+        )
+        axes.plot(
+            angles,
+            [float(np.mean(one)) for one in values],
+            color=color,
+            marker=mark,
+            label=method + named,
+        )
+    axes.set(xlabel="angle, degrees (0, 45 and 90 are demonstrated)", ylabel="score")
+    axes.set_title("1: optimal for R(α) and comfort; 0: even chances. Band: all data sets")
+    axes.set_xticks(sorted({row["angle"] for row in results.tables["scores"]}))
+    axes.legend(frameon=False, fontsize=8)
+    plain(axes)
+    return drawn
+
+
+def _angles(results: Results) -> Figure:
+    drawn = figure(6.0, 3.8)
+    axes = drawn.subplots()
+    rows = results.tables["angles"]
+    colors = {"egoistic": "#c23b22", "prosocial": "#2166ac", "altruistic": "#1b7837"}
+    for mode, color in colors.items():
+        for seed in sorted({row["seed"] for row in rows}):
+            path = [row for row in rows if (row["mode"], row["seed"]) == (mode, seed)]
+            axes.plot(
+                [row["round"] for row in path],
+                [row["mean"] for row in path],
+                color=color,
+                alpha=0.5,
+            )
+        true = next(row["true_angle"] for row in rows if row["mode"] == mode)
+        axes.axhline(true, color=color, linestyle=":", label=f"{mode}: {true:g}°")
+    axes.set(xlabel="round of expectation-maximisation", ylabel="inferred angle, degrees")
+    axes.set_title("Demonstrators' angles, inferred beside what they share")
+    axes.legend(frameon=False, fontsize=8)
+    plain(axes)
+    return drawn
