@@ -13,6 +13,7 @@ from socialiq.errors import UserError
 from socialiq.theory.objective import Problem
 from socialiq.theory.support import Point, Support, Vector
 
+_ROUNDING = 1e-14  # of the loss, relative to its greatest terms
 _MAX_STEPS = 200  # at one temperature; ten are common
 _SUFFICIENT = 1e-4  # share of the linear decrease that a step must reach (Armijo)
 
@@ -116,7 +117,8 @@ def _line_search(
     support: Support, point: Point, direction: Vector, slope: float, temperature: float
 ) -> Point:
     """Halve the step until it lowers the loss as far as rounding lets one see."""
-    size, rounding = 1.0, 1e-15 * abs(point.loss)
+    size = 1.0
+    rounding = _ROUNDING * support.weight.sum() * support.problem.curvature * support.scale**2
     while True:
         found = support.at(point.q + size * direction, temperature)
         if found.loss <= point.loss + _SUFFICIENT * size * slope + rounding or size < 1e-12:

@@ -25,7 +25,8 @@ from socialiq.worlds.experts import expert_policy
 DISCOUNT = 0.99  # γ and γ_svo of Table C.1
 MEASURES = ("occupancy", "rows")
 MIXTURES = ("equal_trajectories", "equal_transitions")
-NEXT_VALUES = ("online", "target")
+NextValue = Literal["online", "target"]
+NEXT_VALUES: tuple[NextValue, ...] = ("online", "target")
 
 
 class Setting(NamedTuple):
@@ -105,7 +106,7 @@ def problem_of(part: Table, setting: Setting) -> Problem:
     return Problem(mdp, parts.sum(axis=0), target, discount=DISCOUNT)
 
 
-def lines_of(problem: Problem, next_value: Literal["online", "target"]) -> Lines:
+def lines_of(problem: Problem, next_value: NextValue) -> Lines:
     """How the greedy choice moves with λ, as τ → 0.
 
     Args:
