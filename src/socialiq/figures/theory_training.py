@@ -14,7 +14,8 @@ _WAYS = {"online": "gradient through V(s')", "target": "slow copy"}
 _FORETOLD = {
     "occupancy": ("occupancies, τ → 0", "D", "#bbbbbb"),
     "rows": ("rows, τ → 0", "s", "#e08214"),
-    "solved": ("rows, solved at τ = 1", "*", "#000000"),
+    "solved": ("rows, solved at τ = 1", "P", "#6e6e6e"),
+    "replay": ("rows and replay, solved at τ = 1", "*", "#000000"),
 }
 
 
@@ -93,6 +94,7 @@ def lengths(tables: dict[str, list[Row]]) -> Figure:
         if angle == 0.0:
             _trained(axes, tables["trained"])
         axes.set_xscale("symlog", linthresh=0.1, linscale=0.4)
+        axes.set_xlim(-0.02, 1.25 * max(row["strength"] for row in here))
         axes.set_xticks([0, 0.1, 1, 10], ["0", "0.1", "1", "10"])
         axes.set(xlabel="λ", title=f"{angle:g}°")
         axes.title.set_fontsize(10)

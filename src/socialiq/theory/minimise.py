@@ -43,7 +43,11 @@ class Minimum:
     steps: int
 
 
-def minimise(problem: Problem, start: Float[np.ndarray, "state action"] | None = None) -> Minimum:
+def minimise(
+    problem: Problem,
+    start: Float[np.ndarray, "state action"] | None = None,
+    entry: Float[np.ndarray, " state"] | None = None,
+) -> Minimum:
     """Find the minimum over all tables Q, with the gradient through every V.
 
     Only demonstrated actions take part: elsewhere the objective falls for ever as Q falls. States
@@ -53,11 +57,12 @@ def minimise(problem: Problem, start: Float[np.ndarray, "state action"] | None =
     Args:
         problem: What to minimise.
         start: Q at the minimum of a similar problem on the same support, from which to begin.
+        entry: What term 2 weighs V(s) by, if not by (1 - γ) p_0: for a mixture with replay.
 
     Raises:
         UserError: If Newton's method doesn't settle.
     """
-    support = Support(problem)
+    support = Support(problem, entry)
     steps, residual = 0, np.inf
 
     def solve(q: Vector, temperature: float, tolerance: float) -> Point:

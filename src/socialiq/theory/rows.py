@@ -67,7 +67,7 @@ def drawn_rows(
     visits = np.zeros(reward.shape)
     earned, cut = np.zeros(reward.shape), np.zeros(reward.shape)
     for share, policy in zip(shares, policies, strict=True):
-        times = share * _visits(mdp, policy, horizon)
+        times = share * visits_by_time(mdp, policy, horizon)
         to_go = _to_go(mdp, policy, reward, horizon, discount)
         visits += times.sum(axis=0)
         earned += (times * to_go).sum(axis=0)
@@ -100,7 +100,7 @@ def with_cuts(mdp: TabularMDP, cut: Float[np.ndarray, "state action"]) -> Tabula
     )
 
 
-def _visits(
+def visits_by_time(
     mdp: TabularMDP, policy: Float[np.ndarray, "state action"], horizon: int
 ) -> Float[np.ndarray, "time state action"]:
     """Chance of (s, a) at each time."""

@@ -42,7 +42,9 @@ def policy_slope(problem: Problem) -> Float[np.ndarray, "state action"]:
 
 
 def fixed_point(
-    problem: Problem, start: Float[np.ndarray, "state action"] | None = None
+    problem: Problem,
+    start: Float[np.ndarray, "state action"] | None = None,
+    weight: Float[np.ndarray, " state"] | None = None,
 ) -> Float[np.ndarray, "state action"]:
     """Q where the semi-gradient of the offline objective vanishes (`value_expert`).
 
@@ -53,6 +55,8 @@ def fixed_point(
     Args:
         problem: The problem; `demonstrated` counts by its shares of actions alone.
         start: Q at the fixed point of a similar problem on the same support.
+        weight: μ(s) / ρ_E(s), if not 1: the share of s among the rows of term 2, which multiplies
+            π above.
 
     Returns:
         Q(s, a), -inf off the support.
@@ -62,6 +66,8 @@ def fixed_point(
     """
     support = Support(problem)
     shares = support.weight / support.total(support.weight)
+    if weight is not None:
+        shares = shares / weight[support.states][support.state]
 
     def solve(q: Vector, temperature: float, tolerance: float) -> Point:
         return _newton(support, q, temperature, shares, tolerance)

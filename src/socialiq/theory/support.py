@@ -36,7 +36,7 @@ Solve = Callable[[Vector, float, float], Point]
 class Support:
     """The demonstrated pairs as one vector, and the matrices between pairs and their states."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, entry: Float[np.ndarray, " state"] | None = None) -> None:
         mdp, demonstrated = problem.mdp, problem.support
         self.problem = problem
         self.pairs = np.flatnonzero(demonstrated.ravel())
@@ -48,7 +48,7 @@ class Support:
         self.flow = csr_array(mdp.flow[self.pairs][:, self.states])
         self.weight = problem.demonstrated.ravel()[self.pairs]
         self.goal = problem.strength * problem.target.ravel()[self.pairs]
-        self.entry = problem.entry[self.states]
+        self.entry = (problem.entry if entry is None else entry)[self.states]
         self.scale = 1.0 + float(np.abs(self.goal).max())
 
     def total(self, values: Vector) -> Vector:

@@ -161,7 +161,7 @@ def _mean(problem: Problem, occupancy: np.ndarray) -> float:
     return float(occupancy[on] @ problem.target[on]) / _mass(problem)
 
 
-def first_flip(problem: Problem, next_value: NextValue, strengths: Sequence[float]) -> float:
+def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> float:
     """λ of the first flip found at the problem's own temperature; infinite where there is none."""
-    found = found_flips(problem, SOLVERS[next_value], strengths)
+    found = found_flips(problem, solve, strengths)
     return found[0].strength if found else np.inf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from socialiq.learners.iq_learn.config import Numbers
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.objective import Problem
+from socialiq.theory.replay import equilibrium
 from socialiq.thesis import presets
 from socialiq.thesis.lanes import Ground, Watch, evaluate, train_lanes
 from socialiq.thesis.prediction import (
@@ -25,7 +26,7 @@ from socialiq.thesis.prediction import (
     target_norm,
 )
 from socialiq.thesis.store import Row
-from socialiq.thesis.theory.lines import first_flip
+from socialiq.thesis.theory.lines import SOLVERS, first_flip
 from socialiq.types import RewardPair
 
 ANGLE = 0.0
@@ -56,15 +57,21 @@ def rows_problem(ground: Ground, kind: str) -> Problem:
 def predicted_rows(ground: Ground) -> list[Row]:
     """The first flip by each way to foretell it, for each gradient and target.
 
-    `occupancy` and `rows` are straight lines for τ → 0; `solved` is the exact solution for rows at
-    the networks' temperature.
+    `occupancy` and `rows` are straight lines for τ → 0. `solved` is the exact solution for rows at
+    the networks' temperature, as if trained offline; `replay` the same with the learner's own rows
+    in half of term 2, as the networks have it.
     """
     found = []
+    mdp, horizon = ground.part.mdp, ground.part.world.horizon
     for next_value in NEXT_VALUES:
         for kind in TARGETS:
             exact = problem_of(ground.part, Setting(ANGLE, kind))
             rows = rows_problem(ground, kind)
-            span = np.geomspace(0.02, 5.0, 33) / target_norm(rows)
+            span = (np.geomspace(0.05, 2.0, 17) / target_norm(rows)).tolist()
+
+            def replay(problem: Problem, start: Any, way: NextValue = next_value) -> np.ndarray:
+                return equilibrium(problem, mdp, horizon, way, start)
+
             found.append(
                 {
                     "next_value": next_value,
@@ -72,7 +79,8 @@ def predicted_rows(ground: Ground) -> list[Row]:
                     "norm": target_norm(rows),
                     "occupancy": response.flips(*lines_of(exact, next_value))[0].strength,
                     "rows": response.flips(*lines_of(rows, next_value))[0].strength,
-                    "solved": first_flip(rows, next_value, span.tolist()),
+                    "solved": first_flip(rows, SOLVERS[next_value], span),
+                    "replay": first_flip(rows, replay, span),
                 }
             )
     return found

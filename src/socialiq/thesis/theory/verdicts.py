@@ -96,14 +96,19 @@ def trained_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
             continue
         firsts = sorted(row["first"] for row in seen if row["first"] != "")
         here = [r for r in tables["trained"] if (r["next_value"], r["target_kind"]) == key]
-        entry = {name: told[name] for name in ("norm", "occupancy", "rows", "solved")}
+        entry = {name: told[name] for name in ("norm", "occupancy", "rows", "solved", "replay")}
         entry |= {
             "seeds": len(seen),
             "left": len(firsts),
             "least": firsts[0] if firsts else None,
             "median": firsts[len(firsts) // 2] if len(firsts) == len(seen) else None,
             "greatest": firsts[-1] if firsts else None,
-            "bracketed": sum(_bracketed(row, told["solved"]) for row in seen),
+            "bracketed": {
+                name: sum(_bracketed(row, told[name]) for row in seen)
+                for name in ("occupancy", "rows", "solved", "replay")
+            },
+            "median_over_replay": _ratio(firsts, len(seen), told["replay"]),
+            "median_over_solved": _ratio(firsts, len(seen), told["solved"]),
             "zero_leaves": sum(row["zero_leaves"] for row in seen),
             "zero_from_baseline": _zero_gap(here),
             "lengths": _lengths(here),
@@ -115,6 +120,11 @@ def trained_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
 def _bracketed(row: Row, strength: float) -> bool:
     """Whether a λ lies between the last of the grid with the baseline's choices and the next."""
     return row["first"] != "" and row["below"] != "" and row["below"] < strength <= row["first"]
+
+
+def _ratio(firsts: list[float], seeds: int, strength: float) -> float | None:
+    """The middle seed's λ over the one foretold; None where a seed never left."""
+    return firsts[seeds // 2] / strength if len(firsts) == seeds else None
 
 
 def _zero_gap(rows: list[Row]) -> float:
