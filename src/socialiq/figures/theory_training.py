@@ -12,10 +12,10 @@ from socialiq.thesis.store import Row
 _COLORS = {"instantaneous": "#2166ac", "to_go": "#c23b22", "advantage": "#1b7837"}
 _WAYS = {"online": "gradient through V(s')", "target": "slow copy"}
 _FORETOLD = {
-    "occupancy": ("occupancies, τ → 0", "D", "#bbbbbb"),
-    "rows": ("rows, τ → 0", "s", "#e08214"),
-    "solved": ("rows, solved at τ = 1", "P", "#6e6e6e"),
-    "replay": ("rows and replay, solved at τ = 1", "*", "#000000"),
+    "occupancy": ("occupancies, τ → 0", "D", "#bbbbbb", 0.3),
+    "rows": ("rows, τ → 0", "s", "#e08214", 0.3),
+    "solved": ("rows, solved at τ = 1", "P", "#6e6e6e", 0.42),
+    "replay": ("rows and replay, solved at τ = 1", "*", "#000000", 0.24),
 }
 
 
@@ -31,10 +31,10 @@ def training(tables: dict[str, list[Row]]) -> Figure:
             for row in tables["predicted"]
             if (row["next_value"], row["target_kind"]) == (way, kind)
         )
-        for name, (label, mark, color) in _FORETOLD.items():
+        for name, (label, mark, color, above) in _FORETOLD.items():
             axes.plot(
                 [told[name]],
-                [place - 0.3],
+                [place - above],
                 mark,
                 color=color,
                 markersize=10 if mark == "*" else 6,

@@ -138,7 +138,7 @@ def _lanes(
                 "seed": one.seed,
                 "prior_weight": one.prior_weight,
                 "strength": one.strength,
-                "choices": "".join(map(str, greedy)),
+                "choices": "-".join(map(str, greedy)),
                 "mean_go": float(soft[:, 1:].sum(axis=1).mean()),
             }
             | lengths
