@@ -20,6 +20,7 @@ from socialiq.thesis import (
     worlds,
 )
 from socialiq.thesis.intersection.stages import BATCH, Evaluation, Recording
+from socialiq.thesis.theory import cases, lines
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
@@ -27,7 +28,15 @@ from socialiq.worlds.intersection.options import Options
 @pytest.fixture(scope="module")
 def committed():
     folder = claims.packaged_results()
-    names = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world", "intersection")
+    names = (
+        "worlds",
+        "poc",
+        "grid",
+        "lambda-sweep",
+        "intersection-world",
+        "intersection",
+        "theory",
+    )
     return {name: store.load(folder / name) for name in names}
 
 
@@ -38,6 +47,24 @@ def test_exact_facts_are_equal(committed):
             for key, value in theirs.items():
                 expected = pytest.approx(value, abs=2e-6) if isinstance(value, float) else value
                 assert ours[key] == expected, (name, key)
+
+
+def test_the_theory_foretells_and_finds_the_same(committed):
+    """In the gridworlds; random worlds and networks are left to the study."""
+    grids = cases.grid_cases(cases.gridworlds(), angles=(0.0,))
+    tables = committed["theory"].tables
+    again = {"slopes": lines.slope_rows(grids), "flips": lines.flip_rows(grids, "online")}
+    compared = 0
+    for name, keys in (("slopes", ()), ("flips", ("next_value", "state"))):
+        labels = ("world", "angle", "target_kind", *keys)
+        theirs = {tuple(row[key] for key in labels): row for row in tables[name]}
+        for row in again[name]:
+            wanted = theirs[tuple(row[key] for key in labels)]
+            for column in ("predicted", "measured", "found"):
+                if column in row and row[column] != "":
+                    assert wanted[column] == pytest.approx(row[column], rel=2e-3, abs=2e-6)
+                    compared += 1
+    assert compared >= 4 + 4 + 2 * 11  # every slope twice, every flip twice
 
 
 def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):

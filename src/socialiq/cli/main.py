@@ -17,6 +17,7 @@ from socialiq.cli.demo import Demo
 from socialiq.cli.dial import Dial, Turn
 from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
+from socialiq.cli.predict import PredictLambda
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
@@ -30,6 +31,7 @@ Command = (
     Annotated[Demo, _name("demo")]
     | Annotated[Solve, _name("solve")]
     | Annotated[Front, _name("front")]
+    | Annotated[PredictLambda, _name("predict-lambda")]
     | Annotated[Render, _name("render")]
     | Annotated[Collect, _name("collect")]
     | Annotated[Train, _name("train")]

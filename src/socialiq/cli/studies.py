@@ -24,6 +24,7 @@ from socialiq.figures import intersection as intersection_figures
 from socialiq.figures import intersection_world as intersection_world_figures
 from socialiq.figures import lambda_sweep as lambda_sweep_figures
 from socialiq.figures import poc as poc_figures
+from socialiq.figures import theory as theory_figures
 from socialiq.figures import worlds as worlds_figures
 from socialiq.figures.style import png
 from socialiq.thesis import (
@@ -41,6 +42,7 @@ from socialiq.thesis import (
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection import study as intersection
 from socialiq.thesis.store import Results, Row
+from socialiq.thesis.theory import study as theory
 from socialiq.worlds.intersection.batch import BACK_ENDS
 
 
@@ -66,6 +68,7 @@ STUDIES = {
     "competence": Study(competence, competence_figures.draw, "pooled"),
     "intersection-world": Study(intersection_world, intersection_world_figures.draw, "outcomes"),
     "intersection": Study(intersection, intersection_figures.draw, "table_6_2", True),
+    "theory": Study(theory, theory_figures.draw, "predicted"),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
 
@@ -82,7 +85,7 @@ class Reproduce:
 
     study: Annotated[str, tyro.conf.Positional]
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
-    (D); or classic-control, an outside check."""
+    (D); theory, its predictions held against training; or classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()

@@ -56,6 +56,37 @@ def test_front_covers_zero_to_ninety_degrees(capsys):
     assert all(a[1] == pytest.approx(b[0]) for a, b in itertools.pairwise(intervals))
 
 
+def test_predict_lambda_names_the_flips(capsys):
+    """The angles are those of the altruist's and the egoist's optimum; the λ is the theory's."""
+    found = json_of(capsys, "predict-lambda", "crossing7")
+    first, *_, last = found["flips"]
+    assert found["first_flip"] == first["lambda"] == pytest.approx(1.122, abs=1e-3)
+    assert first["angle_before"] == pytest.approx(152.121, abs=1e-3)
+    assert last["angle_after"] == pytest.approx(-42.274, abs=1e-3)
+    assert (first["from"], first["to"], first["exact"]) == ("STOP", "FAST", 1)
+    unit = found["target_norm"]
+    assert first["in_units"] == pytest.approx(first["lambda"] * unit, abs=1e-5)
+
+
+def test_predict_lambda_says_when_nothing_flips(capsys):
+    assert main(["predict-lambda", "crossing7", "--angle", "90"]) == 0
+    assert "no flip" in capsys.readouterr().out
+
+
+def test_advantages_flip_where_rewards_do(capsys):
+    rewards, advantages = (
+        json_of(capsys, "predict-lambda", "crossing7", "--target-kind", kind)["flips"]
+        for kind in ("instantaneous", "advantage")
+    )
+    assert [row["lambda"] for row in rewards] == pytest.approx([r["lambda"] for r in advantages])
+
+
+@pytest.mark.parametrize("choice", [["--measure", "rows"], ["--next-value", "target"]])
+def test_predict_lambda_for_batches_and_slow_copies_is_earlier(capsys, choice):
+    exact = json_of(capsys, "predict-lambda", "crossing7")["first_flip"]
+    assert json_of(capsys, "predict-lambda", "crossing7", *choice)["first_flip"] < exact
+
+
 @pytest.mark.parametrize("world", ["crossing5", "crossing7"])
 @pytest.mark.parametrize("extra", [[], ["--angle", "45"]])
 def test_render_writes_a_png(tmp_path, world, extra):

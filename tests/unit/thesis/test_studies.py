@@ -28,6 +28,15 @@ TINY = {
         "target_kinds": ("instantaneous",),
     },
     "alternatives": {"seeds": (0,), "updates": 10, "episodes_each": 3, "strengths": (1.0,)},
+    "theory": {
+        "seeds": (0,),
+        "updates": 20,
+        "episodes_each": 3,
+        "angles": (0.0,),
+        "random_worlds": 1,
+        "units": (0.2, 0.8),
+        "lengths": (0.0, 1.0),
+    },
     "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
 }
 

@@ -1,0 +1,1 @@
+"""What the regularized objective does, exactly: closed forms and a reliable minimiser."""

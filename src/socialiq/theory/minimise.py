@@ -1,0 +1,148 @@
+"""The minimum of the regularized objective, by Newton's method on the table Q."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array, sparray
+from scipy.sparse.linalg import splu
+
+from socialiq.errors import UserError
+from socialiq.theory.objective import Problem
+from socialiq.theory.support import Point, Support, Vector
+
+_ROUNDING = 1e-14  # of the loss, relative to its greatest terms
+_MAX_STEPS = 200  # at one temperature; ten are common
+_SUFFICIENT = 1e-4  # share of the linear decrease that a step must reach (Armijo)
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where the objective is least. Off the support Q and r̂ are -inf, π and ρ_π are 0.
+
+    Attributes:
+        q: Q(s, a).
+        v: V(s), the soft value of the demonstrated actions; 0 where none is demonstrated.
+        reward: r̂(s, a) of Eq 2.6.
+        policy: π = softmax(Q / τ); even over all actions where none is demonstrated.
+        occupancy: ρ_π(s, a), of the scale of ρ_E.
+        loss: The objective.
+        residual: Largest distance of r̂ from its closed form on the support; reward.
+        steps: Newton steps.
+    """
+
+    q: Float[np.ndarray, "state action"]
+    v: Float[np.ndarray, " state"]
+    reward: Float[np.ndarray, "state action"]
+    policy: Float[np.ndarray, "state action"]
+    occupancy: Float[np.ndarray, "state action"]
+    loss: float
+    residual: float
+    steps: int
+
+
+def minimise(
+    problem: Problem,
+    start: Float[np.ndarray, "state action"] | None = None,
+    entry: Float[np.ndarray, " state"] | None = None,
+) -> Minimum:
+    """Find the minimum over all tables Q, with the gradient through every V.
+
+    Only demonstrated actions take part: elsewhere the objective falls for ever as Q falls. States
+    without any are never reached, because what is demonstrated leads to demonstrated states only.
+    From a temperature of 1 or more the minimum is followed down to the problem's own.
+
+    Args:
+        problem: What to minimise.
+        start: Q at the minimum of a similar problem on the same support, from which to begin.
+        entry: What term 2 weighs V(s) by, if not by (1 - γ) p_0: for a mixture with replay.
+
+    Raises:
+        UserError: If Newton's method doesn't settle.
+    """
+    support = Support(problem, entry)
+    steps, residual = 0, np.inf
+
+    def solve(q: Vector, temperature: float, tolerance: float) -> Point:
+        nonlocal steps, residual
+        point, residual, made = _newton(support, q, temperature, tolerance)
+        steps += made
+        return point
+
+    point = support.follow(solve, start)
+    return _as_tables(support, point, residual, steps)
+
+
+def _newton(
+    support: Support, q: Vector, temperature: float, tolerance: float
+) -> tuple[Point, float, int]:
+    """Newton's method with a matrix that is positive everywhere and exact at the minimum.
+
+    The second derivative of V(s) is weighed by the policy's occupancy of s. At the minimum that is
+    its true weight; elsewhere the true weight may be negative, which would lead uphill.
+    """
+    problem, point, residual = support.problem, support.at(q, temperature), np.inf
+    for step in range(_MAX_STEPS):
+        averages = support.averages(point.pi)
+        occupancy = support.occupancy(point.pi, averages)
+        slope = support.slope(point.reward)
+        gap = slope + occupancy / support.weight
+        residual = float(np.abs(gap).max()) / (2.0 * problem.curvature)
+        if residual <= tolerance:
+            return point, residual, step
+        pull = support.weight * slope
+        through = support.entry - problem.discount * (support.flow.T @ pull)
+        gradient = pull + through[support.state] * point.pi
+        matrix = _curvature(support, averages, occupancy, temperature)
+        scale = 1.0 / np.sqrt(support.weight)
+        scaled = csc_array(diags_array(scale) @ matrix @ diags_array(scale))
+        direction = -scale * splu(scaled).solve(scale * gradient)
+        point = _line_search(support, point, direction, float(gradient @ direction), temperature)
+    raise UserError(
+        f"the minimum is still off by {residual:.3g} after {_MAX_STEPS} steps at temperature "
+        f"{temperature:g}: raise the temperature, or lower the strength"
+    )
+
+
+def _curvature(
+    support: Support, averages: csr_array, occupancy: Vector, temperature: float
+) -> sparray:
+    """J' diag(2κ ρ_E) J + d(s)/τ (diag π - π π') with J = dr/dQ = 1 - γ F Π."""
+    visited = support.total(occupancy) / temperature
+    jacobian = eye_array(len(visited)) - support.problem.discount * (support.flow @ averages)
+    weight = diags_array(2.0 * support.problem.curvature * support.weight)
+    spread = diags_array(occupancy / temperature)
+    between = averages.T @ diags_array(visited[support.first]) @ averages
+    return jacobian.T @ weight @ jacobian + spread - between
+
+
+def _line_search(
+    support: Support, point: Point, direction: Vector, slope: float, temperature: float
+) -> Point:
+    """Halve the step until it lowers the loss as far as rounding lets one see."""
+    size = 1.0
+    rounding = _ROUNDING * support.weight.sum() * support.problem.curvature * support.scale**2
+    while True:
+        found = support.at(point.q + size * direction, temperature)
+        if found.loss <= point.loss + _SUFFICIENT * size * slope + rounding or size < 1e-12:
+            return found
+        size /= 2.0
+
+
+def _as_tables(support: Support, point: Point, residual: float, steps: int) -> Minimum:
+    """The support's vectors as tables over all states and actions."""
+    v = np.zeros(support.problem.mdp.n_states)
+    v[support.states] = point.v
+    occupancy = support.occupancy(point.pi, support.averages(point.pi))
+    return Minimum(
+        q=support.table(point.q, -np.inf),
+        v=v,
+        reward=support.table(point.reward, -np.inf),
+        policy=support.policy_table(point.pi),
+        occupancy=support.table(occupancy, 0.0),
+        loss=point.loss,
+        residual=residual,
+        steps=steps,
+    )

@@ -1,0 +1,136 @@
+"""The regularized objective of Eq 4.5 on a finite MDP, exactly: its terms and one loss."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from socialiq.errors import UserError
+from socialiq.mdp.solve import bellman_reward
+from socialiq.mdp.tabular import TabularMDP, check_reward
+
+# Of the first states' mass; a measure that is an occupancy misses it by rounding alone.
+_FLOW_TOLERANCE = 1e-9
+# A share of the greatest occupancy; exact occupancies leave no smaller dust than this behind.
+_DUST = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Minimise L_IQ + w L_reg over tables Q, with exact measures (Eq 2.7, 4.4, 4.5).
+
+    A measure that no policy has is refused, because every theorem here rests on it: ρ_E must obey
+    the flow of the MDP. Its scale is free. Evenly drawn rows of episodes are an occupancy too, of
+    a slightly other MDP (`theory.rows`).
+
+    Attributes:
+        mdp: The dynamics.
+        demonstrated: ρ_E(s, a), the demonstrators' discounted occupancy.
+        target: T̄(s, a), the mean target of the prior; read where ρ_E > 0 only. Reward.
+        strength: λ >= 0 of Eq 4.4.
+        discount: γ in [0, 1).
+        temperature: τ > 0 of Eq 2.5, in units of reward.
+        chi2_alpha: α_χ > 0 of Eq 2.7.
+        prior_weight: w >= 0 of Eq 4.5.
+
+    Raises:
+        UserError: If a number is out of range, or ρ_E is no occupancy of the MDP.
+    """
+
+    mdp: TabularMDP
+    demonstrated: Float[np.ndarray, "state action"]
+    target: Float[np.ndarray, "state action"]
+    strength: float = 1.0
+    discount: float = 0.99
+    temperature: float = 1.0
+    chi2_alpha: float = 0.5
+    prior_weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("strength", "prior_weight"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise UserError(f"{name} must be 0 or more, got {getattr(self, name)}")
+        for name in ("temperature", "chi2_alpha"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
+        if not 0.0 <= self.discount < 1.0:
+            raise UserError(f"discount must lie in [0, 1), got {self.discount}")
+        check_reward(self.mdp, self.target, "target")
+        check_occupancy(self.mdp, self.demonstrated, self.discount)
+
+    @property
+    def chi2_coefficient(self) -> float:
+        """The c = 1 / (4 α_χ) that multiplies E_E[r̂²] in Eq 2.7."""
+        return 1.0 / (4.0 * self.chi2_alpha)
+
+    @property
+    def curvature(self) -> float:
+        """κ = c + w, what multiplies the one quadratic that the two make."""
+        return self.chi2_coefficient + self.prior_weight
+
+    @property
+    def support(self) -> Bool[np.ndarray, "state action"]:
+        """Whether a pair is demonstrated."""
+        return demonstrated_pairs(self.demonstrated)
+
+    @property
+    def entry(self) -> Float[np.ndarray, " state"]:
+        """(1 - γ) p_0(s), of the scale of ρ_E: what term 2 of Eq 2.7 weighs V(s) by."""
+        scale = entry_mass(self.mdp, self.demonstrated, self.discount).sum()
+        return scale * self.mdp.initial
+
+    def loss(self, q: Float[np.ndarray, "state action"], v: Float[np.ndarray, " state"]) -> float:
+        """-E_E[r̂] + (1 - γ) E_p0[V] + c E_E[r̂²] + w E_E[(r̂ - λ T̄)²] (Eq 4.5).
+
+        The square is that of the mean r̂ of (s, a): where a transition is random, rows of a data
+        set have the mean of squares, which is γ² Var[V(s')] more (docs/theory.md).
+
+        Args:
+            q: Q(s, a); read on the support only.
+            v: V(s), the soft value of the demonstrated actions' Q.
+        """
+        support, weight = self.support, self.demonstrated
+        reward = bellman_reward(self.mdp, q, v, self.discount)[support]
+        gap = reward - self.strength * self.target[support]
+        quadratics = self.chi2_coefficient * reward**2 + self.prior_weight * gap**2
+        return float(weight[support] @ (quadratics - reward) + self.entry @ v)
+
+
+def demonstrated_pairs(
+    demonstrated: Float[np.ndarray, "state action"],
+) -> Bool[np.ndarray, "state action"]:
+    """Where ρ_E > 0, but for the dust of a linear system's rounding."""
+    return demonstrated > _DUST * demonstrated.max()
+
+
+def entry_mass(
+    mdp: TabularMDP, occupancy: Float[np.ndarray, "state action"], discount: float
+) -> Float[np.ndarray, " state"]:
+    """Σ_a ρ(s, a) - γ Σ P(s | s', a') ρ(s', a'): what enters at s and came from nowhere.
+
+    For an occupancy it is (1 - γ) p_0(s) times the occupancy's scale.
+    """
+    return occupancy.sum(axis=1) - discount * mdp.arrivals(occupancy)
+
+
+def check_occupancy(
+    mdp: TabularMDP, occupancy: Float[np.ndarray, "state action"], discount: float
+) -> None:
+    """Refuse what is no discounted occupancy of the MDP, of whatever scale.
+
+    Raises:
+        UserError: If its shape or a number in it will not do, or if it breaks the flow.
+    """
+    check_reward(mdp, occupancy, "occupancy")
+    if occupancy.min() < 0.0 or not occupancy.any():
+        raise UserError("an occupancy has no negative numbers, and some positive one")
+    entered = entry_mass(mdp, occupancy, discount)
+    error = np.abs(entered - entered.sum() * mdp.initial).max()
+    if error > _FLOW_TOLERANCE * entered.sum():
+        raise UserError(
+            f"this is no occupancy of the MDP: its flow is off by {error:.3g}; "
+            "make it by mdp.occupancy.discounted_occupancy, or by theory.rows"
+        )

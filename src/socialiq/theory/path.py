@@ -1,0 +1,71 @@
+"""A solution followed along λ: where the greedy action of a state truly flips."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.theory.objective import Problem
+from socialiq.theory.response import Flip
+
+_PRECISION = 1e-3  # of a flip's λ, relative
+
+Table = Float[np.ndarray, "state action"]
+QSolver = Callable[[Problem, Table | None], Table]
+"""(problem, Q of a similar one) -> Q; `minimise(...).q` or `semi_gradient.fixed_point`."""
+
+
+def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> list[Flip]:
+    """The least λ of a range at which each state's greedy action is not the one of λ = 0.
+
+    The first step of the range that shows another action is halved down to a thousandth. A flip
+    there and back within one step is overlooked.
+
+    Args:
+        problem: The problem; its own strength isn't used.
+        solve: Finds Q.
+        strengths: λ > 0, ascending.
+
+    Returns:
+        One flip for each state with two or more demonstrated actions, the earliest first; its
+        strength is infinite where none is found.
+    """
+
+    def q_at(strength: float, start: Table | None) -> Table:
+        return solve(dataclasses.replace(problem, strength=strength), start)
+
+    low, q = 0.0, q_at(0.0, None)
+    lead = q.argmax(axis=1)
+    waiting = [int(s) for s in np.flatnonzero(problem.support.sum(axis=1) > 1)]
+    found: list[Flip] = []
+    for high in map(float, strengths):
+        if not waiting:
+            break
+        after = q_at(high, q)
+        for state in [s for s in waiting if after[s].argmax() != lead[s]]:
+            waiting.remove(state)
+            found.append(_narrowed(q_at, state, int(lead[state]), (low, q), (high, after)))
+        low, q = high, after
+    found += [Flip(state, int(lead[state]), int(lead[state]), np.inf) for state in waiting]
+    return sorted(found, key=lambda flip: flip.strength)
+
+
+def _narrowed(
+    q_at: Callable[[float, Table | None], Table],
+    state: int,
+    lead: int,
+    below: tuple[float, Table],
+    above: tuple[float, Table],
+) -> Flip:
+    """Halve an interval of λ at whose ends a state's greedy action differs."""
+    while above[0] - below[0] > _PRECISION * above[0]:
+        middle = (below[0] + above[0]) / 2.0
+        q = q_at(middle, below[1])
+        if q[state].argmax() == lead:
+            below = middle, q
+        else:
+            above = middle, q
+    return Flip(state, lead, int(above[1][state].argmax()), above[0])

@@ -1,0 +1,104 @@
+"""The analogue for V(s') of a slow copy, through which no gradient passes."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csc_array, diags_array, eye_array
+from scipy.sparse.linalg import splu
+
+from socialiq.errors import UserError
+from socialiq.mdp.solve import evaluate_policy
+from socialiq.theory.objective import Problem
+from socialiq.theory.support import Point, Support, Vector
+
+_MAX_STEPS = 200
+
+
+def demonstrated_policy(problem: Problem) -> Float[np.ndarray, "state action"]:
+    """π_E(a|s) = ρ_E(s, a) / ρ_E(s); 0 in states that nobody demonstrates."""
+    level = np.where(problem.support, problem.demonstrated, 0.0)
+    seen = level.sum(axis=1, keepdims=True)
+    return level / np.where(seen > 0.0, seen, 1.0)
+
+
+def pooled_advantage(problem: Problem) -> Float[np.ndarray, "state action"]:
+    """A(s, a) of the target under the demonstrators' pooled policy; 0 off the support."""
+    policy = demonstrated_policy(problem)
+    closed = np.where(policy.sum(axis=1, keepdims=True) > 0.0, policy, 1.0 / policy.shape[1])
+    target = np.where(problem.support, problem.target, 0.0)
+    known = evaluate_policy(problem.mdp, closed, target, problem.discount)
+    return np.where(problem.support, known.q - known.v[:, None], 0.0)
+
+
+def policy_slope(problem: Problem) -> Float[np.ndarray, "state action"]:
+    """dπ(a|s)/dλ = 2 w π_E A from λ = 0 on, until an action dies out, as τ → 0.
+
+    With the gradient of V(s) alone the fixed point is r̂ = m + [1 - π / π_E] / (2κ). As τ → 0 the
+    actions in use have one Q = V, hence π = π_E [1 + 2κ (m + γ E V(s') - V(s))]; that π sums to 1
+    in each state makes V the value of π_E on the reward m.
+    """
+    return 2.0 * problem.prior_weight * demonstrated_policy(problem) * pooled_advantage(problem)
+
+
+def fixed_point(
+    problem: Problem,
+    start: Float[np.ndarray, "state action"] | None = None,
+    weight: Float[np.ndarray, " state"] | None = None,
+) -> Float[np.ndarray, "state action"]:
+    """Q where the semi-gradient of the offline objective vanishes (`value_expert`).
+
+    r̂ = m + [1 - π / π_E] / (2κ) with π = softmax(Q / τ). Given V(s') each state is a monotone
+    equation of its own, and V a γ-contraction, so there is one fixed point; Newton's method finds
+    it.
+
+    Args:
+        problem: The problem; `demonstrated` counts by its shares of actions alone.
+        start: Q at the fixed point of a similar problem on the same support.
+        weight: μ(s) / ρ_E(s), if not 1: the share of s among the rows of term 2, which multiplies
+            π above.
+
+    Returns:
+        Q(s, a), -inf off the support.
+
+    Raises:
+        UserError: If Newton's method doesn't settle.
+    """
+    support = Support(problem)
+    shares = support.weight / support.total(support.weight)
+    if weight is not None:
+        shares = shares / weight[support.states][support.state]
+
+    def solve(q: Vector, temperature: float, tolerance: float) -> Point:
+        return _newton(support, q, temperature, shares, tolerance)
+
+    return support.table(support.follow(solve, start).q, -np.inf)
+
+
+def _newton(
+    support: Support, q: Vector, temperature: float, shares: Vector, tolerance: float
+) -> Point:
+    """Newton's method for the equation of the fixed point, halving steps that lead away."""
+    twice = 2.0 * support.problem.curvature
+    point = support.at(q, temperature)
+    gap = (support.slope(point.reward) + point.pi / shares) / twice
+    for _ in range(_MAX_STEPS):
+        if np.abs(gap).max() <= tolerance:
+            return point
+        averages = support.averages(point.pi)
+        spread = diags_array(point.pi) - averages.T @ averages
+        matrix = eye_array(len(q)) - support.problem.discount * (support.flow @ averages)
+        matrix = matrix + diags_array(1.0 / (twice * temperature * shares)) @ spread
+        direction = -splu(csc_array(matrix)).solve(gap)
+        size = 1.0
+        while True:
+            found = support.at(point.q + size * direction, temperature)
+            left = (support.slope(found.reward) + found.pi / shares) / twice
+            if np.linalg.norm(left) < (1.0 - 1e-4 * size) * np.linalg.norm(gap) or size < 1e-9:
+                break
+            size /= 2.0
+        point, gap = found, left
+    raise UserError(
+        f"the fixed point is still off by {np.abs(gap).max():.3g} after {_MAX_STEPS} steps at "
+        f"temperature {temperature:g}: raise the temperature, or lower the strength"
+    )

@@ -1,0 +1,1 @@
+"""The theory held against exact minima and against trained networks."""
