@@ -3,6 +3,7 @@
 import json
 import sys
 
+import jax
 import jaxtyping
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ import safetensors.numpy
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 
 
@@ -227,3 +230,39 @@ def test_json_failures_keep_standard_output_empty(capsys):
     assert captured.out == ""
     with pytest.raises(json.JSONDecodeError):
         json.loads(captured.err)
+
+
+def some_dial(folder):
+    path = folder / "dial.safetensors"
+    network = DialNetwork.initialise(jax.random.key(0), 7, (4,), 3)
+    DialPolicy.of(network, 1.0, 0.0, 90.0, {}).save(path)
+    return path
+
+
+def test_dials_that_are_asked_for_the_impossible(capsys, tmp_path):
+    dial, out = some_dial(tmp_path), tmp_path / "policy.safetensors"
+    mends = {
+        "choose one in [0, 90] degrees": ("turn", dial, "--angle", 91, "--out", out),
+        "name the world it was trained for": ("dial", "crossing5", "--policy", dial),
+        "give whole degrees": ("dial", "crossing7", "--policy", dial, "--every", 0),
+        "no such file": ("dial", "crossing7", "--policy", tmp_path / "none"),
+        "choose one of crossing5, crossing7": ("dial", "intersection", "--policy", dial),
+        "name a policy file": ("evaluate", dial, "--world", "crossing7"),
+    }
+    for mend, arguments in mends.items():
+        assert mend in refused(capsys, *arguments)
+    assert not out.exists()
+
+
+def test_dials_that_cannot_be_trained(capsys, tmp_path, data):
+    out = tmp_path / "run"
+    mends = {
+        "add --data FILE": (),
+        "leave --data out": ("--data", data, "--preset", "online-alone"),
+        "choose one of online": ("--preset", "uphill"),
+        "with a clock if it has one": ("--data", data),
+        "updates must be at least 1": ("--data", data, "--updates", -1),
+    }
+    for mend, options in mends.items():
+        assert mend in refused(capsys, "train-dial", "crossing7", "--out", out, *options)
+        assert not out.exists()

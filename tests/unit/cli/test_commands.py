@@ -275,3 +275,53 @@ def test_help_shows_an_example_for_every_command(capsys):
             main([command.__metadata__[0].name, "--help"])
         assert stop.value.code == 0
         assert "Example: socialiq " in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def clocked(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data") / "clocked.safetensors"
+    arguments = ["collect", "crossing7", "--clock", "--episodes", "3", "--out", str(path)]
+    assert main(arguments) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def dial(clocked, tmp_path_factory):
+    out = tmp_path_factory.mktemp("dials") / "run"
+    arguments = ["train-dial", "crossing7", "--data", str(clocked), "--out", str(out)]
+    assert main([*arguments, "--preset", "offline-redrawn", "--updates", "20"]) == 0
+    return out / "dial_0.safetensors"
+
+
+def test_train_dial_writes_its_record(dial):
+    record = json.loads((dial.parent / "run.json").read_text())
+    assert record["preset"] == "offline-redrawn"
+    assert record["structure"]["redraw_times"] == 25
+    assert record["dials"][0]["file"] == dial.name
+    assert not (dial.parent / "checkpoint.safetensors").exists()
+
+
+def test_dial_tells_what_each_angle_does(capsys, dial):
+    found = json_of(capsys, "dial", "crossing7", "--policy", str(dial), "--every", "30")
+    assert [row["angle"] for row in found["angles"]] == [0, 30, 60, 90]
+    for row in found["angles"]:
+        assert row["regret"] >= 0
+        assert row["share_of_radius"] == "" or 0 <= row["share_of_radius"] <= 1 + 1e-9
+    assert found["rise_r_env"] >= 0 and found["drop_r_social"] >= 0
+
+
+def test_a_turned_dial_is_evaluated_like_any_policy(capsys, dial, tmp_path):
+    path = tmp_path / "policy.safetensors"
+    json_of(capsys, "turn", str(dial), "--angle", "30", "--out", str(path))
+    found = json_of(capsys, "evaluate", str(path), "--world", "crossing7", "--angle", "30")
+    asked = json_of(capsys, "dial", "crossing7", "--policy", str(dial), "--every", "30")
+    row = asked["angles"][1]
+    assert found["regret"] == pytest.approx(row["regret"], abs=1e-6)
+    assert found["r_env"] == pytest.approx(row["r_env"], abs=1e-6)
+
+
+def test_a_dial_can_be_trained_without_demonstrations(tmp_path):
+    out = tmp_path / "run"
+    arguments = ["train-dial", "crossing5", "--preset", "online-alone", "--out", str(out)]
+    assert main([*arguments, "--updates", "5"]) == 0
+    assert (out / "dial_0.safetensors").exists()

@@ -37,6 +37,15 @@ TINY = {
         "units": (0.2, 0.8),
         "lengths": (0.0, 1.0),
     },
+    "dial": {
+        "seeds": (0,),
+        "updates": 20,
+        "episodes_each": 3,
+        "runs": ("online", "offline"),
+        "wanted": (0, 45, 90),
+        "rollouts": 5,
+    },
+    "competence": {"seeds": (0,), "episodes_each": 3, "angles": (0, 30), "strengths": (1.0,)},
     "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
 }
 
