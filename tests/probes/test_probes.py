@@ -192,7 +192,9 @@ def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
         policy = found.policy(lane)
         chance = policy.probabilities(ONLY_STATE)[0]
         expected = reward + numbers.conservatism * (1 - chance / share)
-        np.testing.assert_allclose(policy.q_values(ONLY_STATE)[0], expected, atol=0.05)  # of Adam on batches
+        np.testing.assert_allclose(
+            policy.q_values(ONLY_STATE)[0], expected, atol=0.05
+        )  # of Adam on batches
 
 
 def test_conservative_values_travel_back_at_the_discount() -> None:
