@@ -12,6 +12,7 @@ import tyro
 from socialiq.cli.bench import Bench
 from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
+from socialiq.cli.compare import Compare
 from socialiq.cli.conformance import Conformance
 from socialiq.cli.demo import Demo
 from socialiq.cli.evaluate import Evaluate
@@ -33,6 +34,7 @@ Command = (
     | Annotated[Train, _name("train")]
     | Annotated[Evaluate, _name("evaluate")]
     | Annotated[Reproduce, _name("reproduce")]
+    | Annotated[Compare, _name("compare")]
     | Annotated[Claims, _name("claims")]
     | Annotated[Conformance, _name("conformance")]
     | Annotated[Bench, _name("bench")]
