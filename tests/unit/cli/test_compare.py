@@ -63,7 +63,7 @@ def test_results_as_json(folder, capsys):
         (["priors", "--methods", "gail"], "choose one of none, thesis, running"),
         (["priors", "--seeds", "0"], "a seed of development can't be a seed of the table"),
         (["priors", "--from", "nowhere"], "is not a results folder"),
-        (["priors", "--worlds", "crossing5", "--out", "file/x"], "cannot make"),
+        (["priors", "--worlds", "crossing5", "--out", "file/x"], "file exists already"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(arguments, mend, capsys, tmp_path, monkeypatch):
