@@ -151,6 +151,26 @@ def test_means_and_ranges_are_over_seeds(results) -> None:
         assert (row["regret_low"], row["regret_high"]) == (min(own), max(own))
 
 
+def test_demonstrators_are_optimal_at_their_own_angles(results) -> None:
+    rows = {row["target_angle"]: row for row in results.tables["references"]}
+    assert rows[0.0]["egoistic"] == rows[90.0]["altruistic"] == 0.0
+    assert rows[90.0]["egoistic"] == 10.0
+    for row in rows.values():
+        assert row["value_iteration"] <= min(row[mode] for mode in MODES)
+
+
+def test_the_overall_table_is_over_angles(results) -> None:
+    for row in results.tables["overall"]:
+        own = [
+            one["regret"]
+            for one in results.tables["pooled"]
+            if (one["method"], one["readout"]) == (row["method"], row["readout"])
+        ]
+        assert row["angles"] == len(own) == len(TINY.angles)
+        assert row["regret"] == pytest.approx(np.mean(own), abs=2e-6)
+        assert row["worst_regret"] == max(own)
+
+
 def test_a_second_call_does_nothing_and_gives_the_same(results, work) -> None:
     before = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
     assert study.run(TINY, work=work).summary == results.summary
@@ -202,7 +222,7 @@ def test_a_tiny_intersection_runs_from_nothing(monkeypatch, tmp_path) -> None:
     config = Config(
         worlds=("intersection",),
         methods=("instantaneous", "clone_of_mode", "cql", "rl"),
-        development_angles=(0.0, 90.0),
+        development_angles=(90.0,),
         strengths=(1.0,),
         intersection_development_seeds=(0,),
         seeds=(10,),

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.exact import READOUTS, Readout
+from socialiq.evaluation.exact import READOUTS, Readout, evaluate_exactly
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
 from socialiq.learners.collect import from_env
@@ -31,6 +31,7 @@ from socialiq.thesis.jobs import Tell
 from socialiq.thesis.lanes import Ground, evaluate, train_lanes
 from socialiq.thesis.priors.methods import Method, nearest_mode
 from socialiq.thesis.store import Row, as_csv, rounded
+from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.gym import GridWorldEnv
 
 ROWS = "rows.csv"
@@ -147,6 +148,25 @@ def effective_share(arena: Arena, method: Method, lane: Lane) -> float:
     every = jnp.ones(len(scores), bool)
     found = priors.demonstration_weights(scores, every, 1 / lane.strength)
     return float(priors.effective_sample_size(found)) / data.n_transitions
+
+
+def references(world: str, angles: Sequence[float]) -> list[Row]:
+    """At each angle the regret of each demonstrator, and of the best policy without a clock.
+
+    A learner that only chooses among the demonstrators can't do better than the best of them.
+    """
+    ground = Ground.of(world)
+    kept = ground.table.mdp.reachable()
+
+    def regret(of: float, at: float) -> float:
+        metrics = evaluate_exactly(ground.part, expert_policy(ground.table, of)[kept])
+        return ground.optimum.regret(metrics, at)
+
+    return [
+        {"world": world, "target_angle": angle, "value_iteration": regret(angle, angle)}
+        | {mode: regret(own, angle) for mode, own in MODES.items()}
+        for angle in angles
+    ]
 
 
 def _iq_learn(arena: Arena, method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:

@@ -17,7 +17,7 @@ from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.priors import intersection
 from socialiq.thesis.priors.config import EPISODES_EACH, GRIDWORLDS, Config
-from socialiq.thesis.priors.gridworlds import ROWS, GridRun, run_method
+from socialiq.thesis.priors.gridworlds import ROWS, GridRun, references, run_method
 from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS, Method
 from socialiq.thesis.store import Results, Row, from_csv
 from socialiq.thesis.workers import run_jobs
@@ -176,6 +176,13 @@ def tabulate(
     tables = {
         "policies": list(fresh),
         "pooled": pooled,
+        "overall": overall(pooled),
+        "references": [
+            row
+            for world in config.worlds
+            if world in GRIDWORLDS
+            for row in references(world, config.angles)
+        ],
         "development": means(developed),
         "chosen": [
             {"world": world, "method": method, "strength": strength}
@@ -204,6 +211,23 @@ def means(rows: Sequence[Row]) -> list[Row]:
             | {"effective_share": _mean(group, "effective_share")}
         )
     return found
+
+
+def overall(pooled: Sequence[Row]) -> list[Row]:
+    """Each method over all target angles: mean J(α), mean regret, and its regret where it is worst.
+
+    Regrets are empty where no optimum is known.
+    """
+    groups: dict[tuple, list[Row]] = {}
+    for row in pooled:
+        key = tuple(row[name] for name in ("world", "method", "strength", "readout"))
+        groups.setdefault(key, []).append(row)
+    return [
+        dict(zip(("world", "method", "strength", "readout"), key, strict=True))
+        | {"angles": len(group), "value": _mean(group, "value"), "regret": _mean(group, "regret")}
+        | {"worst_regret": "" if group[0]["regret"] == "" else max(r["regret"] for r in group)}
+        for key, group in groups.items()
+    ]
 
 
 def _spread(group: Sequence[Row], name: str) -> Row:
