@@ -151,7 +151,7 @@ def effective_share(arena: Arena, method: Method, lane: Lane) -> float:
 
 
 def references(world: str, angles: Sequence[float]) -> list[Row]:
-    """At each angle the regret of each demonstrator, and of the best policy without a clock.
+    """At each angle the regret of each demonstrator, and of value iteration's policy for it.
 
     A learner that only chooses among the demonstrators can't do better than the best of them.
     """
