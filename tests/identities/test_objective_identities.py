@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from socialiq.learners import cql
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
@@ -126,6 +127,28 @@ def test_offline_iq_learn_with_the_prior_is_conservative_q_learning(
     constant = C * NUMBERS.prior_weight / KAPPA * NUMBERS.strength**2 * (score**2).mean()
     expected = conservative_q_loss(*arguments) + constant
     assert problem.terms(shape)["loss"] == pytest.approx(float(expected), rel=1e-5)
+
+
+@seeds
+def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed: int) -> None:
+    """2 κ times its gradient, where α_CQL = 1 / (2 κ) and its reward is the shrunk centre."""
+    problem, shape = Problem(seed), structure(**EXPERT_ONLY)
+    settings = cql.Numbers(
+        angle=NUMBERS.angle,
+        strength=NUMBERS.strength * NUMBERS.prior_weight / KAPPA,
+        conservatism=1 / (2 * KAPPA),
+        temperature=NUMBERS.temperature,
+        discount=NUMBERS.discount,
+    )
+    lane = jax.tree.map(lambda column: column[0], cql.traced([settings]))
+    slope, _ = jax.grad(cql.conservative_loss, has_aux=True)(
+        problem.network,
+        problem.slow,
+        problem.expert,
+        lane,
+        cql.Structure(endings=shape.endings, batch_size=SIZE),
+    )
+    assert_equal(problem.gradient(shape), 2 * KAPPA * flat(slope))
 
 
 @seeds

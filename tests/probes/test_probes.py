@@ -14,6 +14,7 @@ from scipy.special import expit
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.rollout import steps_of
+from socialiq.learners import cql
 from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, train
 from socialiq.types import Ending, RewardPair
@@ -170,3 +171,35 @@ def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: floa
     np.testing.assert_allclose(far, [1.8, 2.0], atol=0.02)
     np.testing.assert_allclose(near, [1.0, 2.0], atol=0.02)
     assert repeating[0] == pytest.approx(worth, abs=0.02)
+
+
+CONSERVATIVE = cql.Structure(hidden=(), batch_size=128, updates=6000)
+
+
+def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
+    """Where every transition ends: p_a (Q_a - λ R_a) + α_CQL (π_a - p_a) = 0."""
+    settings = [
+        cql.Numbers(0.0, 2.0, 0.5, learning_rate=RATE),
+        cql.Numbers(90.0, 1.0, 1.0, temperature=0.5, learning_rate=RATE),
+        cql.Numbers(45.0, 3.0, 0.0, learning_rate=RATE),
+    ]
+    found = cql.train(CONSERVATIVE, settings, [bandit((7, 3))], chunk=CONSERVATIVE.updates)
+    assert found.failures == ()
+    share = np.array([0.7, 0.3])
+    for lane, numbers in enumerate(settings):
+        radians = np.deg2rad(numbers.angle)
+        reward = numbers.strength * np.array([np.cos(radians), np.sin(radians)])
+        policy = found.policy(lane)
+        chance = policy.probabilities(ONLY_STATE)[0]
+        expected = reward + numbers.conservatism * (1 - chance / share)
+        np.testing.assert_allclose(
+            policy.q_values(ONLY_STATE)[0], expected, atol=0.05
+        )  # of Adam on batches
+
+
+def test_conservative_values_travel_back_at_the_discount() -> None:
+    """One action only: nothing to be conservative about, and Q is the discounted reward."""
+    road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
+    numbers = cql.Numbers(discount=0.9, learning_rate=3e-3, polyak=0.1)
+    found = cql.train(CONSERVATIVE, [numbers], [table(road * 4, 2, 1)], chunk=6000)
+    np.testing.assert_allclose(found.policy(0).q_values(np.eye(2))[:, 0], [2.7, 3.0], atol=0.02)

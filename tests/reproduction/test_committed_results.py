@@ -20,6 +20,9 @@ from socialiq.thesis import (
     worlds,
 )
 from socialiq.thesis.intersection.stages import BATCH, Evaluation, Recording
+from socialiq.thesis.priors.config import EPISODES_EACH, Config
+from socialiq.thesis.priors.gridworlds import ROWS, GridRun, run_method
+from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS
 from socialiq.thesis.theory import cases, lines
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -28,15 +31,8 @@ from socialiq.worlds.intersection.options import Options
 @pytest.fixture(scope="module")
 def committed():
     folder = claims.packaged_results()
-    names = (
-        "worlds",
-        "poc",
-        "grid",
-        "lambda-sweep",
-        "intersection-world",
-        "intersection",
-        "theory",
-    )
+    names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
+    names += ("intersection-world", "intersection")
     return {name: store.load(folder / name) for name in names}
 
 
@@ -124,6 +120,43 @@ def test_the_ends_of_the_sweep_are_equal(committed):
             assert row["angle"] == pytest.approx(theirs[key]["angle"], abs=1e-5)
             compared += 1
     assert compared == 3  # the baseline, and both ends
+
+
+def test_the_clones_of_the_comparison_are_equal(committed, tmp_path):
+    """One of its methods, which all share seeds, data and budget, on one of its seeds."""
+    config, theirs = Config(), committed["compare-priors"]
+    run = GridRun(
+        "crossing7",
+        BY_NAME["clone_of_mode"],
+        config.structure,
+        config.numbers,
+        config.development_angles,
+        (THESIS_STRENGTHS["crossing7"],),
+        config.seeds[:1],
+        EPISODES_EACH["crossing7"],
+    )
+    run_method(run, tmp_path, {}, lambda _: None)
+    wanted = {
+        (row["method"], row["target_angle"], row["readout"], row["seed"]): row
+        for row in theirs.tables["policies"]
+        if row["world"] == "crossing7"
+    }
+    ours = [row for row in store.from_csv(tmp_path / ROWS) if row["readout"] == "greedy"]
+    assert len(ours) == 3
+    for row in ours:
+        their = wanted["clone_of_mode", row["target_angle"], "greedy", row["seed"]]
+        assert row["regret"] == pytest.approx(their["regret"], abs=1e-5)
+        assert row["effective_share"] == pytest.approx(their["effective_share"], abs=1e-5)
+
+
+def test_the_bellman_shift_of_the_comparison_is_the_baseline(committed):
+    rows = committed["compare-priors"].tables["policies"]
+    kept = ("world", "target_angle", "readout", "seed", "r_env", "r_social", "regret")
+    none, shift = (
+        [[row[name] for name in kept] for row in rows if row["method"] == method]
+        for method in ("none", "bellman_shift")
+    )
+    assert none == shift and none
 
 
 @pytest.mark.parametrize("driver", ["go", "gap_3s"])

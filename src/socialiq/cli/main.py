@@ -12,6 +12,7 @@ import tyro
 from socialiq.cli.bench import Bench
 from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
+from socialiq.cli.compare import Compare
 from socialiq.cli.conformance import Conformance
 from socialiq.cli.demo import Demo
 from socialiq.cli.dial import Dial, Turn
@@ -40,6 +41,7 @@ Command = (
     | Annotated[Turn, _name("turn")]
     | Annotated[Evaluate, _name("evaluate")]
     | Annotated[Reproduce, _name("reproduce")]
+    | Annotated[Compare, _name("compare")]
     | Annotated[Claims, _name("claims")]
     | Annotated[Conformance, _name("conformance")]
     | Annotated[Bench, _name("bench")]

@@ -62,7 +62,8 @@ class Train:
     prior: str | None = None
     """none (the baseline), reward, bellman_shift, reweighting, shifted_chi2."""
     target_kind: str | None = None
-    """Reading of "cumulative": running, to_go, trajectory, instantaneous."""
+    """Reading of "cumulative": running, to_go, trajectory, instantaneous; or advantage,
+    advantage_fitted."""
     divergence: str | None = None
     """chi2, kl, reverse_kl, hellinger, js."""
     value_term: str | None = None

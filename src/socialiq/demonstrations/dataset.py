@@ -11,13 +11,15 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int8, Int32, Shaped
 
 from socialiq.demonstrations import columns
-from socialiq.errors import UserError
-from socialiq.social.returns import cumulative
+from socialiq.demonstrations.advantage import ADVANTAGE_KINDS, advantages
+from socialiq.errors import UserError, one_of
+from socialiq.social.returns import TARGET_KINDS, cumulative
 from socialiq.types import Ending, RewardPair
 
 
@@ -137,16 +139,33 @@ class Demonstrations:
         """(G_env, G_social) of every transition, each (transition,), float64 (thesis 5.3.1).
 
         Args:
-            kind: Reading of "cumulative", one of `social.returns.TARGET_KINDS`.
+            kind: One of `social.returns.TARGET_KINDS`, or of `advantage.ADVANTAGE_KINDS`.
             discount: γ_svo of Table C.1.
 
         Raises:
-            UserError: If the kind is unknown, or needs steps that are not here any more.
+            UserError: If the kind is unknown, or needs steps or states that are not here.
         """
+        one_of("target kind", kind, (*TARGET_KINDS, *ADVANTAGE_KINDS))
+        if kind in ADVANTAGE_KINDS:
+            return self._advantages(kind, discount)
         if kind != "instantaneous":
             self._check_whole()
         env, social = (cumulative(kind, r, self.episode, discount) for r in self.rewards)
         return RewardPair(env, social)
+
+    def _advantages(self, kind: str, discount: float) -> RewardPair:
+        """Found once and kept: fitting a network takes long, and a learner asks twice."""
+        known, key = _ADVANTAGES.setdefault(self, {}), (kind, discount)
+        if key not in known:
+            known[key] = advantages(
+                kind,
+                self.observation,
+                self.rewards,
+                self.returns("to_go", discount),
+                self.episode,
+                discount,
+            )
+        return RewardPair(*(column.copy() for column in known[key]))
 
     def totals(self) -> RewardPair:
         """Undiscounted sums of r_env and r_social over each episode, each (episode,).
@@ -252,6 +271,9 @@ class Demonstrations:
         arrays = {name: column[rows] for name, column in self.arrays().items()}
         arrays["episode"] = episode
         return Demonstrations.of_arrays(arrays, self.mode_names, self.n_actions, source)
+
+
+_ADVANTAGES: WeakKeyDictionary[Demonstrations, dict[Any, RewardPair]] = WeakKeyDictionary()
 
 
 def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:

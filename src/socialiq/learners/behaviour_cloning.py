@@ -1,4 +1,9 @@
-"""Behaviour cloning: the maximum-likelihood classifier of actions, on the same data and network."""
+"""Behaviour cloning: the maximum-likelihood classifier of actions, on the same data and network.
+
+Of all demonstrations alike, or weighted by how well they score at an angle: there Eq B.2 is taken
+with each episode's undiscounted total as its score. Every transition has the weight of its
+episode, so that at a high τ_w the clone is the plain one.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +23,14 @@ from jaxtyping import Array
 from socialiq.errors import UserError, one_of
 from socialiq.learners import loop
 from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.iq_learn import priors
 from socialiq.learners.outside import Outside
 from socialiq.learners.state import History
 from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
-from socialiq.types import Transitions
+from socialiq.nn.view import CHOICES
+from socialiq.social.angle import check_angle, exact_weights
+from socialiq.types import RewardPair, Transitions
 
 _ADAM = optax.scale_by_adam()
 
@@ -35,10 +43,15 @@ class Structure:
     activation: str = "relu"
     batch_size: int = 64
     updates: int = 6000
+    weighted: bool = False
+    """Whether demonstrations count by their score, or all alike."""
+    view: str = "flat"
+    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
 
     def __post_init__(self) -> None:
         """Refuse names and sizes that make no run."""
         one_of("activation", self.activation, tuple(ACTIVATIONS))
+        one_of("view", self.view, tuple(CHOICES))
         if self.batch_size < 1 or self.updates < 1:
             raise UserError("batch_size and updates must be at least 1")
 
@@ -50,11 +63,17 @@ class Numbers:
     learning_rate: float = 3e-4
     seed: int = 0
     dataset: int = 0
+    angle: float = 0.0
+    """α of the score, in degrees; only of weighted runs."""
+    reweight_temperature: float = 1.0
+    """τ_w of Eq B.2, in units of an episode's total; only of weighted runs."""
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
-        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
-            raise UserError(f"learning_rate must be above 0, got {self.learning_rate}")
+        check_angle(self.angle)
+        for name in ("learning_rate", "reweight_temperature"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
         if not 0 <= self.seed < 2**32:
             raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
         if self.dataset < 0:
@@ -65,11 +84,20 @@ class _Traced(NamedTuple):
     learning_rate: Array
     seed: Array
     dataset: Array
+    weights: RewardPair
+    reweight_temperature: Array
 
 
 class _Learnt(NamedTuple):
     network: QNetwork
     adam: Any
+
+
+class _Surroundings(NamedTuple):
+    """A random key, and the cumulative weights of Eq B.2; None where all rows count alike."""
+
+    key: Array
+    cumulative: Array | None
 
 
 @dataclass(frozen=True)
@@ -113,23 +141,45 @@ def clone(
     """
     if not numbers or max(one.dataset for one in numbers) >= len(datasets):
         raise UserError("pass at least one run, and the demonstrations that each run names")
-    table = ExpertTable.of(datasets, "instantaneous", 0.0)
+    table = _table(structure, datasets)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    traced = _Traced(
-        jnp.array([one.learning_rate for one in numbers], jnp.float32),
-        jnp.array([one.seed for one in numbers], jnp.uint32),
-        jnp.array([one.dataset for one in numbers], jnp.int32),
-    )
     lanes, history = loop.run(
-        initialise=partial(_initialise, structure, sizes),
+        initialise=Partial(partial(_initialise, structure, sizes), table),
         update=Partial(partial(_update, structure), table),
-        numbers=traced,
+        numbers=_traced(numbers),
         total=structure.updates,
         chunk=chunk,
         fingerprint=loop.fingerprint(table, structure, *numbers),
         outside=outside or Outside(),
     )
     return Cloned(structure, tuple(numbers), lanes.learnt.network, history)
+
+
+def effective_size(data: Transitions, numbers: Numbers) -> float:
+    """How many transitions of equal weight a weighted run's demonstrations are worth (B.2)."""
+    weights = jax.tree.map(lambda column: column[0], _traced([numbers])).weights
+    table = _table(Structure(weighted=True), [data])
+    temperature = numbers.reweight_temperature
+    found = priors.table_weights(table, weights, jnp.array(0), temperature)
+    return float(priors.effective_sample_size(found))
+
+
+def _table(structure: Structure, datasets: Sequence[Transitions]) -> ExpertTable:
+    """The sets; where they are weighted, with each episode's total on all its rows."""
+    if structure.weighted:
+        return ExpertTable.of(datasets, "trajectory", 1.0)
+    return ExpertTable.of(datasets, "instantaneous", 0.0)
+
+
+def _traced(numbers: Sequence[Numbers]) -> _Traced:
+    env, social = zip(*(exact_weights(one.angle) for one in numbers), strict=True)
+    return _Traced(
+        jnp.array([one.learning_rate for one in numbers], jnp.float32),
+        jnp.array([one.seed for one in numbers], jnp.uint32),
+        jnp.array([one.dataset for one in numbers], jnp.int32),
+        RewardPair(jnp.array(env, jnp.float32), jnp.array(social, jnp.float32)),
+        jnp.array([one.reweight_temperature for one in numbers], jnp.float32),
+    )
 
 
 def negative_log_likelihood(network: QNetwork, observation: Array, action: Array) -> Array:
@@ -139,20 +189,34 @@ def negative_log_likelihood(network: QNetwork, observation: Array, action: Array
 
 
 def _initialise(
-    structure: Structure, sizes: tuple[int, int], numbers: _Traced
-) -> tuple[_Learnt, Array]:
+    structure: Structure, sizes: tuple[int, int], table: ExpertTable, numbers: _Traced
+) -> tuple[_Learnt, _Surroundings]:
     key, for_network = jax.random.split(jax.random.key(numbers.seed))
     network = QNetwork.initialise(
-        for_network, sizes[0], structure.hidden, sizes[1], structure.activation
+        for_network, sizes[0], structure.hidden, sizes[1], structure.activation, structure.view
     )
-    return _Learnt(network, _ADAM.init(eqx.filter(network, eqx.is_array))), key
+    cumulative = None
+    if structure.weighted:
+        found = priors.table_weights(
+            table, numbers.weights, numbers.dataset, numbers.reweight_temperature
+        )
+        cumulative = jnp.cumsum(found)
+    adam = _ADAM.init(eqx.filter(network, eqx.is_array))
+    return _Learnt(network, adam), _Surroundings(key, cumulative)
 
 
 def _update(
-    structure: Structure, table: ExpertTable, numbers: _Traced, learnt: _Learnt, key: Array
-) -> tuple[_Learnt, Array, dict[str, Array]]:
-    key, for_batch = jax.random.split(key)
-    batch = table.sample(for_batch, numbers.dataset, structure.batch_size)
+    structure: Structure,
+    table: ExpertTable,
+    numbers: _Traced,
+    learnt: _Learnt,
+    surroundings: _Surroundings,
+) -> tuple[_Learnt, _Surroundings, dict[str, Array]]:
+    key, for_batch = jax.random.split(surroundings.key)
+    if surroundings.cumulative is not None:
+        batch = table.sample_weighted(for_batch, surroundings.cumulative, structure.batch_size)
+    else:
+        batch = table.sample(for_batch, numbers.dataset, structure.batch_size)
     loss, gradient = jax.value_and_grad(negative_log_likelihood)(
         learnt.network, batch.observation, batch.action
     )
@@ -160,4 +224,4 @@ def _update(
     network = jax.tree.map(
         lambda weight, step: weight - numbers.learning_rate * step, learnt.network, direction
     )
-    return _Learnt(network, adam), key, {"loss": loss}
+    return _Learnt(network, adam), surroundings._replace(key=key), {"loss": loss}

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,7 @@ from socialiq.learners.behaviour_cloning import (
     Numbers,
     Structure,
     clone,
+    effective_size,
     negative_log_likelihood,
 )
 from socialiq.nn.q_network import QNetwork
@@ -65,6 +68,49 @@ def test_clones_recover_the_frequencies_of_their_own_sets() -> None:
     assert (record["learner"], record["numbers"]["dataset"]) == ("behaviour_cloning", 1)
 
 
+def two_episodes() -> Demonstrations:
+    """Both of two steps: one takes action 0 and pays the ego 2, one takes 1 and pays others 2."""
+    once = counted(np.array([[2, 2, 0], [0, 0, 0], [0, 0, 0]]))
+    pays = np.array([1.0, 1.0, 0.0, 0.0])
+    ends = np.array([False, True, False, True])
+    return dataclasses.replace(
+        once,
+        terminated=ends,
+        ending=np.where(ends, 4, 0).astype(np.int8),
+        rewards=RewardPair(pays, pays[::-1].copy()),
+        episode=np.array([0, 0, 1, 1], np.int32),
+        step=np.array([0, 1, 0, 1], np.int32),
+    )
+
+
+def test_weighted_clones_follow_the_totals_of_episodes() -> None:
+    """Totals 2 and 0: at τ_w = 2 / ln 3 the weights of the episodes are 3/4 and 1/4."""
+    temperature = 2 / np.log(3)
+    structure = Structure(hidden=(), batch_size=256, updates=1500, weighted=True)
+    numbers = [
+        Numbers(learning_rate=0.005, angle=0.0, reweight_temperature=temperature),
+        Numbers(learning_rate=0.005, angle=90.0, reweight_temperature=temperature),
+        Numbers(learning_rate=0.005, angle=90.0, reweight_temperature=1e6),
+    ]
+    cloned = clone(structure, numbers, [two_episodes()], chunk=1500)
+    for lane, first in enumerate([3 / 4, 1 / 4, 1 / 2]):
+        chances = cloned.policy(lane).probabilities(STATES[:1])[0]
+        np.testing.assert_allclose(chances, [first, 1 - first, 0.0], atol=0.05)
+
+
+def test_the_effective_size_by_hand() -> None:
+    """Weights 3/8, 3/8, 1/8, 1/8: 1 / (2 * 9/64 + 2 / 64) = 3.2 of 4 transitions."""
+    numbers = Numbers(reweight_temperature=2 / np.log(3))
+    assert effective_size(two_episodes(), numbers) == pytest.approx(3.2, rel=1e-5)
+    numbers = Numbers(reweight_temperature=1e6)
+    assert effective_size(two_episodes(), numbers) == pytest.approx(4.0, rel=1e-5)
+
+
+def test_weights_need_whole_episodes() -> None:
+    with pytest.raises(UserError, match="misses steps"):
+        clone(Structure(weighted=True), [Numbers()], [two_episodes().subsample(2)])
+
+
 def test_runs_without_demonstrations_are_refused() -> None:
     data = counted(COUNTS)
     for numbers in ([], [Numbers(dataset=1)]):
@@ -79,6 +125,9 @@ def test_runs_without_demonstrations_are_refused() -> None:
         lambda: Structure(activation="gelu"),
         lambda: Structure(batch_size=0),
         lambda: Structure(updates=0),
+        lambda: Structure(view="round"),
+        lambda: Numbers(angle=360.0),
+        lambda: Numbers(reweight_temperature=0.0),
         lambda: Numbers(learning_rate=float("nan")),
         lambda: Numbers(learning_rate=0.0),
         lambda: Numbers(seed=2**32),

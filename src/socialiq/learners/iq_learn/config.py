@@ -47,8 +47,11 @@ class Structure:
 
     prior: Literal["none", "reward", "bellman_shift", "reweighting", "shifted_chi2"] = "reward"
     """Social prior: none (the baseline), Eq 4.4, B.1, B.2, or χ² centred on λR(α)."""
-    target_kind: Literal["running", "to_go", "trajectory", "instantaneous"] = "running"
-    """Reading of "cumulative returns" in R(α); `social.returns` defines them."""
+    target_kind: Literal[
+        "running", "to_go", "trajectory", "instantaneous", "advantage", "advantage_fitted"
+    ] = "running"
+    """Reading of "cumulative returns" in R(α), of `social.returns`; or the advantage, by states
+    that are seen again or by a fitted network (`social.advantage`)."""
     divergence: Literal["chi2", "kl", "reverse_kl", "hellinger", "js"] = "chi2"
     """The f-divergence of Eq 2.7."""
     value_term: Literal["value", "value_expert", "v0"] = "value"

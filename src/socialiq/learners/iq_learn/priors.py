@@ -6,7 +6,11 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
+
+from socialiq.learners.expert_table import ExpertTable
+from socialiq.social.score import score
+from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]
 Column = Float[Array, " batch"]
@@ -46,6 +50,19 @@ def demonstration_weights(
     logits = jnp.where(allowed, target / reweight_temperature, -jnp.inf)
     exponentials = jnp.exp(logits - jnp.max(logits))
     return exponentials / jnp.sum(exponentials)
+
+
+def table_weights(
+    table: ExpertTable,
+    weights: RewardPair,
+    dataset: Int[Array, ""],
+    reweight_temperature: Scalar | float,
+) -> Float[Array, " transition"]:
+    """Eq B.2 over the transitions of one set of a table, by their targets; 0 on other rows."""
+    rows = jnp.arange(table.columns.action.shape[0])
+    first, end = table.row_bounds[dataset], table.row_bounds[dataset + 1]
+    target = score(weights, table.columns.target)
+    return demonstration_weights(target, (rows >= first) & (rows < end), reweight_temperature)
 
 
 def effective_sample_size(weights: Float[Array, " transition"]) -> Scalar:

@@ -26,7 +26,6 @@ from socialiq.learners.state import History, Lanes
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
-from socialiq.social.score import score
 from socialiq.types import Ending, RewardPair, Simulator, Transitions
 
 _ADAM = optax.scale_by_adam()  # the traced learning rate is applied by hand
@@ -174,7 +173,10 @@ def initialise(
     ring = replay.empty(structure.replay_capacity, n_features) if structure.online else None
     cumulative = None
     if structure.prior == "reweighting":
-        cumulative = jnp.cumsum(_demonstration_weights(table, numbers))
+        found = priors.table_weights(
+            table, numbers.weights, numbers.dataset, numbers.reweight_temperature
+        )
+        cumulative = jnp.cumsum(found)
     learnt = Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array)))
     return learnt, Surroundings(key, ring, episode, observation, cumulative)
 
@@ -222,15 +224,6 @@ def _expert_batch(
     if surroundings.cumulative is not None:
         return table.sample_weighted(key, surroundings.cumulative, structure.batch_size)
     return table.sample(key, numbers.dataset, structure.batch_size)
-
-
-def _demonstration_weights(table: ExpertTable, numbers: Traced) -> Float[Array, " transition"]:
-    rows = jnp.arange(table.columns.action.shape[0])
-    first, end = table.row_bounds[numbers.dataset], table.row_bounds[numbers.dataset + 1]
-    target = score(numbers.weights, table.columns.target)
-    return priors.demonstration_weights(
-        target, (rows >= first) & (rows < end), numbers.reweight_temperature
-    )
 
 
 def _act(

@@ -1,0 +1,250 @@
+"""Conservative Q-learning on the relabelled reward λ R(α): offline, from the same demonstrations.
+
+CQL(H) of Kumar et al. 2020 with the soft value of Eq 2.5 in place of the hard maximum, so that it
+has the temperature of the learner it stands beside: at `conservatism` = 1 / (2 κ) it is offline
+IQ-Learn with the social prior, gradient by gradient (docs/theory.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+from jax.tree_util import Partial
+from jaxtyping import Array, Float
+
+from socialiq.errors import UserError, one_of
+from socialiq.learners import loop
+from socialiq.learners.expert_table import Batch, ExpertTable
+from socialiq.learners.iq_learn import losses
+from socialiq.learners.iq_learn.config import Endings
+from socialiq.learners.outside import Outside
+from socialiq.learners.state import History
+from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import CHOICES
+from socialiq.social.angle import check_angle, exact_weights
+from socialiq.social.score import score
+from socialiq.types import RewardPair, Transitions
+
+Scalar = Float[Array, ""]
+
+_ADAM = optax.scale_by_adam()
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What shapes the program. Defaults: those of IQ-Learn (Table C.1, gridworld)."""
+
+    endings: Endings = field(default_factory=Endings)
+    """What V(s') is after each kind of ending."""
+    hidden: tuple[int, ...] = (64, 64)
+    activation: str = "relu"
+    view: str = "flat"
+    batch_size: int = 64
+    updates: int = 6000
+
+    def __post_init__(self) -> None:
+        """Refuse names and sizes that make no run."""
+        one_of("activation", self.activation, tuple(ACTIVATIONS))
+        one_of("view", self.view, tuple(CHOICES))
+        if self.batch_size < 1 or self.updates < 1:
+            raise UserError("batch_size and updates must be at least 1")
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of one run, all traced."""
+
+    angle: float = 0.0
+    """α of the reward, in degrees."""
+    strength: float = 1.0
+    """λ: the reward is λ R(α)."""
+    conservatism: float = 1.0
+    """α_CQL, the weight of τ logsumexp(Q/τ) - Q(s, a) beside half the squared error."""
+    temperature: float = 1.0
+    """τ."""
+    discount: float = 0.99
+    """γ."""
+    learning_rate: float = 3e-4
+    polyak: float = 0.005
+    """Share of the network mixed into its slow copy at each update."""
+    seed: int = 0
+    dataset: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        check_angle(self.angle)
+        for name in ("strength", "conservatism"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise UserError(f"{name} must be 0 or more, got {getattr(self, name)}")
+        for name in ("temperature", "learning_rate"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
+        if not 0.0 <= self.discount < 1.0:
+            raise UserError(f"discount must lie in [0, 1), got {self.discount}")
+        if not 0.0 < self.polyak <= 1.0:
+            raise UserError(f"polyak must lie in (0, 1], got {self.polyak}")
+        if not 0 <= self.seed < 2**32:
+            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
+        if self.dataset < 0:
+            raise UserError(f"dataset must be 0 or more, got {self.dataset}")
+
+
+class Traced(NamedTuple):
+    """`Numbers` as arrays, with the angle's weights in place of the angle."""
+
+    weights: RewardPair
+    strength: Array
+    conservatism: Array
+    temperature: Array
+    discount: Array
+    learning_rate: Array
+    polyak: Array
+    seed: Array
+    dataset: Array
+
+
+class _Learnt(NamedTuple):
+    network: QNetwork
+    slow: QNetwork
+    adam: Any
+
+
+@dataclass(frozen=True)
+class Trained:
+    """The outcome: one network for each of `numbers`; `failures` has a line for each that broke."""
+
+    structure: Structure
+    numbers: tuple[Numbers, ...]
+    networks: QNetwork
+    history: History
+    failures: tuple[str, ...]
+
+    def policy(self, lane: int) -> QPolicy:
+        """The trained policy of one lane."""
+        record = {
+            "learner": "cql",
+            "structure": dataclasses.asdict(self.structure),
+            "numbers": dataclasses.asdict(self.numbers[lane]),
+        }
+        temperature = self.numbers[lane].temperature
+        return QPolicy.of(network_of(self.networks, lane), temperature, record)
+
+
+def train(
+    structure: Structure,
+    numbers: Sequence[Numbers],
+    datasets: Sequence[Transitions],
+    outside: Outside | None = None,
+    chunk: int = 500,
+) -> Trained:
+    """Train one lane for each of `numbers`, all in one compiled program.
+
+    Args:
+        structure: What the lanes share.
+        numbers: What they differ in.
+        datasets: Sets of demonstrations; `Numbers.dataset` picks each lane's.
+        outside: Progress, monitor, checkpoint.
+        chunk: Updates between two looks at the outside.
+
+    Raises:
+        UserError: If there is no run, or no such set of demonstrations.
+        Stopped: On Ctrl-C.
+    """
+    if not numbers or max(one.dataset for one in numbers) >= len(datasets):
+        raise UserError("pass at least one run, and the demonstrations that each run names")
+    table = ExpertTable.of(datasets, "instantaneous", 0.0)
+    sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
+    outside = outside or Outside()
+    names = outside.lane_names or tuple(f"angle {n.angle:g}, seed {n.seed}" for n in numbers)
+    update = Partial(partial(_update, structure), table)
+    lanes, history = loop.run(
+        initialise=partial(_initialise, structure, sizes),
+        update=update,
+        numbers=traced(numbers),
+        total=structure.updates,
+        chunk=chunk,
+        fingerprint=loop.fingerprint(table, structure, *numbers, chunk),
+        outside=dataclasses.replace(outside, lane_names=names),
+    )
+    terms = loop.term_names(update, traced(numbers), lanes)
+    failures = loop.failure_lines(lanes, terms, names)
+    return Trained(structure, tuple(numbers), lanes.learnt.network, history, failures)
+
+
+def traced(numbers: Sequence[Numbers]) -> Traced:
+    """Stack the lanes' numbers into arrays."""
+    pairs = [exact_weights(one.angle) for one in numbers]
+    kinds: dict[str, Any] = {"seed": jnp.uint32, "dataset": jnp.int32}
+    columns = {
+        name: jnp.array([getattr(one, name) for one in numbers], kinds.get(name, jnp.float32))
+        for name in Traced._fields
+        if name != "weights"
+    }
+    env, social = (jnp.array(column, jnp.float32) for column in zip(*pairs, strict=True))
+    return Traced(RewardPair(env, social), **columns)
+
+
+def conservative_loss(
+    network: QNetwork, slow: QNetwork, batch: Batch, numbers: Traced, structure: Structure
+) -> tuple[Scalar, dict[str, Scalar]]:
+    """1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], and its terms.
+
+    V(s) = τ log sum_a exp(Q(s, a) / τ); V(s') is the slow copy's, without gradient. Kumar et al.
+    2020, their Eq 4, with both expectations over the demonstrations.
+    """
+    q = jax.vmap(network)(batch.observation)
+    taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
+    q_next = jax.vmap(slow)(batch.next_observation)
+    follows = losses.continuation(
+        losses.soft_value(q_next, numbers.temperature),
+        batch.ending,
+        structure.endings.by_kind(),
+        losses.absorbing_value(q.shape[-1], numbers.temperature, numbers.discount),
+    )
+    reward = numbers.strength * score(numbers.weights, batch.target)
+    error = losses.implicit_reward(taken, follows, numbers.discount) - reward
+    gap = jnp.mean(losses.soft_value(q, numbers.temperature) - taken)
+    terms = {
+        "bellman": jnp.mean(jnp.square(error)) / 2,
+        "conservative": numbers.conservatism * gap,
+    }
+    total = terms["bellman"] + terms["conservative"]
+    return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}
+
+
+def _initialise(
+    structure: Structure, sizes: tuple[int, int], numbers: Traced
+) -> tuple[_Learnt, Array]:
+    key, for_network = jax.random.split(jax.random.key(numbers.seed))
+    n_features, n_actions = sizes
+    network = QNetwork.initialise(
+        for_network, n_features, structure.hidden, n_actions, structure.activation, structure.view
+    )
+    return _Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array))), key
+
+
+def _update(
+    structure: Structure, table: ExpertTable, numbers: Traced, learnt: _Learnt, key: Array
+) -> tuple[_Learnt, Array, dict[str, Array]]:
+    """Sample, and take one Adam step on the loss."""
+    key, for_batch = jax.random.split(key)
+    batch = table.sample(for_batch, numbers.dataset, structure.batch_size)
+    gradient, terms = jax.grad(conservative_loss, has_aux=True)(
+        learnt.network, learnt.slow, batch, numbers, structure
+    )
+    direction, adam = _ADAM.update(gradient, learnt.adam)
+    network = jax.tree.map(
+        lambda weight, step: weight - numbers.learning_rate * step, learnt.network, direction
+    )
+    slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
+    return _Learnt(network, slow, adam), key, terms

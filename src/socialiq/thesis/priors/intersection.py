@@ -1,0 +1,219 @@
+"""The comparison in the intersection, as jobs beside those of its own study."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import MIXTURES
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners import cql
+from socialiq.learners.dqn import config as dqn
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.outside import Outside
+from socialiq.nn.q_policy import QPolicy
+from socialiq.thesis import presets
+from socialiq.thesis.experts import MODES
+from socialiq.thesis.intersection import config as study
+from socialiq.thesis.intersection.checks import Checks
+from socialiq.thesis.intersection.episodes import load_episodes
+from socialiq.thesis.intersection.plan import POOLS, plan
+from socialiq.thesis.intersection.stages import (
+    LAST,
+    Evaluation,
+    ExpertRun,
+    LearnerRun,
+    evaluate,
+    train_expert,
+    train_learner,
+)
+from socialiq.thesis.jobs import Job, Tell
+from socialiq.thesis.priors.config import Config
+from socialiq.thesis.priors.gridworlds import Lane, numbers_of, structure_of
+from socialiq.thesis.priors.methods import Method, nearest_mode
+from socialiq.thesis.store import Row
+
+WORLD = "intersection"
+STUDY = study.Config(parts=("main",), highway_episodes=0)
+"""Whose experts' recordings all methods learn from; finished ones in the work folder are used."""
+COSTS = {"iq_learn": 80.0, "rl": 60.0, "cql": 40.0}
+"""Seconds or so; a clone takes half of CQL's."""
+
+
+@dataclass(frozen=True)
+class OfflineRun:
+    """A clone, or conservative Q-learning, on a mixture of the recordings of some modes."""
+
+    structure: bc.Structure | cql.Structure
+    numbers: bc.Numbers | cql.Numbers
+    modes: tuple[str, ...]
+    mixture: str
+    size: int
+
+
+def train_offline(config: OfflineRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+    """Mix all modes, keep those that are asked for, train, keep the last network."""
+    (pools,) = inputs.values()
+    shown = {mode: files.load(pools / f"{mode}.safetensors") for mode in MODES}
+    data = of_modes(MIXTURES[config.mixture](shown, config.size, config.numbers.seed), config.modes)
+    outside = Outside(lambda report: tell(report.done / report.total))
+    train_offline_policy(config, data, outside).save(folder / LAST)
+
+
+def train_offline_policy(config: OfflineRun, data: Demonstrations, outside: Outside) -> QPolicy:
+    """The policy of one run."""
+    match config.structure, config.numbers:
+        case cql.Structure() as structure, cql.Numbers() as numbers:
+            return cql.train(structure, [numbers], [data], outside).policy(0)
+        case bc.Structure() as structure, bc.Numbers() as numbers:
+            return bc.clone(structure, [numbers], [data], outside).policy(0)
+    raise TypeError("structure and numbers belong to two learners")
+
+
+def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
+    """The episodes of these modes."""
+    wanted = [number for number, name in enumerate(data.mode_names) if name in modes]
+    return data.select(np.flatnonzero(np.isin(data.episode_modes, wanted)))
+
+
+def pool_jobs() -> list[Job]:
+    """The study's experts and recordings: jobs with its names and fingerprints."""
+    jobs = {job.name: job for job in plan(STUDY)}
+    pools = jobs[POOLS]
+    return [*(jobs[name] for name in pools.inputs), pools]
+
+
+def jobs_of(
+    config: Config, phase: str, method: Method, strengths: Sequence[float], seeds: Sequence[int]
+) -> Iterator[Job]:
+    """Training and evaluation of one method at every angle, strength and seed."""
+    for lane in lanes_of(config, method, strengths, seeds):
+        name = job_name(phase, method, lane)
+        work, run = LEARNERS[method.learner](config, method, lane)
+        cost = COSTS.get(method.learner, COSTS["cql"] / 2)
+        yield Job(name, work, run, () if method.learner == "rl" else (POOLS,), cost)
+        looking = Evaluation(LAST, method.readouts, config.episodes)
+        yield Job(f"evaluation/{name}", evaluate, looking, (name,), cost=6.0)
+
+
+def lanes_of(
+    config: Config, method: Method, strengths: Sequence[float], seeds: Sequence[int]
+) -> list[Lane]:
+    """A method that doesn't know the angle is trained once for each seed."""
+    angles = config.development_angles if method.by_angle else config.development_angles[:1]
+    return [Lane(a, strength, seed, 0) for a in angles for strength in strengths for seed in seeds]
+
+
+def job_name(phase: str, method: Method, lane: Lane) -> str:
+    """Folder of a training run."""
+    return f"priors/{WORLD}/{phase}/{method.name}/{lane.strength:g}/{lane.angle:g}/{lane.seed}"
+
+
+def rows_of(
+    config: Config,
+    work: Path,
+    phase: str,
+    method: Method,
+    strengths: Sequence[float],
+    seeds: Sequence[int],
+) -> list[Row]:
+    """One row for each policy, angle that it serves, and readout; there is no regret to state."""
+    found: list[Row] = []
+    for lane in lanes_of(config, method, strengths, seeds):
+        folder = work / "evaluation" / job_name(phase, method, lane)
+        for readout in method.readouts:
+            metrics = load_episodes(folder / f"{readout}.safetensors").metrics()
+            for angle in (lane.angle,) if method.by_angle else config.development_angles:
+                label = {"world": WORLD, "method": method.name, "strength": lane.strength}
+                label |= {"target_angle": angle, "readout": readout, "seed": lane.seed}
+                worth = {"value": metrics.value(angle), "regret": "", "effective_share": ""}
+                found.append(label | metrics._asdict() | worth)
+    return found
+
+
+Made = tuple[Callable[..., None], object]
+"""What a job does, and its configuration."""
+
+
+def _base(config: Config) -> iq.Structure:
+    return dataclasses.replace(presets.INTERSECTION_CALIBRATED, updates=config.intersection_updates)
+
+
+def _iq_learn(config: Config, method: Method, lane: Lane) -> Made:
+    if method.target_kind == "advantage":  # no state is ever seen twice
+        method = dataclasses.replace(method, target_kind="advantage_fitted")
+    structure = structure_of(method, _base(config))
+    numbers = numbers_of(presets.INTERSECTION_CALIBRATED_NUMBERS, lane)
+    return train_learner, LearnerRun(structure, numbers, STUDY.mixture, STUDY.size)
+
+
+def _clone(config: Config, method: Method, lane: Lane) -> Made:
+    base, rates = _base(config), presets.INTERSECTION_CALIBRATED_NUMBERS
+    structure = bc.Structure(
+        base.hidden,
+        base.activation,
+        base.batch_size,
+        base.updates,
+        method.learner == "clone_weighted",
+        base.view,
+    )
+    numbers = bc.Numbers(rates.learning_rate, lane.seed, 0, lane.angle, 1 / lane.strength)
+    modes = (nearest_mode(lane.angle),) if method.learner == "clone_of_mode" else tuple(MODES)
+    return train_offline, OfflineRun(structure, numbers, modes, STUDY.mixture, STUDY.size)
+
+
+def _conservative(config: Config, _method: Method, lane: Lane) -> Made:
+    base, rates = _base(config), presets.INTERSECTION_CALIBRATED_NUMBERS
+    structure = cql.Structure(
+        base.endings, base.hidden, base.activation, base.view, base.batch_size, base.updates
+    )
+    numbers = cql.Numbers(
+        angle=lane.angle,
+        strength=lane.strength,
+        temperature=rates.temperature,
+        discount=rates.discount,
+        learning_rate=rates.learning_rate,
+        polyak=rates.polyak,
+        seed=lane.seed,
+    )
+    return train_offline, OfflineRun(structure, numbers, tuple(MODES), STUDY.mixture, STUDY.size)
+
+
+def _reinforcement(config: Config, _method: Method, lane: Lane) -> Made:
+    """The experts' learner, with the updates and steps in the world of the other rows."""
+    base, rates = _base(config), presets.INTERSECTION_CALIBRATED_NUMBERS
+    structure = dqn.Structure(
+        base.view,
+        base.hidden,
+        base.activation,
+        batch_size=base.batch_size,
+        steps=base.updates * base.env_steps_per_update,
+        steps_per_update=base.env_steps_per_update,
+        replay_capacity=base.replay_capacity,
+    )
+    numbers = dqn.Numbers(
+        angle=lane.angle,
+        discount=rates.discount,
+        learning_rate=rates.learning_rate,
+        final_learning_rate=rates.learning_rate,
+        polyak=rates.polyak,
+        seed=lane.seed,
+    )
+    return train_expert, ExpertRun(structure, numbers, checks=Checks(times=2))
+
+
+LEARNERS: dict[str, Callable[[Config, Method, Lane], Made]] = {
+    "iq_learn": _iq_learn,
+    "clone": _clone,
+    "clone_of_mode": _clone,
+    "clone_weighted": _clone,
+    "cql": _conservative,
+    "rl": _reinforcement,
+}
+"""By the name in `Method.learner`."""

@@ -1,0 +1,91 @@
+"""`socialiq compare`: what it prints and writes, and what it refuses."""
+
+import functools
+import json
+
+import jaxtyping
+import pytest
+
+from socialiq.cli import compare
+from socialiq.cli.main import main
+from socialiq.thesis import store
+from socialiq.thesis.priors.config import Config
+
+SMALL = functools.partial(
+    Config,
+    angles=(0.0, 90.0),
+    development_angles=(0.0,),
+    strengths=(1.0,),
+    development_seeds=(0,),
+    updates=5,
+)
+
+
+@pytest.fixture(name="folder", scope="module")
+def compared(tmp_path_factory):
+    """A comparison of clones in the 5x5 world."""
+    out = tmp_path_factory.mktemp("compare") / "found"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(compare, "Config", SMALL)
+        call = ["compare", "priors", "--worlds", "crossing5", "--methods", "clone", "cql"]
+        assert main([*call, "--seeds", "20", "--out", str(out)]) == 0
+    return out
+
+
+def test_a_folder_of_results_is_written(folder):
+    results = store.load(folder)
+    assert results.study == "compare-priors"
+    assert results.config["seeds"] == [20]
+    assert {row["method"] for row in results.tables["pooled"]} == {"clone", "cql"}
+    assert (folder / "crossing5.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder.with_name("found.work") / "priors" / "crossing5" / "fresh").is_dir()
+
+
+def test_results_are_shown_again(folder, capsys):
+    assert main(["compare", "priors", "--from", str(folder)]) == 0
+    shown = capsys.readouterr().out
+    assert "crossing5, greedy: regret at the target angle" in shown
+    assert "BC, pooled" in shown and "90°" in shown
+
+
+def test_results_as_json(folder, capsys):
+    assert main(["compare", "priors", "--from", str(folder), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["study"] == "compare-priors"
+    assert found["crossing5"]["clone"]["greedy"]["90"]["regret"] >= 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "mend"),
+    [
+        (["learners"], "choose one of priors"),
+        (["priors", "--worlds", "crossing9"], "choose one of crossing5, crossing7, intersection"),
+        (["priors", "--methods", "gail"], "choose one of none, thesis, running"),
+        (["priors", "--seeds", "0"], "a seed of development can't be a seed of the table"),
+        (["priors", "--from", "nowhere"], "is not a results folder"),
+        (["priors", "--worlds", "crossing5", "--out", "file/x"], "file exists already"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(arguments, mend, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    (tmp_path / "file").write_text("")
+    assert main(["compare", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("socialiq: ") and captured.err.count("\n") == 1
+    assert mend in captured.err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_of_another_study_is_refused(capsys, tmp_path, folder):
+    results = store.load(folder)
+    other = store.Results("poc", results.config, results.tables, {}, results.versions)
+    store.save(other, tmp_path / "poc", {}, replace=False)
+    assert main(["compare", "priors", "--from", str(tmp_path / "poc")]) == 2
+    assert "holds poc" in capsys.readouterr().err
+
+
+def test_an_existing_folder_is_kept(capsys, folder):
+    assert main(["compare", "priors", "--out", str(folder)]) == 2
+    assert "exists already" in capsys.readouterr().err

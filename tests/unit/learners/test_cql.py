@@ -1,0 +1,116 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.learners.cql import Numbers, Structure, conservative_loss, traced, train
+from socialiq.learners.expert_table import Batch
+from socialiq.learners.iq_learn.config import Endings
+from socialiq.nn.q_network import QNetwork
+from socialiq.types import Ending, RewardPair
+
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+SMALL = Structure(hidden=(8,), batch_size=8, updates=60)
+RUNS = (Numbers(seed=0, angle=45.0), Numbers(seed=1, angle=45.0))
+
+
+@pytest.fixture(name="data", scope="module")
+def random_demonstrations(demonstrations):
+    return demonstrations()
+
+
+def constant(*q: float) -> QNetwork:
+    """A network that tells these values of every state."""
+    drawn = QNetwork.initialise(jax.random.key(0), 1, (), len(q))
+    leaves = [jnp.zeros((len(q), 1)), jnp.array(q)]
+    return jax.tree.unflatten(jax.tree.structure(drawn), leaves)
+
+
+@pytest.mark.parametrize(
+    ("ending", "endings", "follows"),
+    [
+        (Ending.NONE, Endings(), 2 * np.log(4)),
+        (Ending.ARRIVAL, Endings(), 0.0),
+        (Ending.TIMEOUT, Endings(timeout="bootstrap"), 2 * np.log(4)),
+        (Ending.COLLISION, Endings(collision="absorbing"), 2 * np.log(2) / (1 - 0.5)),
+    ],
+)
+def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> None:
+    """Q = (1, 1 + 2 ln 3), action 1, slow Q = 2 ln 2 twice; τ = 2, γ = 0.5, λ = 3, α_CQL = 0.7.
+
+    V = 1 + 2 ln 4, so V - Q is 2 ln (4/3); V(s') = 2 ln 4; R at 90 degrees is r_social.
+    """
+    network, slow = constant(1.0, 1 + 2 * np.log(3)), constant(2 * np.log(2), 2 * np.log(2))
+    one = jnp.ones((1, 1))
+    batch = Batch(
+        one,
+        jnp.array([1]),
+        one,
+        jnp.array([int(ending)]),
+        RewardPair(jnp.array([9.0]), jnp.array([0.4])),
+    )
+    numbers = Numbers(90.0, 3.0, conservatism=0.7, temperature=2.0, discount=0.5)
+    lane = jax.tree.map(lambda column: column[0], traced([numbers]))
+    loss, terms = conservative_loss(network, slow, batch, lane, Structure(endings=endings))
+    error = 1 + 2 * np.log(3) - 0.5 * follows - 1.2
+    assert terms["bellman"] == pytest.approx(error**2 / 2, rel=1e-5)
+    assert terms["conservative"] == pytest.approx(0.7 * 2 * np.log(4 / 3), rel=1e-5)
+    assert loss == pytest.approx(float(terms["bellman"] + terms["conservative"]), rel=1e-6)
+
+
+def test_runs_are_sound_and_repeat_bit_for_bit(data, assert_same) -> None:
+    found = train(SMALL, RUNS, [data], chunk=20)
+    assert found.failures == ()
+    assert found.history.updates == [20, 40, 60]
+    assert set(found.history.values) == {"bellman", "conservative", "loss", "max_q"}
+    assert_same(train(SMALL, RUNS, [data], chunk=20).networks, found.networks)
+    first, second = (found.policy(lane).q_values(data.observation) for lane in (0, 1))
+    assert not np.allclose(first, second)
+
+
+def test_a_policy_carries_its_origin_and_temperature(data) -> None:
+    numbers = dataclasses.replace(RUNS[0], temperature=0.3)
+    policy = train(SMALL, [numbers], [data], chunk=60).policy(0)
+    assert policy.provenance["learner"] == "cql"
+    assert Numbers(**policy.provenance["numbers"]) == numbers
+    assert policy.temperature == 0.3
+
+
+def test_a_network_that_blows_up_is_told(data) -> None:
+    found = train(SMALL, [RUNS[0], dataclasses.replace(RUNS[1], learning_rate=1e30)], [data])
+    assert len(found.failures) == 1
+    assert found.failures[0].startswith("angle 45, seed 1 stopped at update 0")
+
+
+def test_runs_without_demonstrations_are_refused(data) -> None:
+    for numbers in ([], [Numbers(dataset=1)]):
+        with pytest.raises(UserError, match="the demonstrations that each run names"):
+            train(SMALL, numbers, [data])
+
+
+@pytest.mark.usefixtures("without_type_checker")
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Structure(activation="gelu"),
+        lambda: Structure(view="round"),
+        lambda: Structure(batch_size=0),
+        lambda: Structure(updates=0),
+        lambda: Numbers(angle=-1.0),
+        lambda: Numbers(strength=-1.0),
+        lambda: Numbers(conservatism=float("nan")),
+        lambda: Numbers(temperature=0.0),
+        lambda: Numbers(learning_rate=0.0),
+        lambda: Numbers(discount=1.0),
+        lambda: Numbers(polyak=0.0),
+        lambda: Numbers(seed=-1),
+        lambda: Numbers(dataset=-1),
+    ],
+)
+def test_settings_that_make_no_run_are_refused(make) -> None:
+    with pytest.raises(UserError) as caught:
+        make()
+    assert "\n" not in str(caught.value)
