@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import csc_array, csr_array, diags_array, eye_array, sparray
-from scipy.sparse.linalg import splu
 
 from socialiq.errors import UserError
 from socialiq.theory.objective import Problem
@@ -97,8 +95,8 @@ def _newton(
         gradient = pull + through[support.state] * point.pi
         matrix = _curvature(support, averages, occupancy, temperature)
         scale = 1.0 / np.sqrt(support.weight)
-        scaled = csc_array(diags_array(scale) @ matrix @ diags_array(scale))
-        direction = -scale * splu(scaled).solve(scale * gradient)
+        scaled = scale[:, None] * matrix * scale
+        direction = -scale * np.linalg.solve(scaled, scale * gradient)
         point = _line_search(support, point, direction, float(gradient @ direction), temperature)
     raise UserError(
         f"the minimum is still off by {residual:.3g} after {_MAX_STEPS} steps at temperature "
@@ -107,15 +105,17 @@ def _newton(
 
 
 def _curvature(
-    support: Support, averages: csr_array, occupancy: Vector, temperature: float
-) -> sparray:
+    support: Support,
+    averages: Float[np.ndarray, "state pair"],
+    occupancy: Vector,
+    temperature: float,
+) -> Float[np.ndarray, "pair pair"]:
     """J' diag(2κ ρ_E) J + d(s)/τ (diag π - π π') with J = dr/dQ = 1 - γ F Π."""
-    visited = support.total(occupancy) / temperature
-    jacobian = eye_array(len(visited)) - support.problem.discount * (support.flow @ averages)
-    weight = diags_array(2.0 * support.problem.curvature * support.weight)
-    spread = diags_array(occupancy / temperature)
-    between = averages.T @ diags_array(visited[support.first]) @ averages
-    return jacobian.T @ weight @ jacobian + spread - between
+    visited = support.total(occupancy)[support.first] / temperature
+    jacobian = np.eye(len(occupancy)) - support.problem.discount * (support.flow @ averages)
+    weight = 2.0 * support.problem.curvature * support.weight
+    between = averages.T @ (visited[:, None] * averages)
+    return jacobian.T @ (weight[:, None] * jacobian) + np.diag(occupancy / temperature) - between
 
 
 def _line_search(

@@ -53,6 +53,37 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
     return sorted(found, key=lambda flip: flip.strength)
 
 
+def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> float:
+    """The least λ of a range at which any greedy action isn't the one of λ = 0.
+
+    The least of `found_flips`, without narrowing down the others.
+
+    Args:
+        problem: The problem; its own strength isn't used.
+        solve: Finds Q.
+        strengths: λ > 0, ascending.
+
+    Returns:
+        λ, infinite where no action flips in the range.
+    """
+
+    def q_at(strength: float, start: Table | None) -> Table:
+        return solve(dataclasses.replace(problem, strength=strength), start)
+
+    def before(q: Table) -> bool:
+        return bool((q[choices].argmax(axis=1) == lead).all())
+
+    choices = np.flatnonzero(problem.support.sum(axis=1) > 1)
+    below = 0.0, q_at(0.0, None)
+    lead = below[1][choices].argmax(axis=1)
+    for strength in map(float, strengths):
+        above = strength, q_at(strength, below[1])
+        if not before(above[1]):
+            return _halved(q_at, before, below, above)[1][0]
+        below = above
+    return float("inf")
+
+
 def _narrowed(
     q_at: Callable[[float, Table | None], Table],
     state: int,
@@ -61,11 +92,19 @@ def _narrowed(
     above: tuple[float, Table],
 ) -> Flip:
     """Halve an interval of λ at whose ends a state's greedy action differs."""
+    _, above = _halved(q_at, lambda q: bool(q[state].argmax() == lead), below, above)
+    return Flip(state, lead, int(above[1][state].argmax()), above[0])
+
+
+def _halved(
+    q_at: Callable[[float, Table | None], Table],
+    before: Callable[[Table], bool],
+    below: tuple[float, Table],
+    above: tuple[float, Table],
+) -> tuple[tuple[float, Table], tuple[float, Table]]:
+    """Halve an interval of λ, at whose lower end alone `before` holds, down to the precision."""
     while above[0] - below[0] > _PRECISION * above[0]:
         middle = (below[0] + above[0]) / 2.0
         q = q_at(middle, below[1])
-        if q[state].argmax() == lead:
-            below = middle, q
-        else:
-            above = middle, q
-    return Flip(state, lead, int(above[1][state].argmax()), above[0])
+        below, above = ((middle, q), above) if before(q) else (below, (middle, q))
+    return below, above

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import csc_array, diags_array, eye_array
-from scipy.sparse.linalg import splu
 
 from socialiq.errors import UserError
 from socialiq.mdp.solve import evaluate_policy
@@ -86,10 +84,10 @@ def _newton(
         if np.abs(gap).max() <= tolerance:
             return point
         averages = support.averages(point.pi)
-        spread = diags_array(point.pi) - averages.T @ averages
-        matrix = eye_array(len(q)) - support.problem.discount * (support.flow @ averages)
-        matrix = matrix + diags_array(1.0 / (twice * temperature * shares)) @ spread
-        direction = -splu(csc_array(matrix)).solve(gap)
+        spread = np.diag(point.pi) - averages.T @ averages
+        matrix = np.eye(len(q)) - support.problem.discount * (support.flow @ averages)
+        matrix += spread / (twice * temperature * shares)[:, None]
+        direction = -np.linalg.solve(matrix, gap)
         size = 1.0
         while True:
             found = support.at(point.q + size * direction, temperature)

@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import csc_array, csr_array, eye_array
-from scipy.sparse.linalg import splu
 
 from socialiq.theory.objective import Problem
 
@@ -34,7 +32,10 @@ Solve = Callable[[Vector, float, float], Point]
 
 
 class Support:
-    """The demonstrated pairs as one vector, and the matrices between pairs and their states."""
+    """The demonstrated pairs as one vector, and the matrices between pairs and their states.
+
+    The matrices are dense, which is far quicker for the few hundred pairs that are demonstrated.
+    """
 
     def __init__(self, problem: Problem, entry: Float[np.ndarray, " state"] | None = None) -> None:
         mdp, demonstrated = problem.mdp, problem.support
@@ -45,7 +46,7 @@ class Support:
         place[self.states] = np.arange(len(self.states))
         self.state = place[self.pairs // mdp.n_actions]
         self.first = np.flatnonzero(np.diff(self.state, prepend=-1))
-        self.flow = csr_array(mdp.flow[self.pairs][:, self.states])
+        self.flow = mdp.flow[self.pairs][:, self.states].toarray()
         self.weight = problem.demonstrated.ravel()[self.pairs]
         self.goal = problem.strength * problem.target.ravel()[self.pairs]
         self.entry = (problem.entry if entry is None else entry)[self.states]
@@ -74,15 +75,16 @@ class Support:
         loss = float(self.weight @ (quadratics - reward) + self.entry @ v)
         return Point(q, v, powers / totals[self.state], reward, loss)
 
-    def averages(self, pi: Vector) -> csr_array:
-        """Π, the policy's mean over the pairs of each state: sparse (state, pair)."""
-        shape = (len(self.states), len(self.pairs))
-        return csr_array((pi, (self.state, np.arange(len(pi)))), shape=shape)
+    def averages(self, pi: Vector) -> Float[np.ndarray, "state pair"]:
+        """Π, the policy's mean over the pairs of each state."""
+        means = np.zeros((len(self.states), len(pi)))
+        means[self.state, np.arange(len(pi))] = pi
+        return means
 
-    def occupancy(self, pi: Vector, averages: csr_array) -> Vector:
+    def occupancy(self, pi: Vector, averages: Float[np.ndarray, "state pair"]) -> Vector:
         """ρ_π on the support."""
-        chain = eye_array(len(self.states)) - self.problem.discount * (averages @ self.flow)
-        return splu(csc_array(chain)).solve(self.entry, trans="T")[self.state] * pi
+        chain = np.eye(len(self.states)) - self.problem.discount * (averages @ self.flow)
+        return np.linalg.solve(chain.T, self.entry)[self.state] * pi
 
     def follow(self, solve: Solve, start: Float[np.ndarray, "state action"] | None) -> Point:
         """Solve at the problem's temperature, coming from the demonstrators' policy at 1 or more.

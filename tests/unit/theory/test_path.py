@@ -3,7 +3,7 @@ import pytest
 
 from socialiq.theory import response
 from socialiq.theory.minimise import minimise
-from socialiq.theory.path import found_flips
+from socialiq.theory.path import first_flip, found_flips
 
 
 def solve(problem, start):
@@ -14,6 +14,13 @@ def test_a_bandit_s_flip_is_found(bandit):
     problem = bandit([0.7, 0.3], [0.0, 1.0], temperature=1e-4)
     [flip] = found_flips(problem, solve, [0.1, 0.3, 0.9])
     assert flip == (0, 0, 1, pytest.approx(0.4 / 0.84, rel=2e-3))
+
+
+def test_the_first_flip_is_the_least_of_all(random_problem):
+    problem, strengths = random_problem(0, temperature=0.05), [0.1, 0.3, 1.0, 3.0, 9.0]
+    least = found_flips(problem, solve, strengths)[0].strength
+    assert first_flip(problem, solve, strengths) == pytest.approx(least, rel=2e-3)
+    assert first_flip(problem, solve, [1e-3]) == np.inf
 
 
 def test_what_never_flips_is_infinite(bandit):

@@ -34,6 +34,7 @@ TINY = {
         "episodes_each": 3,
         "angles": (0.0,),
         "random_worlds": 1,
+        "target_kinds": ("instantaneous",),
         "units": (0.2, 0.8),
         "lengths": (0.0, 1.0),
     },

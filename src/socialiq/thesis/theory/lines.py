@@ -159,9 +159,3 @@ def _mean(problem: Problem, occupancy: np.ndarray) -> float:
     """E_ρ[T̄] / the mass of ρ_E."""
     on = problem.support
     return float(occupancy[on] @ problem.target[on]) / _mass(problem)
-
-
-def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> float:
-    """λ of the first flip found at the problem's own temperature; infinite where there is none."""
-    found = found_flips(problem, solve, strengths)
-    return found[0].strength if found else np.inf

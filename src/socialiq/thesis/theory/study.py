@@ -26,6 +26,8 @@ class Config:
     """α in degrees, of the exact part in the gridworlds; 0 degrees is trained."""
     random_worlds: int = 6
     """Random worlds, of seeds 0, 1, ...; beside the gridworlds."""
+    target_kinds: tuple[str, ...] = training.TARGETS
+    """What the trained networks' prior sees."""
     units: tuple[float, ...] = (0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
     """λ ‖T_⊥‖ of the trained networks, the same for every target."""
     lengths: tuple[float, ...] = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
@@ -107,10 +109,10 @@ def _training(config: Config, watch: Watch) -> dict[str, list[Row]]:
     """Networks in the 7x7 world, beside what was foretold for them."""
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
-    plan = training.Plan(config.units, config.seeds, config.updates)
+    plan = training.Plan(config.target_kinds, config.units, config.seeds, config.updates)
     lanes, firsts = training.trained_rows(ground, plan, datasets, watch)
     return {
-        "predicted": training.predicted_rows(ground),
+        "predicted": training.predicted_rows(ground, config.target_kinds),
         "trained": lanes,
         "first_flips": firsts,
     }

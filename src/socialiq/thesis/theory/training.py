@@ -14,6 +14,7 @@ from socialiq.learners.iq_learn.config import Numbers
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.objective import Problem
+from socialiq.theory.path import first_flip
 from socialiq.theory.replay import equilibrium
 from socialiq.thesis import presets
 from socialiq.thesis.lanes import Ground, Watch, evaluate, train_lanes
@@ -26,7 +27,7 @@ from socialiq.thesis.prediction import (
     target_norm,
 )
 from socialiq.thesis.store import Row
-from socialiq.thesis.theory.lines import SOLVERS, first_flip
+from socialiq.thesis.theory.lines import SOLVERS
 from socialiq.types import RewardPair
 
 ANGLE = 0.0
@@ -38,11 +39,13 @@ class Plan(NamedTuple):
     """How much is trained.
 
     Attributes:
+        targets: What the networks' prior sees, of `TARGETS`.
         units: λ ‖T_⊥‖ of the grid, the same for every target.
         seeds: Training seeds, each with a data set of its own.
         updates: Gradient steps.
     """
 
+    targets: tuple[str, ...]
     units: tuple[float, ...]
     seeds: tuple[int, ...]
     updates: int
@@ -54,7 +57,7 @@ def rows_problem(ground: Ground, kind: str) -> Problem:
     return problem_of(ground.part, Setting(ANGLE, told, measure="rows"))
 
 
-def predicted_rows(ground: Ground) -> list[Row]:
+def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
     """The first flip by each way to foretell it, for each gradient and target.
 
     `occupancy` and `rows` are straight lines for τ → 0. `solved` is the exact solution for rows at
@@ -64,7 +67,7 @@ def predicted_rows(ground: Ground) -> list[Row]:
     found = []
     mdp, horizon = ground.part.mdp, ground.part.world.horizon
     for next_value in NEXT_VALUES:
-        for kind in TARGETS:
+        for kind in targets:
             exact = problem_of(ground.part, Setting(ANGLE, kind))
             rows = rows_problem(ground, kind)
             span = (np.geomspace(0.05, 2.0, 17) / target_norm(rows)).tolist()
@@ -92,7 +95,7 @@ def trained_rows(
     """Train every gradient and target: a row for each lane, and for each seed's first flip."""
     lanes: list[Row] = []
     for next_value in NEXT_VALUES:
-        for kind in TARGETS:
+        for kind in plan.targets:
             if (next_value, kind) != ("online", "advantage"):
                 lanes += _lanes(ground, plan, datasets, watch, next_value, kind)
     return lanes, _first_flips(lanes)
