@@ -122,7 +122,7 @@ def _summary(tables: dict[str, list[Row]], seeds: int) -> dict[str, Any]:
     """The figures that the ledger and the page point at."""
 
     def largest(table: str, column: str) -> float:
-        return max(row[column] for row in tables[table])
+        return float(max(row[column] for row in tables[table]))
 
     changes = dict.fromkeys(row["change"] for row in tables["shaping"])
     slopes = [row["measured"] / row["predicted"] for row in tables["slopes"] if row["predicted"]]
