@@ -42,7 +42,7 @@ class Config:
     """Of the data sets. 0 was used in development."""
     episodes_each: int = 60
     """Demonstrated episodes of each expert."""
-    angles: tuple[int, ...] = (0, 15, 30, 45, 60, 75, 90)
+    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """At which policies are scored; 0, 45 and 90 are demonstrated."""
     discomfort: float = 0.5
     """What a change of speed by two levels costs the experts."""

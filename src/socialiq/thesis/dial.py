@@ -32,7 +32,7 @@ from socialiq.thesis.store import Results, Row
 from socialiq.worlds.grid_world import GridWorld
 
 STUDY = "dial"
-KEY_ANGLES = tuple(range(0, 91, 15))
+KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
 
 
 class Run(NamedTuple):
@@ -83,7 +83,7 @@ class Config:
     """Which of `RUNS`."""
     updates: int | None = None
     """Gradient steps in place of each run's own; for trying the study out."""
-    wanted: tuple[int, ...] = tuple(range(0, 91, 5))
+    wanted: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
     """Behavioural angles that the mixtures are to have."""
     rollouts: int = 1000
     """Episodes of each queried angle from which mixtures are estimated."""

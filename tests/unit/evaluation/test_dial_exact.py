@@ -100,7 +100,9 @@ def test_what_an_expert_shows_allows_the_expert_and_not_more(part, best) -> None
         assert regrets[1] == pytest.approx(0.0, abs=1e-9)
         assert regrets[2] > 1.0  # nobody showed how to wait
     strict, loose = (
-        ceiling_regrets(support_ceiling(data, part, timed), best, range(0, 91, 15))
+        ceiling_regrets(
+            support_ceiling(data, part, timed), best, (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+        )
         for timed in (True, False)
     )
     assert (strict >= loose - 1e-9).all()

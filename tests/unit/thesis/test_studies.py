@@ -42,11 +42,17 @@ TINY = {
         "seeds": (0,),
         "updates": 20,
         "episodes_each": 3,
-        "runs": ("online", "offline"),
-        "wanted": (0, 45, 90),
+        "runs": ("offline",),
+        "wanted": (0.0, 45.0, 90.0),
         "rollouts": 5,
     },
-    "competence": {"seeds": (0,), "episodes_each": 3, "angles": (0, 30), "strengths": (1.0,)},
+    "competence": {
+        "seeds": (0,),
+        "episodes_each": 3,
+        "angles": (0.0, 30.0),
+        "strengths": (1.0,),
+        "grid": 45,
+    },
     "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
 }
 
