@@ -21,6 +21,7 @@ from socialiq.figures import competence as competence_figures
 from socialiq.figures import dial as dial_figures
 from socialiq.figures import grid as grid_figures
 from socialiq.figures import intersection as intersection_figures
+from socialiq.figures import intersection_dial as intersection_dial_figures
 from socialiq.figures import intersection_world as intersection_world_figures
 from socialiq.figures import lambda_sweep as lambda_sweep_figures
 from socialiq.figures import poc as poc_figures
@@ -41,6 +42,7 @@ from socialiq.thesis import (
 )
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection import study as intersection
+from socialiq.thesis.intersection_dial import study as intersection_dial
 from socialiq.thesis.store import Results, Row
 from socialiq.thesis.theory import study as theory
 from socialiq.worlds.intersection.batch import BACK_ENDS
@@ -68,6 +70,7 @@ STUDIES = {
     "competence": Study(competence, competence_figures.draw, "pooled"),
     "intersection-world": Study(intersection_world, intersection_world_figures.draw, "outcomes"),
     "intersection": Study(intersection, intersection_figures.draw, "table_6_2", True),
+    "intersection-dial": Study(intersection_dial, intersection_dial_figures.draw, "families", True),
     "theory": Study(theory, theory_figures.draw, "predicted"),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
@@ -77,7 +80,7 @@ STUDIES = {
 class Reproduce:
     """Run a study of the thesis: worlds (5.1) to intersection (6.3, A), or an appendix.
 
-    The intersection takes an hour or more. It keeps what is done in FOLDER.work, so the same
+    Those of the intersection take hours. They keep what is done in FOLDER.work, so the same
     command goes on where it was stopped, in whatever way.
 
     Example: socialiq reproduce grid --out my-results
@@ -85,7 +88,8 @@ class Reproduce:
 
     study: Annotated[str, tyro.conf.Positional]
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
-    (D); theory, its predictions held against training; or classic-control, an outside check."""
+    (D); theory, its predictions held against training; dial, competence and intersection-dial,
+    which go beyond it; or classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()
@@ -99,6 +103,9 @@ class Reproduce:
     targets, data."""
     highway_episodes: int | None = None
     """Episodes of each final policy of the intersection study on the real highway-env."""
+    work: Path | None = None
+    """Folder of what is done, by default FOLDER.work; in that of the intersection study, the
+    study intersection-dial finds experts and demonstrations."""
     replace: bool = False
     """Replace the results that are in the folder."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -128,8 +135,10 @@ class Reproduce:
         module, config = study.module, study.module.Config(**self.given(study.module.Config))
         with Display() as display:
             if study.resumable:
-                work = folder.with_name(f"{folder.name}.work")
+                work = self.work or folder.with_name(f"{folder.name}.work")
                 return module.run(config, display.stage, work)
+            if self.work is not None:
+                raise UserError(f"{self.study} keeps no work folder: leave out --work")
             return module.run(config, display.stage)
 
     def given(self, kind: Any) -> dict[str, Any]:

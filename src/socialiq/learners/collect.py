@@ -25,8 +25,9 @@ Act = Callable[[np.ndarray], Any]
 Source = Callable[[Act, np.random.Generator], Batch]
 """Lets a driver act in an environment for a fixed number of steps."""
 
-Behaviour = Callable[[QNetwork, int, int, np.random.Generator], Act]
-"""How a lane acts: given its network, its number, the updates done and its random numbers."""
+Behaviour = Callable[[Any, int, int, np.random.Generator], Act]
+"""How a lane acts: given its network, of whichever kind its learner trains, its number, the updates
+done and its random numbers."""
 
 
 class Collector:

@@ -188,7 +188,7 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
 def test_the_intersection_learns_from_the_recordings_of_its_own_study() -> None:
     """The same jobs, by name and fingerprint: finished ones are used again."""
     own = fingerprints(plan.plan(intersection_config.Config(highway_episodes=0)))
-    pools = fingerprints(intersection.pool_jobs())
+    pools = fingerprints(plan.pool_jobs(intersection.STUDY))
     assert len(pools) == len(MODES) + 1
     assert {name: own[name] for name in pools} == pools
 

@@ -67,6 +67,16 @@ def plan(config: Config) -> list[Job]:
     return [*jobs, *_evaluations(jobs, config), *_drivers(config), *_highway(config)]
 
 
+def pool_jobs(config: Config) -> list[Job]:
+    """The study's experts and recordings, for other studies to learn from.
+
+    Names and fingerprints are its own: in its work folder, what it has done is used again.
+    """
+    jobs = {job.name: job for job in _main(config)}
+    pools = jobs[POOLS]
+    return [*(jobs[name] for name in pools.inputs), pools]
+
+
 def expert_name(network: str, mode: str, seed: int) -> str:
     """Folder of an expert."""
     return f"experts/{network}/{mode}/{seed}"

@@ -42,6 +42,7 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.reference.conformance import PORTABLE
 from socialiq.worlds.intersection.world import Intersection
 
 BEST, LAST = "best.safetensors", "last.safetensors"
@@ -74,13 +75,13 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
         partial(policy_of, structure, config.numbers),
         folder / BEST,
     )
-    source = _source(config.options, config.environments, CHUNK * structure.steps_per_update)
+    source = source_of(config.options, config.environments, CHUNK * structure.steps_per_update)
     trained = train_dqn(
         structure,
         [config.numbers],
         [source],
         (world.n_features, world.n_actions),
-        _outside(folder, monitor, tell),
+        outside_of(folder, monitor, tell),
         CHUNK,
     )
     _keep(trained.policy(0), trained.history, folder)
@@ -144,13 +145,13 @@ def train_learner(config: LearnerRun, folder: Path, inputs: Mapping[str, Path], 
     collector = None
     if structure.online:
         steps = CHUNK * structure.env_steps_per_update
-        source = _source(config.options, config.environments, steps)
+        source = source_of(config.options, config.environments, steps)
         collector = Collector([source], [numbers.seed], soft([numbers.temperature]))
     trained = train_iq(
         structure,
         [numbers],
         [data],
-        outside=_outside(folder, monitor, tell),
+        outside=outside_of(folder, monitor, tell),
         chunk=CHUNK,
         before_chunk=collector,
     )
@@ -237,14 +238,23 @@ def _keep(policy: QPolicy, history: History, folder: Path) -> None:
     (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
-def _source(options: Options, environments: int, steps: int) -> Source:
+def surroundings(work: Path) -> dict[str, str]:
+    """Variables of processes that do such jobs: one arithmetic, and programs compiled once."""
+    return PORTABLE | {
+        "JAX_COMPILATION_CACHE_DIR": str(work.absolute() / "compiled"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
+
+
+def source_of(options: Options, environments: int, steps: int) -> Source:
+    """Intersections on the core, side by side, for so many steps a chunk."""
     env = IntersectionVectorEnv(
         environments, autoreset_mode=AutoresetMode.SAME_STEP, **dataclasses.asdict(options)
     )
     return from_vector_env(env, steps)
 
 
-def _outside(folder: Path, monitor: Any, tell: Tell) -> Outside:
+def outside_of(folder: Path, monitor: Any, tell: Tell) -> Outside:
     """Progress, checks, and a checkpoint that an interrupted try has left."""
     checkpoint = folder / CHECKPOINT
 

@@ -25,12 +25,12 @@ from socialiq.thesis.intersection.plan import (
     plan,
 )
 from socialiq.thesis.intersection.rows import curves, highway, played, policy_row, times
+from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.intersection.tables import best_angles, distributions, separability, table_6_2
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.store import Results, Row
 from socialiq.thesis.workers import run_jobs
-from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 STUDY = "intersection"
 
@@ -57,11 +57,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
         with tempfile.TemporaryDirectory() as folder:
             return run(config, watch, Path(folder))
     jobs = plan(config)
-    compiled = {
-        "JAX_COMPILATION_CACHE_DIR": str(work.absolute() / "compiled"),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
-    }
-    run_jobs(jobs, work, watch, environment=PORTABLE | compiled)
+    run_jobs(jobs, work, watch, environment=surroundings(work))
     return tabulate(config, jobs, work)
 
 

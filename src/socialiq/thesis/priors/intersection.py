@@ -23,7 +23,7 @@ from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection import config as study
 from socialiq.thesis.intersection.checks import Checks
 from socialiq.thesis.intersection.episodes import load_episodes
-from socialiq.thesis.intersection.plan import POOLS, plan
+from socialiq.thesis.intersection.plan import POOLS
 from socialiq.thesis.intersection.stages import (
     LAST,
     Evaluation,
@@ -40,8 +40,8 @@ from socialiq.thesis.priors.methods import Method, nearest_mode
 from socialiq.thesis.store import Row
 
 WORLD = "intersection"
-STUDY = study.Config(parts=("main",), highway_episodes=0)
-"""Whose experts' recordings all methods learn from; finished ones in the work folder are used."""
+STUDY = study.Config()
+"""Whose experts' recordings all methods learn from."""
 COSTS = {"iq_learn": 80.0, "rl": 60.0, "cql": 40.0}
 """Seconds or so; a clone takes half of CQL's."""
 
@@ -80,13 +80,6 @@ def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
     """The episodes of these modes."""
     wanted = [number for number, name in enumerate(data.mode_names) if name in modes]
     return data.select(np.flatnonzero(np.isin(data.episode_modes, wanted)))
-
-
-def pool_jobs() -> list[Job]:
-    """The study's experts and recordings: jobs with its names and fingerprints."""
-    jobs = {job.name: job for job in plan(STUDY)}
-    pools = jobs[POOLS]
-    return [*(jobs[name] for name in pools.inputs), pools]
 
 
 def jobs_of(

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.thesis.intersection.plan import pool_jobs
+from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.priors import intersection
@@ -21,7 +23,6 @@ from socialiq.thesis.priors.gridworlds import ROWS, GridRun, references, run_met
 from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS, Method
 from socialiq.thesis.store import Results, Row, from_csv
 from socialiq.thesis.workers import run_jobs
-from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 STUDY = "compare-priors"
 KEYS = ("world", "method", "strength", "target_angle", "readout")
@@ -47,8 +48,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     if work is None:
         with tempfile.TemporaryDirectory() as folder:
             return run(config, watch, Path(folder))
-    compiled = {"JAX_COMPILATION_CACHE_DIR": str(work.absolute() / "compiled")}
-    around = PORTABLE | compiled | {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5"}
+    around = surroundings(work)
     run_jobs(development_jobs(config), work, watch, environment=around)
     developed = list(development_rows(config, work))
     chosen = choose(developed)
@@ -60,7 +60,7 @@ def development_jobs(config: Config) -> list[Job]:
     """Every method that has a λ, at each λ."""
     jobs: list[Job] = []
     for world in config.worlds:
-        jobs += [] if world in GRIDWORLDS else intersection.pool_jobs()
+        jobs += [] if world in GRIDWORLDS else pool_jobs(intersection.STUDY)
         for method in _scaled(config):
             jobs += _jobs(config, DEVELOPMENT, world, method, config.strengths)
     return jobs
@@ -70,7 +70,7 @@ def fresh_jobs(config: Config, chosen: Chosen) -> list[Job]:
     """Every method at its λ."""
     jobs: list[Job] = []
     for world in config.worlds:
-        jobs += [] if world in GRIDWORLDS else intersection.pool_jobs()
+        jobs += [] if world in GRIDWORLDS else pool_jobs(intersection.STUDY)
         for method in _methods(config):
             strengths = (_strength(world, method, chosen),)
             jobs += _jobs(config, FRESH, world, method, strengths)

@@ -1,0 +1,1 @@
+"""The dial in the intersection, beside agents trained for one angle each."""
