@@ -15,9 +15,10 @@ from socialiq.thesis.intersection import config as intersection_config
 from socialiq.thesis.intersection import plan
 from socialiq.thesis.jobs import fingerprints
 from socialiq.thesis.lanes import Ground
-from socialiq.thesis.priors import gridworlds, intersection, study
+from socialiq.thesis.priors import alignment, intersection, learners, study
 from socialiq.thesis.priors.config import Config
-from socialiq.thesis.priors.gridworlds import Arena, Lane, effective_share
+from socialiq.thesis.priors.gridworlds import effective_share
+from socialiq.thesis.priors.learners import Arena, Lane
 from socialiq.thesis.priors.methods import BY_NAME, IQ, LABELS, METHODS, nearest_mode
 
 TINY = Config(
@@ -40,34 +41,33 @@ def five_by_five() -> Arena:
 
 
 @pytest.mark.usefixtures("quick_compiler")
-@pytest.mark.parametrize(
-    "name", ["advantage", *(name for name in gridworlds.LEARNERS if name != IQ)]
-)
+@pytest.mark.parametrize("name", ["advantage", *(name for name in learners.LEARNERS if name != IQ)])
 def test_every_learner_trains_a_policy_for_each_lane(arena: Arena, name: str) -> None:
     method = BY_NAME[name]
     lanes = [Lane(0.0, 1.0, 0, 0), Lane(90.0, 3.0, 1, 1)]
-    policies = gridworlds.LEARNERS[method.learner](arena, method, lanes)
+    policies = learners.LEARNERS[method.learner](arena, method, lanes)
     tables = [action_table(policy, arena.ground.part, "soft") for policy in policies]
     assert len(policies) == 2 and not np.allclose(*tables)
     for policy, lane in zip(policies, lanes, strict=True):
         assert policy.provenance["numbers"]["seed"] == lane.seed
         structure = policy.provenance["structure"]
         assert tuple(structure["hidden"]) == arena.structure.hidden
-        assert structure["batch_size"] == arena.structure.batch_size
+        rows = structure.get("batch_size", structure.get("expert_batch"))
+        assert rows == arena.structure.batch_size
         assert policy.provenance["numbers"]["learning_rate"] == arena.numbers.learning_rate
 
 
 def test_rows_of_a_table_have_labels_and_distinct_names() -> None:
     assert len(BY_NAME) == len(METHODS)
     assert set(LABELS) == set(BY_NAME)
-    learners = {method.learner for method in METHODS}
-    assert learners == set(gridworlds.LEARNERS) == set(intersection.LEARNERS)
+    trained_by = {method.learner for method in METHODS}
+    assert trained_by == set(learners.LEARNERS) == set(intersection.LEARNERS)
 
 
 def test_every_method_of_iq_learn_has_a_structure_of_its_own() -> None:
     """But for the thesis' row, which differs from the running returns' by its λ alone."""
     own = {
-        method.name: gridworlds.structure_of(method, TINY.structure)
+        method.name: learners.structure_of(method, TINY.structure)
         for method in METHODS
         if method.learner == IQ
     }
@@ -171,6 +171,26 @@ def test_the_overall_table_is_over_angles(results) -> None:
         assert row["worst_regret"] == max(own)
 
 
+def test_angle_errors_are_ranked_against_regrets() -> None:
+    """Three policies whose errors rank as their regrets, and three the other way round."""
+
+    def row(world: str, angle: float, regret: float | str) -> dict:
+        labels = {"world": world, "readout": "greedy", "target_angle": 0.0}
+        return labels | {"angle": angle, "regret": regret}
+
+    alike = [row("a", 10.0 * n, 0.1 * n) for n in range(1, 4)]
+    against = [row("b", -10.0 * n, 1.0 - 0.1 * n) for n in range(1, 4)]
+    unknown = [row("c", 1.0, "")]
+    found = {r["world"]: r for r in alignment.alignment([*alike, *against, *unknown])}
+    assert set(found) == {"a", "b"}
+    assert found["a"]["spearman"] == pytest.approx(1.0)
+    assert found["b"]["spearman"] == pytest.approx(-1.0)
+    assert found["b"]["error_at_least_regret"] == pytest.approx(30.0)
+    assert found["b"]["regret_at_least_error"] == pytest.approx(0.9)
+    counted = alignment.counts(list(found.values()))
+    assert counted["groups"] == 2 and counted["least_error_has_least_regret"] == 1
+
+
 def test_a_second_call_does_nothing_and_gives_the_same(results, work) -> None:
     before = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
     assert study.run(TINY, work=work).summary == results.summary
@@ -206,11 +226,9 @@ def test_the_plan_of_the_intersection_is_whole() -> None:
             seen.add(job.name)
     methods = {job.name.split("/")[3] for job in then if job.stage == "priors"}
     assert methods == set(BY_NAME)
-    trained = [job for job in then if job.stage == "priors"]
+    trained = [job for job in then if hasattr(job.config, "structure") and job.stage != "experts"]
     assert {job.config.structure.updates for job in trained} == {config.intersection_updates}
-    kinds = {
-        job.config.structure.target_kind for job in trained if job.name.split("/")[3] == "advantage"
-    }
+    kinds = {job.config.structure.target_kind for job in trained if "/advantage/" in job.name}
     assert kinds == {"advantage_fitted"}
 
 
@@ -221,11 +239,11 @@ def test_a_tiny_intersection_runs_from_nothing(monkeypatch, tmp_path) -> None:
     monkeypatch.setattr(intersection, "STUDY", tiny)
     config = Config(
         worlds=("intersection",),
-        methods=("instantaneous", "clone_of_mode", "cql", "rl"),
+        methods=("instantaneous", "clone_of_mode", "cql", "rl", "dial"),
         development_angles=(90.0,),
-        strengths=(1.0,),
+        intersection_strengths=(1.0,),
         intersection_development_seeds=(0,),
-        seeds=(10,),
+        intersection_seeds=(10,),
         intersection_updates=20,
         episodes=10,
     )

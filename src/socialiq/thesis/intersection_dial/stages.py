@@ -26,6 +26,7 @@ from socialiq.thesis.intersection.stages import (
     BATCH,
     CHECKPOINT,
     CHUNK,
+    LAST,
     outside_of,
     source_of,
 )
@@ -112,6 +113,20 @@ def drive(config: Turning, folder: Path, inputs: Mapping[str, Path], tell: Tell)
         episodes = episodes_of(Batch(config.options, BATCH), dial.at(angle), seeds)
         save_episodes(folder / file_of(angle), episodes)
         tell(number / len(config.angles))
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A dial turned to one angle, as a policy that other jobs can evaluate."""
+
+    angle: float
+
+
+def turn(config: Turned, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+    """Write the policy of one angle."""
+    (trained,) = inputs.values()
+    DialPolicy.load(trained / DIAL).at(config.angle).save(folder / LAST)
+    tell(1.0)
 
 
 def file_of(angle: float) -> str:

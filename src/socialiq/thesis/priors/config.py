@@ -42,10 +42,14 @@ class Config:
     """Gradient steps in the gridworlds, and as many steps in the world."""
     learning_rate: float = FASTER * presets.TABLE_C1_NUMBERS.learning_rate
     polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak
-    intersection_development_seeds: tuple[int, ...] = (0, 1)
-    """Fewer, because a run takes a minute."""
-    intersection_updates: int = presets.INTERSECTION_CALIBRATED.updates
-    """Gradient steps of every method in the intersection."""
+    intersection_strengths: tuple[float, ...] = (1.0, 3.0)
+    """λ that can be chosen in the intersection."""
+    intersection_development_seeds: tuple[int, ...] = (0,)
+    """Training seeds there, fewer because a run takes the better part of a minute."""
+    intersection_seeds: tuple[int, ...] = (10, 11, 12)
+    """Training seeds of the intersection's table."""
+    intersection_updates: int = 4_000
+    """Gradient steps of every method in the intersection, half of the study's."""
     episodes: int = 2000
     """Evaluation episodes of each policy in the intersection."""
 
@@ -60,8 +64,12 @@ class Config:
                 raise UserError(f"{name} must name at least one")
         if len({*self.worlds}) < len(self.worlds):
             raise UserError("a world is named twice: name each once")
-        if {*self.seeds} & {*self.development_seeds, *self.intersection_development_seeds}:
+        if self._fresh & {*self.development_seeds, *self.intersection_development_seeds}:
             raise UserError("a seed of development can't be a seed of the table: name others")
+
+    @property
+    def _fresh(self) -> set[int]:
+        return {*self.seeds, *self.intersection_seeds}
 
     @property
     def structure(self) -> iq.Structure:

@@ -33,9 +33,16 @@ from socialiq.thesis.intersection.stages import (
     train_expert,
     train_learner,
 )
+from socialiq.thesis.intersection_dial.stages import DialRun, Turned, train_dial, turn
 from socialiq.thesis.jobs import Job, Tell
 from socialiq.thesis.priors.config import Config
-from socialiq.thesis.priors.gridworlds import Lane, numbers_of, structure_of
+from socialiq.thesis.priors.learners import (
+    Lane,
+    dial_numbers,
+    dial_structure,
+    numbers_of,
+    structure_of,
+)
 from socialiq.thesis.priors.methods import Method, nearest_mode
 from socialiq.thesis.store import Row
 
@@ -86,11 +93,19 @@ def jobs_of(
     config: Config, phase: str, method: Method, strengths: Sequence[float], seeds: Sequence[int]
 ) -> Iterator[Job]:
     """Training and evaluation of one method at every angle, strength and seed."""
+    dials: set[str] = set()
     for lane in lanes_of(config, method, strengths, seeds):
         name = job_name(phase, method, lane)
         work, run = LEARNERS[method.learner](config, method, lane)
         cost = COSTS.get(method.learner, COSTS["cql"] / 2)
-        yield Job(name, work, run, () if method.learner == "rl" else (POOLS,), cost)
+        inputs = () if method.learner == "rl" else (POOLS,)
+        if method.learner == "dial":  # trained once, turned to each angle
+            dial = f"dials/{phase}/{lane.strength:g}/{lane.seed}"
+            if dial not in dials:
+                yield Job(dial, train_dial, _dial_run(config, lane), inputs, 2 * cost)
+                dials.add(dial)
+            inputs, cost = (dial,), 1.0
+        yield Job(name, work, run, inputs, cost)
         looking = Evaluation(LAST, method.readouts, config.episodes)
         yield Job(f"evaluation/{name}", evaluate, looking, (name,), cost=6.0)
 
@@ -201,6 +216,18 @@ def _reinforcement(config: Config, _method: Method, lane: Lane) -> Made:
     return train_expert, ExpertRun(structure, numbers, checks=Checks(times=2))
 
 
+def _dial(_config: Config, _method: Method, lane: Lane) -> Made:
+    return turn, Turned(lane.angle)
+
+
+def _dial_run(config: Config, lane: Lane) -> DialRun:
+    base = _base(config)
+    numbers = dial_numbers(presets.INTERSECTION_CALIBRATED_NUMBERS, lane)
+    return DialRun(
+        dial_structure(base), numbers, STUDY.mixture, STUDY.size, base.env_steps_per_update
+    )
+
+
 LEARNERS: dict[str, Callable[[Config, Method, Lane], Made]] = {
     "iq_learn": _iq_learn,
     "clone": _clone,
@@ -208,5 +235,6 @@ LEARNERS: dict[str, Callable[[Config, Method, Lane], Made]] = {
     "clone_weighted": _clone,
     "cql": _conservative,
     "rl": _reinforcement,
+    "dial": _dial,
 }
 """By the name in `Method.learner`."""

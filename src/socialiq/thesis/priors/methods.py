@@ -14,7 +14,7 @@ class Method:
 
     Attributes:
         name: Of the row, and of its folders.
-        learner: Who trains it, a name of `gridworlds.LEARNERS` and `intersection.LEARNERS`.
+        learner: Who trains it, a name of `learners.LEARNERS` and `intersection.LEARNERS`.
         prior: Of IQ-Learn: where the social score enters.
         target_kind: Of IQ-Learn: what the score is of.
         shift_term_3: Of the Bellman shift.
@@ -47,7 +47,7 @@ METHODS = (
     Method("bellman_shift", IQ, "bellman_shift", "running", scaled=False, by_angle=False),
     Method("bellman_shift_1_3", IQ, "bellman_shift", "running", shift_term_3=True),
     Method("reweighting", IQ, "reweighting", "running"),
-    # A learner that is given the angle as an input has its row here.
+    Method("dial", "dial"),
     Method("clone", "clone", scaled=False, by_angle=False),
     Method("clone_of_mode", "clone_of_mode", scaled=False),
     Method("clone_weighted", "clone_weighted"),
@@ -69,6 +69,7 @@ LABELS = {
     "bellman_shift": "Bellman shift, term 1",
     "bellman_shift_1_3": "Bellman shift, terms 1 and 3",
     "reweighting": "reweighting",
+    "dial": "the dial, one network for all angles",
     "clone": "BC, pooled",
     "clone_of_mode": "BC of the nearest mode",
     "clone_weighted": "BC weighted by R(α)",

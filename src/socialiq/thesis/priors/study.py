@@ -18,6 +18,7 @@ from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.priors import intersection
+from socialiq.thesis.priors.alignment import alignment, counts
 from socialiq.thesis.priors.config import EPISODES_EACH, GRIDWORLDS, Config
 from socialiq.thesis.priors.gridworlds import ROWS, GridRun, references, run_method
 from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS, Method
@@ -62,7 +63,8 @@ def development_jobs(config: Config) -> list[Job]:
     for world in config.worlds:
         jobs += [] if world in GRIDWORLDS else pool_jobs(intersection.STUDY)
         for method in _scaled(config):
-            jobs += _jobs(config, DEVELOPMENT, world, method, config.strengths)
+            strengths = _strengths(config, world)
+            jobs += _jobs(config, DEVELOPMENT, world, method, strengths)
     return jobs
 
 
@@ -85,16 +87,18 @@ def _scaled(config: Config) -> list[Method]:
     return [method for method in _methods(config) if method.scaled]
 
 
+def _strengths(config: Config, world: str) -> tuple[float, ...]:
+    return config.strengths if world in GRIDWORLDS else config.intersection_strengths
+
+
 def _strength(world: str, method: Method, chosen: Chosen) -> float:
     return chosen[world, method.name] if method.scaled else THESIS_STRENGTHS[world]
 
 
 def _seeds(config: Config, phase: str, world: str) -> tuple[int, ...]:
-    if phase == FRESH:
-        return config.seeds
     if world in GRIDWORLDS:
-        return config.development_seeds
-    return config.intersection_development_seeds
+        return config.seeds if phase == FRESH else config.development_seeds
+    return config.intersection_seeds if phase == FRESH else config.intersection_development_seeds
 
 
 def _jobs(
@@ -127,7 +131,8 @@ def development_rows(config: Config, work: Path) -> Iterator[Row]:
     """What the seeds of development showed."""
     for world in config.worlds:
         for method in _scaled(config):
-            yield from _rows(config, work, DEVELOPMENT, world, method, config.strengths)
+            strengths = _strengths(config, world)
+            yield from _rows(config, work, DEVELOPMENT, world, method, strengths)
 
 
 def fresh_rows(config: Config, chosen: Chosen, work: Path) -> Iterator[Row]:
@@ -172,11 +177,12 @@ def tabulate(
     config: Config, developed: Sequence[Row], chosen: Chosen, fresh: Sequence[Row]
 ) -> Results:
     """Rows as they came out, their means over seeds, and what the choice of λ was made of."""
-    pooled = means(fresh)
+    pooled, aligned = means(fresh), alignment(fresh)
     tables = {
         "policies": list(fresh),
         "pooled": pooled,
         "overall": overall(pooled),
+        "alignment": aligned,
         "references": [
             row
             for world in config.worlds
@@ -189,9 +195,8 @@ def tabulate(
             for (world, method), strength in chosen.items()
         ],
     }
-    return Results.of(
-        STUDY, config, {k: rows for k, rows in tables.items() if rows}, _summary(pooled)
-    )
+    summary = _summary(pooled) | {"alignment": counts(aligned)}
+    return Results.of(STUDY, config, {k: rows for k, rows in tables.items() if rows}, summary)
 
 
 def means(rows: Sequence[Row]) -> list[Row]:
