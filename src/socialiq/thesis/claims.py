@@ -28,6 +28,7 @@ STUDIES = (
     "theory",
     "intersection-world",
     "intersection",
+    "compare-priors",
     "none",
 )
 
@@ -42,6 +43,7 @@ _COMMANDS = {
     "theory": "pytest tests/identities",
     "intersection-world": "socialiq reproduce intersection-world",
     "intersection": "socialiq reproduce intersection --parts main",
+    "compare-priors": "socialiq compare priors",
     "none": "",
 }
 

@@ -75,6 +75,16 @@ def test_the_thesis_table_a_2_follows_from_its_table_a_1(results):
         assert results.summary["table_a_2"][pair][signal]["ours"] == row["ours"]
 
 
+def test_policies_of_the_atlas_drive_among_both_kinds_of_neighbours(results, work):
+    """The same episodes' seeds, other neighbours: what happens differs."""
+    rows = {(row["member"], row["connected"]): row for row in results.tables["connected"]}
+    assert len(rows) == 2 * len(plan.members(TINY))
+    by_policy = {(r["policy"], r["readout"]): r for r in results.tables["policies"]}
+    for member, name in plan.members(TINY).items():
+        assert rows[member, "off"]["r_social"] == by_policy[name, "greedy"]["r_social"]
+    assert any(rows[m, "off"]["r_social"] != rows[m, "on"]["r_social"] for m, _ in rows)
+
+
 def test_every_job_has_its_time(results):
     rows = results.tables["times"]
     assert sum(row["number"] for row in rows) == len(plan.plan(TINY))

@@ -30,6 +30,7 @@ from socialiq.thesis.intersection.stages import (
     train_learner,
 )
 from socialiq.thesis.jobs import Job
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
 
 POOLS = "demonstrations/experts"
@@ -64,7 +65,13 @@ def plan(config: Config) -> list[Job]:
     for part, make in parts.items():
         if part in config.parts:
             jobs += make(config)
-    return [*jobs, *_evaluations(jobs, config), *_drivers(config), *_highway(config)]
+    return [
+        *jobs,
+        *_evaluations(jobs, config),
+        *_drivers(config),
+        *_connected(config),
+        *_highway(config),
+    ]
 
 
 def pool_jobs(config: Config) -> list[Job]:
@@ -198,6 +205,14 @@ def _drivers(config: Config) -> Iterator[Job]:
     for name in NAMES:
         run = Evaluation(driver=name, readouts=("greedy",), episodes=config.episodes)
         yield Job(f"evaluation/drivers/{name}", evaluate, run, cost=3.0)
+
+
+def _connected(config: Config) -> Iterator[Job]:
+    """The atlas' policies among drivers who look ahead across lanes that are connected."""
+    for name, job in members(config).items():
+        options = Options(connected_lanes=True)
+        run = Evaluation(policy_file(job), ("greedy",), config.episodes, options=options)
+        yield Job(f"connected/{name}", evaluate, run, (job,), cost=3.0)
 
 
 def _highway(config: Config) -> Iterator[Job]:

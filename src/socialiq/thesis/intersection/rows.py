@@ -19,7 +19,16 @@ from socialiq.thesis.jobs import RECORD, Job
 from socialiq.thesis.store import Row, from_csv
 
 _ANGLE_SEED = 0  # of the bootstrap
-_DEPTH = {"learners": 3, "highway": 1}  # parts of a name that make a kind of job
+_RATES = (
+    *(
+        f"{kind}{end}"
+        for kind in ("collision", "arrival", "timeout")
+        for end in ("", "_low", "_high")
+    ),
+    "ego_struck",
+    "ego_was_struck",
+)
+_DEPTH = {"learners": 3, "highway": 1, "connected": 1}  # parts of a name that make a kind of job
 _REWARDS = ("r_env", "r_env_sd", "r_social", "r_social_sd")
 _CLASSICAL = ("classical_own", "classical_own_sd", "classical_others", "classical_others_sd")
 
@@ -108,6 +117,26 @@ def times(jobs: Sequence[Job], work: Path) -> list[Row]:
         {"jobs": kind, "number": len(took), "seconds": sum(took), "longest": max(took)}
         for kind, took in seconds.items()
     ]
+
+
+def connected(jobs: Sequence[Job], work: Path) -> list[Row]:
+    """How the atlas' policies fare among drivers who see across connected lanes, and who don't.
+
+    With highway-env's intersection-v2 a driver looks for vehicles ahead on the lane that follows
+    its own too; before, it doesn't see who has stopped just beyond the border.
+    """
+    rows: list[Row] = []
+    for job in jobs:
+        if job.stage == "connected":
+            (trained,) = job.inputs
+            folders = {"off": work / "evaluation" / trained, "on": work / job.name}
+            for name, folder in folders.items():
+                row = policy_row(
+                    Played(trained, "greedy", load_episodes(folder / "greedy.safetensors"))
+                )
+                label = {"member": job.name.removeprefix("connected/"), "connected": name}
+                rows.append(label | {key: row[key] for key in (*_RATES, *_REWARDS)})
+    return rows
 
 
 def highway(jobs: Sequence[Job], work: Path) -> list[Row]:

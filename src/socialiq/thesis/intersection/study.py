@@ -24,7 +24,7 @@ from socialiq.thesis.intersection.plan import (
     learner_name,
     plan,
 )
-from socialiq.thesis.intersection.rows import curves, highway, played, policy_row, times
+from socialiq.thesis.intersection.rows import connected, curves, highway, played, policy_row, times
 from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.intersection.tables import best_angles, distributions, separability, table_6_2
 from socialiq.thesis.jobs import Job
@@ -75,6 +75,7 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "differences": differences(rows, config),
         "best_angles": best_angles([row for row in rows.values() if _compared(row)]),
         "curves": curves(jobs, work),
+        "connected": connected(jobs, work),
         "highway": highway(jobs, work),
         "times": times(jobs, work),
     }
@@ -128,6 +129,9 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
         for mode in MODES
         if (expert_name(network, mode, first), "greedy") in by_name
     }
+    found["connected"] = {}
+    for row in tables["connected"]:
+        found["connected"].setdefault(row["member"], {})[row["connected"]] = row
     found["drivers"] = {
         row["policy"].split("/")[1]: row
         for row in tables["policies"]
