@@ -1,3 +1,4 @@
+import os
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
@@ -29,9 +30,14 @@ def table7() -> Table:
     return tabulated("crossing7")
 
 
-@pytest.fixture(scope="session", name="compiled")
-def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return str(tmp_path_factory.mktemp("compiled"))
+@pytest.fixture(scope="session", name="compiled", autouse=True)
+def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of compiled programs: one for all workers, and for the processes of jobs (`workers`)."""
+    base = tmp_path_factory.getbasetemp()
+    folder = str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_COMPILATION_CACHE_DIR", folder)
+        yield folder
 
 
 @pytest.fixture(scope="module")

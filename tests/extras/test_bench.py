@@ -29,3 +29,10 @@ def test_bench_experts_prints_one_json_object(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["ratio"] > 0
     assert found["share_of_matrix_throughput"] > 0
+
+
+def test_bench_dial_prints_one_json_object(capsys):
+    assert main(["bench", "dial", "--repeats", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["intersection_thesis_updates"] == found["intersection_dial_updates"]
+    assert found["crossing7_ratio"] > 0 and found["intersection_ratio"] > 0

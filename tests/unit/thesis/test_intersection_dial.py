@@ -21,7 +21,13 @@ TINY = Config(
     key_angles=(0.0, 90.0),
     turned=(0.0, 45.0, 90.0),
     structure=dataclasses.replace(
-        STRUCTURE, hidden=(8,), updates=30, expert_batch=8, replay_batch=8, replay_capacity=5000
+        STRUCTURE,
+        view="flat",
+        hidden=(8,),
+        updates=30,
+        expert_batch=8,
+        replay_batch=8,
+        replay_capacity=5000,
     ),
     agent_updates=20,
     size=60,

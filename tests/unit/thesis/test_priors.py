@@ -239,7 +239,7 @@ def test_a_tiny_intersection_runs_from_nothing(monkeypatch, tmp_path) -> None:
     monkeypatch.setattr(intersection, "STUDY", tiny)
     config = Config(
         worlds=("intersection",),
-        methods=("instantaneous", "clone_of_mode", "cql", "rl", "dial"),
+        methods=("instantaneous", "cql", "rl", "dial"),
         development_angles=(90.0,),
         intersection_strengths=(1.0,),
         intersection_development_seeds=(0,),

@@ -1,8 +1,9 @@
-"""How a dial acts in environments outside JAX: every environment at an angle of its own."""
+"""How a dial acts, inside JAX or outside: every environment at an angle of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,15 +11,68 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from socialiq.learners import replay
 from socialiq.learners.collect import Act, Behaviour
 from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.objective import Traced, draw_directions
+from socialiq.learners.expert_table import Batch
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.social.angle import exact_weights
-from socialiq.types import RewardPair
+from socialiq.types import Ending, RewardPair, Simulator
+
+
+class Acting(NamedTuple):
+    """Running episodes, each driven at an angle of its own; arrays lead with the environments."""
+
+    episode: Any
+    observation: Array
+    direction: RewardPair
+
+
+def begin(structure: Structure, simulator: Simulator, key: Array) -> Acting:
+    """Fresh episodes at angles drawn for them."""
+    for_world, for_angle = jax.random.split(key)
+    keys = jax.random.split(for_world, structure.environments)
+    episode, observation = jax.vmap(simulator.reset)(keys)
+    return Acting(
+        episode, observation, draw_directions(for_angle, structure.environments, structure)
+    )
+
+
+def act(
+    structure: Structure,
+    simulator: Simulator,
+    numbers: Traced,
+    network: DialNetwork,
+    ring: replay.Replay,
+    now: Acting,
+    key: Array,
+) -> tuple[replay.Replay, Acting]:
+    """One step in every environment of a simulator, stored; an episode that ends begins anew."""
+    for_action, for_chance, for_random, for_step, for_new = jax.random.split(key, 5)
+    count = structure.environments
+    q = jax.vmap(network)(now.observation, now.direction)
+    chosen = jax.random.categorical(for_action, q / numbers.temperature)
+    random = jax.random.randint(for_random, (count,), 0, q.shape[-1])
+    explores = jax.random.uniform(for_chance, (count,)) < numbers.exploration
+    action = jnp.where(explores, random, chosen)
+    follows, step = jax.vmap(simulator.advance)(
+        jax.random.split(for_step, count), now.episode, action
+    )
+    ring = replay.add_many(
+        ring, Batch(now.observation, action, step.observation, step.ending, step.rewards)
+    )
+    ended = step.ending != int(Ending.NONE)
+    going = Acting(follows, step.observation, now.direction)
+
+    def begun(new: Array, old: Array) -> Array:
+        return jnp.where(ended.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+    return ring, jax.tree.map(begun, begin(structure, simulator, for_new), going)
 
 
 def acting(structure: Structure, numbers: Sequence[Numbers]) -> Behaviour:
-    """softmax(Q/τ) at the environment's angle, or now and then a random action.
+    """Outside JAX: softmax(Q/τ) at the environment's angle, or now and then a random action.
 
     An environment keeps its angle for a chunk. Together the environments' angles are stratified:
     one in each of as many equal parts of the dial's range, so every chunk sees all of it.
@@ -27,7 +81,7 @@ def acting(structure: Structure, numbers: Sequence[Numbers]) -> Behaviour:
     def behaviour(network: DialNetwork, lane: int, _done: int, rng: np.random.Generator) -> Act:
         one, directions = numbers[lane], dict[int, RewardPair]()
 
-        def act(observation: np.ndarray) -> np.ndarray:
+        def decide(observation: np.ndarray) -> np.ndarray:
             count = len(observation)
             if count not in directions:
                 directions[count] = stratified(structure, count, rng)
@@ -38,7 +92,7 @@ def acting(structure: Structure, numbers: Sequence[Numbers]) -> Behaviour:
             random = rng.integers(q.shape[1], size=count)
             return np.where(rng.random(count) < one.exploration, random, chosen)
 
-        return act
+        return decide
 
     return behaviour
 

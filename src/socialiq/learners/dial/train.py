@@ -18,6 +18,7 @@ from jaxtyping import Array
 
 from socialiq.errors import UserError
 from socialiq.learners import loop, replay
+from socialiq.learners.dial.acting import Acting, act, begin
 from socialiq.learners.dial.config import Numbers, Structure
 from socialiq.learners.dial.objective import (
     Rows,
@@ -32,7 +33,7 @@ from socialiq.learners.state import History, Lanes
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
-from socialiq.types import Ending, RewardPair, Simulator, Transitions
+from socialiq.types import Simulator, Transitions
 
 BeforeChunk = Callable[[Lanes, int], Lanes]
 """Called with the lanes and the number of updates done, before each chunk."""
@@ -46,14 +47,6 @@ class Learnt(NamedTuple):
     network: DialNetwork
     slow: DialNetwork
     adam: Any
-
-
-class Acting(NamedTuple):
-    """Running episodes, each driven at an angle of its own; arrays lead with the environments."""
-
-    episode: Any
-    observation: Array
-    direction: RewardPair
 
 
 class Surroundings(NamedTuple):
@@ -204,19 +197,9 @@ def initialise(
         structure.one_hot,
     )
     ring = replay.empty(structure.replay_capacity, n_features) if structure.online else None
-    acting = _begin(structure, simulator, for_acting) if simulator else None
+    acting = begin(structure, simulator, for_acting) if simulator else None
     learnt = Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array)))
     return learnt, Surroundings(key, ring, acting, jnp.ones(()))
-
-
-def _begin(structure: Structure, simulator: Simulator, key: Array) -> Acting:
-    """Fresh episodes at angles drawn for them."""
-    for_world, for_angle = jax.random.split(key)
-    keys = jax.random.split(for_world, structure.environments)
-    episode, observation = jax.vmap(simulator.reset)(keys)
-    return Acting(
-        episode, observation, draw_directions(for_angle, structure.environments, structure)
-    )
 
 
 def update(
@@ -232,7 +215,10 @@ def update(
     surroundings = surroundings._replace(key=key)
     numbers = weighed(numbers, surroundings.multiplier)
     if simulator is not None:
-        surroundings = _act(structure, simulator, numbers, learnt, surroundings, for_acting)
+        ring, acting = surroundings.replay, surroundings.acting
+        assert ring is not None and acting is not None  # `check_fit` asks for online training
+        ring, acting = act(structure, simulator, numbers, learnt.network, ring, acting, for_acting)
+        surroundings = surroundings._replace(replay=ring, acting=acting)
     rows = _rows(structure, table, numbers, surroundings, for_rows)
     gradient, terms = jax.grad(objective, has_aux=True)(
         learnt.network, learnt.slow, rows, numbers, structure
@@ -281,40 +267,6 @@ def _rows(
         batch = at_other_times(for_time, batch, structure.redraw_times)
     n_expert = structure.expert_batch if structure.demonstrations else 0
     return Rows(batch, draw_directions(for_angle, len(batch.action), structure), n_expert)
-
-
-def _act(
-    structure: Structure,
-    simulator: Simulator,
-    numbers: Traced,
-    learnt: Learnt,
-    surroundings: Surroundings,
-    key: Array,
-) -> Surroundings:
-    """One step in every environment: softmax(Q/τ) at the episode's angle, or a random action."""
-    acting, ring = surroundings.acting, surroundings.replay
-    assert acting is not None and ring is not None  # `check_fit` asks for online training
-    for_action, for_chance, for_random, for_step, for_new = jax.random.split(key, 5)
-    count = structure.environments
-    q = jax.vmap(learnt.network)(acting.observation, acting.direction)
-    chosen = jax.random.categorical(for_action, q / numbers.temperature)
-    random = jax.random.randint(for_random, (count,), 0, q.shape[-1])
-    explores = jax.random.uniform(for_chance, (count,)) < numbers.exploration
-    action = jnp.where(explores, random, chosen)
-    follows, step = jax.vmap(simulator.advance)(
-        jax.random.split(for_step, count), acting.episode, action
-    )
-    ring = replay.add_many(
-        ring, Batch(acting.observation, action, step.observation, step.ending, step.rewards)
-    )
-    ended = step.ending != int(Ending.NONE)
-    going = Acting(follows, step.observation, acting.direction)
-
-    def begun(new: Array, old: Array) -> Array:
-        return jnp.where(ended.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-
-    acting = jax.tree.map(begun, _begin(structure, simulator, for_new), going)
-    return surroundings._replace(replay=ring, acting=acting)
 
 
 def check_fit(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -239,9 +240,13 @@ def _keep(policy: QPolicy, history: History, folder: Path) -> None:
 
 
 def surroundings(work: Path) -> dict[str, str]:
-    """Variables of processes that do such jobs: one arithmetic, and programs compiled once."""
+    """Variables of processes that do such jobs: one arithmetic, and programs compiled once.
+
+    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
+    """
+    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work.absolute() / "compiled"))
     return PORTABLE | {
-        "JAX_COMPILATION_CACHE_DIR": str(work.absolute() / "compiled"),
+        "JAX_COMPILATION_CACHE_DIR": compiled,
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
     }
 

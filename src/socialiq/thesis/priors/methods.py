@@ -69,7 +69,7 @@ LABELS = {
     "bellman_shift": "Bellman shift, term 1",
     "bellman_shift_1_3": "Bellman shift, terms 1 and 3",
     "reweighting": "reweighting",
-    "dial": "the dial, one network for all angles",
+    "dial": "the dial, one network",
     "clone": "BC, pooled",
     "clone_of_mode": "BC of the nearest mode",
     "clone_weighted": "BC weighted by R(α)",
