@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.figures.style import figure, plain
-from socialiq.thesis.competence import best_strengths
+from socialiq.thesis.competence.study import best_strengths
 from socialiq.thesis.store import Results
 
 _LOOKS = {

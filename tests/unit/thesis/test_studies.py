@@ -52,6 +52,7 @@ TINY = {
         "angles": (0.0, 30.0),
         "strengths": (1.0,),
         "grid": 45,
+        "tolerance": 1e-2,
     },
     "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
 }

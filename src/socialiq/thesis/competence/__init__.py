@@ -1,0 +1,1 @@
+"""The benchmark of a hidden skill: what demonstrations add beyond the reward pair."""
