@@ -7,7 +7,6 @@ episode, so that at a high τ_w the clone is the plain one.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -25,6 +24,7 @@ from socialiq.learners import loop
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn import priors
 from socialiq.learners.outside import Outside
+from socialiq.learners.ranges import check_above_zero, check_counts, check_not_negative, check_seed
 from socialiq.learners.state import History
 from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
@@ -52,8 +52,7 @@ class Structure:
         """Refuse names and sizes that make no run."""
         one_of("activation", self.activation, tuple(ACTIVATIONS))
         one_of("view", self.view, tuple(CHOICES))
-        if self.batch_size < 1 or self.updates < 1:
-            raise UserError("batch_size and updates must be at least 1")
+        check_counts(self, ("batch_size", "updates"))
 
 
 @dataclass(frozen=True)
@@ -71,13 +70,9 @@ class Numbers:
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         check_angle(self.angle)
-        for name in ("learning_rate", "reweight_temperature"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
-        if not 0 <= self.seed < 2**32:
-            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
-        if self.dataset < 0:
-            raise UserError(f"dataset must be 0 or more, got {self.dataset}")
+        check_above_zero(self, ("learning_rate", "reweight_temperature"))
+        check_seed(self.seed)
+        check_not_negative(self, ("dataset",))
 
 
 class _Traced(NamedTuple):

@@ -8,7 +8,6 @@ IQ-Learn with the social prior, gradient by gradient (docs/theory.md).
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,6 +26,14 @@ from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.outside import Outside
+from socialiq.learners.ranges import (
+    check_above_zero,
+    check_counts,
+    check_discount,
+    check_not_negative,
+    check_rate,
+    check_seed,
+)
 from socialiq.learners.state import History
 from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
@@ -56,8 +63,7 @@ class Structure:
         """Refuse names and sizes that make no run."""
         one_of("activation", self.activation, tuple(ACTIVATIONS))
         one_of("view", self.view, tuple(CHOICES))
-        if self.batch_size < 1 or self.updates < 1:
-            raise UserError("batch_size and updates must be at least 1")
+        check_counts(self, ("batch_size", "updates"))
 
 
 @dataclass(frozen=True)
@@ -83,20 +89,11 @@ class Numbers:
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         check_angle(self.angle)
-        for name in ("strength", "conservatism"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise UserError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        for name in ("temperature", "learning_rate"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
-        if not 0.0 <= self.discount < 1.0:
-            raise UserError(f"discount must lie in [0, 1), got {self.discount}")
-        if not 0.0 < self.polyak <= 1.0:
-            raise UserError(f"polyak must lie in (0, 1], got {self.polyak}")
-        if not 0 <= self.seed < 2**32:
-            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
-        if self.dataset < 0:
-            raise UserError(f"dataset must be 0 or more, got {self.dataset}")
+        check_not_negative(self, ("strength", "conservatism", "dataset"))
+        check_above_zero(self, ("temperature", "learning_rate"))
+        check_discount(self.discount)
+        check_rate(self, ("polyak",))
+        check_seed(self.seed)
 
 
 class Traced(NamedTuple):

@@ -19,6 +19,16 @@ def check_counts(config: Any, names: tuple[str, ...]) -> None:
             raise UserError(f"{name} must be at least 1, got {getattr(config, name)}")
 
 
+def check_widths(hidden: tuple[int, ...]) -> None:
+    """Refuse a layer without a unit.
+
+    Raises:
+        UserError: If there is one.
+    """
+    if any(width < 1 for width in hidden):
+        raise UserError(f"hidden widths must be at least 1, got {hidden}")
+
+
 def check_above_zero(config: Any, names: tuple[str, ...]) -> None:
     """Refuse numbers that are not positive and finite.
 
@@ -50,6 +60,27 @@ def check_shares(config: Any, names: tuple[str, ...]) -> None:
     for name in names:
         if not 0.0 <= getattr(config, name) <= 1.0:
             raise UserError(f"{name} must lie in [0, 1], got {getattr(config, name)}")
+
+
+def check_rate(config: Any, names: tuple[str, ...]) -> None:
+    """Refuse rates outside (0, 1].
+
+    Raises:
+        UserError: If one is.
+    """
+    for name in names:
+        if not 0.0 < getattr(config, name) <= 1.0:
+            raise UserError(f"{name} must lie in (0, 1], got {getattr(config, name)}")
+
+
+def check_discount(discount: float) -> None:
+    """Refuse a discount under which an endless episode has no value.
+
+    Raises:
+        UserError: If it lies outside [0, 1).
+    """
+    if not 0.0 <= discount < 1.0:
+        raise UserError(f"discount must lie in [0, 1), got {discount}")
 
 
 def check_seed(seed: int) -> None:

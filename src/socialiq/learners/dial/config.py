@@ -11,8 +11,10 @@ from socialiq.learners.ranges import (
     check_above_zero,
     check_counts,
     check_not_negative,
+    check_rate,
     check_seed,
     check_shares,
+    check_widths,
 )
 from socialiq.nn.q_network import ACTIVATIONS
 from socialiq.nn.view import CHOICES
@@ -77,8 +79,7 @@ class Structure:
         sizes = ("expert_batch", "replay_batch", "updates", "environments", "replay_capacity")
         check_counts(self, sizes)
         check_not_negative(self, ("redraw_times", "margin"))
-        if any(width < 1 for width in self.hidden):
-            raise UserError(f"hidden widths must be at least 1, got {self.hidden}")
+        check_widths(self.hidden)
         if not self.online and not self.demonstrations:
             raise UserError("offline and without demonstrations there is nothing to learn from")
         if not self.demonstrations and self.scored == "demonstrations":
@@ -116,6 +117,7 @@ class Numbers:
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         check_not_negative(self, ("strength", "prior_weight", "dataset"))
-        check_above_zero(self, ("temperature", "chi2_alpha", "learning_rate", "polyak"))
-        check_shares(self, ("discount", "final_rate", "polyak", "exploration"))
+        check_above_zero(self, ("temperature", "chi2_alpha", "learning_rate"))
+        check_rate(self, ("polyak",))
+        check_shares(self, ("discount", "final_rate", "exploration"))
         check_seed(self.seed)

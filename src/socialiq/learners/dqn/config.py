@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-from socialiq.errors import UserError, one_of
+from socialiq.errors import one_of
+from socialiq.learners.ranges import (
+    check_above_zero,
+    check_counts,
+    check_discount,
+    check_rate,
+    check_seed,
+    check_shares,
+    check_widths,
+)
 from socialiq.nn.q_network import ACTIVATIONS
 from socialiq.nn.view import CHOICES
 from socialiq.social.angle import check_angle
@@ -44,11 +52,8 @@ class Structure:
         """Refuse names and sizes that make no run."""
         one_of("view", self.view, tuple(CHOICES))
         one_of("activation", self.activation, tuple(ACTIVATIONS))
-        for name in ("batch_size", "steps", "steps_per_update", "replay_capacity"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if any(width < 1 for width in self.hidden):
-            raise UserError(f"hidden widths must be at least 1, got {self.hidden}")
+        check_counts(self, ("batch_size", "steps", "steps_per_update", "replay_capacity"))
+        check_widths(self.hidden)
 
     @property
     def updates(self) -> int:
@@ -80,18 +85,11 @@ class Numbers:
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         check_angle(self.angle)
-        for name in ("learning_rate", "final_learning_rate"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
-        if not 0.0 <= self.discount < 1.0:
-            raise UserError(f"discount must lie in [0, 1), got {self.discount}")
-        for name in ("polyak", "exploration_fall"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise UserError(f"{name} must lie in (0, 1], got {getattr(self, name)}")
-        if not 0.0 <= self.exploration <= 1.0:
-            raise UserError(f"exploration must lie in [0, 1], got {self.exploration}")
-        if not 0 <= self.seed < 2**32:
-            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
+        check_above_zero(self, ("learning_rate", "final_learning_rate"))
+        check_discount(self.discount)
+        check_rate(self, ("polyak", "exploration_fall"))
+        check_shares(self, ("exploration",))
+        check_seed(self.seed)
 
     def exploring(self, progress: float) -> float:
         """Share of random actions when this share of the run is done."""

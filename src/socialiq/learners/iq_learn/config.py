@@ -7,12 +7,21 @@ compiled program.
 from __future__ import annotations
 
 import dataclasses
-import math
 import typing
 from dataclasses import dataclass
 from typing import Literal
 
 from socialiq.errors import UserError, one_of
+from socialiq.learners.ranges import (
+    check_above_zero,
+    check_counts,
+    check_discount,
+    check_not_negative,
+    check_rate,
+    check_seed,
+    check_shares,
+    check_widths,
+)
 from socialiq.nn.view import CHOICES
 from socialiq.social.angle import check_angle
 from socialiq.types import Ending
@@ -92,13 +101,10 @@ class Structure:
                 what = field.name.replace("_", " ")
                 one_of(what, getattr(self, field.name), known)
         one_of("view", self.view, tuple(CHOICES))
-        for name in ("batch_size", "updates", "env_steps_per_update", "replay_capacity"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if any(width < 1 for width in self.hidden):
-            raise UserError(f"hidden widths must be at least 1, got {self.hidden}")
-        if not 0.0 <= self.social_discount <= 1.0:
-            raise UserError(f"social_discount must lie in [0, 1], got {self.social_discount}")
+        sizes = ("batch_size", "updates", "env_steps_per_update", "replay_capacity")
+        check_counts(self, sizes)
+        check_widths(self.hidden)
+        check_shares(self, ("social_discount",))
         if not self.online and self.value_term == "value":
             raise UserError(
                 "value term 'value' needs the learner's own transitions: "
@@ -152,17 +158,10 @@ class Numbers:
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         check_angle(self.angle)
-        for name in ("strength", "prior_weight"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise UserError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        for name in ("temperature", "chi2_alpha", "learning_rate", "reweight_temperature"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise UserError(f"{name} must be above 0, got {getattr(self, name)}")
-        if not 0.0 <= self.discount < 1.0:
-            raise UserError(f"discount must lie in [0, 1), got {self.discount}")
-        if not 0.0 < self.polyak <= 1.0:
-            raise UserError(f"polyak must lie in (0, 1], got {self.polyak}")
-        if not 0 <= self.seed < 2**32:
-            raise UserError(f"seed must lie in [0, 2^32), got {self.seed}")
-        if self.dataset < 0:
-            raise UserError(f"dataset must be 0 or more, got {self.dataset}")
+        check_not_negative(self, ("strength", "prior_weight", "dataset"))
+        check_above_zero(
+            self, ("temperature", "chi2_alpha", "learning_rate", "reweight_temperature")
+        )
+        check_discount(self.discount)
+        check_rate(self, ("polyak",))
+        check_seed(self.seed)
