@@ -132,6 +132,11 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
     found["connected"] = {}
     for row in tables["connected"]:
         found["connected"].setdefault(row["member"], {})[row["connected"]] = row
+    found["through_timeouts"] = {
+        row["run"].split("/")[2]: row  # the last check of a run stays
+        for row in tables["curves"]
+        if row["run"].startswith("timeouts/through/")
+    }
     found["drivers"] = {
         row["policy"].split("/")[1]: row
         for row in tables["policies"]
