@@ -23,7 +23,7 @@ from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.outside import Outside
 from socialiq.thesis import presets
-from socialiq.thesis.dial import RUNS, seen
+from socialiq.thesis.dial.config import RUNS, seen
 from socialiq.thesis.experts import trajectory_datasets
 from socialiq.thesis.intersection.stages import source_of
 from socialiq.thesis.priors.learners import Lane, dial_numbers, dial_structure

@@ -31,7 +31,6 @@ from socialiq.figures.style import png
 from socialiq.thesis import (
     alternatives,
     classic_control,
-    dial,
     grid,
     intersection_world,
     lambda_sweep,
@@ -40,6 +39,7 @@ from socialiq.thesis import (
     worlds,
 )
 from socialiq.thesis.competence import study as competence
+from socialiq.thesis.dial import study as dial
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection import study as intersection
 from socialiq.thesis.intersection_dial import study as intersection_dial

@@ -16,10 +16,14 @@ from socialiq.cli.progress import Display
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.learners.dial.budget import Budget, Look
+from socialiq.learners.dial.config import Numbers, Structure
 from socialiq.learners.dial.train import Trained, check_fit, train
 from socialiq.learners.outside import Outside
 from socialiq.storage import new_folder, write_json
-from socialiq.thesis import dial as study
+from socialiq.thesis.dial.budgets import CHUNK, exact_regret
+from socialiq.thesis.dial.config import RUNS, seen, with_clock
+from socialiq.thesis.lanes import Ground
 from socialiq.thesis.store import rounded, versions
 from socialiq.worlds.registry import make_grid
 
@@ -42,6 +46,11 @@ class TrainDial:
     transition at times drawn anew)."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
+    angle: float | None = None
+    """Train for this one social angle in degrees, instead of 0 to 90."""
+    budget: float | None = None
+    """With --angle: follow the demonstrations, but for a regret of at most this much at the angle,
+    in units of reward; the strength that takes is found while training."""
     updates: int | None = None
     """Gradient steps; by default the preset's."""
     resume: bool = False
@@ -51,17 +60,18 @@ class TrainDial:
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
-        one_of("preset", self.preset, tuple(study.RUNS))
-        chosen = study.RUNS[self.preset]
+        one_of("preset", self.preset, tuple(RUNS))
+        chosen = RUNS[self.preset]
         plain = make_grid(self.world)
         world = plain.with_clock() if chosen.clock else plain
         structure = dataclasses.replace(
-            chosen.structure,
-            one_hot=study.seen(world),
+            self.narrowed(chosen.structure),
+            one_hot=seen(world),
             updates=self.updates or chosen.structure.updates,
             redraw_times=world.horizon if chosen.structure.redraw_times else 0,
         )
         numbers = [dataclasses.replace(chosen.numbers, seed=seed) for seed in self.seed]
+        budget = self.dual_ascent(structure, numbers)
         data = self.demonstrations(structure.demonstrations)
         simulator = world if structure.online else None
         sizes = (world.n_features, world.n_actions)
@@ -71,8 +81,17 @@ class TrainDial:
             outside = Outside(
                 on_report=display.stage("training"), checkpoint=checkpoint, resume=self.resume
             )
-            trained = train(structure, numbers, data, simulator, sizes, outside)
-        lanes = self.write(trained)
+            trained = train(
+                structure,
+                numbers,
+                data,
+                simulator,
+                sizes,
+                outside,
+                chunk=CHUNK if budget else 500,
+                budget=budget,
+            )
+        lanes = self.write(trained, budget)
         checkpoint.unlink(missing_ok=True)
         if self.json:
             print_json({"out": str(self.out), "dials": lanes})
@@ -97,6 +116,33 @@ class TrainDial:
             raise UserError(f"preset '{self.preset}' takes no demonstrations: leave --data out")
         return [files.load(self.data)] if self.data else []
 
+    def narrowed(self, structure: Structure) -> Structure:
+        """The preset's structure, for the one angle if there is one.
+
+        Raises:
+            UserError: If a budget has no angle.
+        """
+        if self.budget is not None and self.angle is None:
+            raise UserError("a budget is of the regret at one angle: add --angle")
+        if self.angle is None:
+            return structure
+        return dataclasses.replace(structure, low=self.angle, high=self.angle, margin=0.0)
+
+    def dual_ascent(self, structure: Structure, numbers: list[Numbers]) -> Budget | None:
+        """What finds the strength for the budget, if there is one; its path is of this process.
+
+        Raises:
+            UserError: If the budget is not above 0, or the run too short to find anything.
+        """
+        if self.budget is None:
+            return None
+        if structure.updates <= CHUNK:
+            raise UserError(f"a budget is looked at every {CHUNK} updates: train for more")
+        budgets = np.full(len(numbers), self.budget)
+        plain, clock = make_grid(self.world), RUNS[self.preset].clock
+        ground = with_clock(Ground.of(plain.name), clock)
+        return Budget(exact_regret(ground, structure, numbers), budgets)
+
     def folder(self) -> Path:
         """The output folder: a new one, or that of a stopped run."""
         if not self.resume:
@@ -105,7 +151,7 @@ class TrainDial:
             raise UserError(f"{self.out} holds a finished run: there is nothing to resume")
         return self.out
 
-    def write(self, trained: Trained) -> list[dict[str, Any]]:
+    def write(self, trained: Trained, budget: Budget | None) -> list[dict[str, Any]]:
         """Dials and the record of the run."""
         lanes = []
         for lane, numbers in enumerate(trained.numbers):
@@ -113,6 +159,9 @@ class TrainDial:
             sha256 = trained.dial(lane).save(self.out / name)
             loss = float(np.asarray(trained.history.array("loss"))[-1, lane])
             lanes.append({"file": name, "seed": numbers.seed, "loss": loss, "sha256": sha256})
+            if budget is not None:
+                regret = float(budget.path[-1].regret[lane])
+                lanes[-1] |= {"multiplier": trained.multipliers[lane], "regret": regret}
         record = {
             "preset": self.preset,
             "structure": dataclasses.asdict(trained.structure),
@@ -123,9 +172,20 @@ class TrainDial:
                 "file": str(self.data),
                 "sha256": hashlib.sha256(self.data.read_bytes()).hexdigest(),
             },
+            "budget": self.budget,
+            "budget_path": [look_row(look) for look in budget.path] if budget else [],
             "versions": versions(),
             "failures": trained.failures,
             "dials": lanes,
         }
         write_json(self.out / "run.json", rounded(record))
         return lanes
+
+
+def look_row(look: Look) -> dict[str, Any]:
+    """One step of dual ascent, of all lanes."""
+    return {
+        "updates": look.updates,
+        "regret": look.regret.tolist(),
+        "multiplier": look.multiplier.tolist(),
+    }

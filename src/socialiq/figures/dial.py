@@ -27,7 +27,7 @@ def draw(results: Results) -> dict[str, Figure]:
         "regret": _regret(results),
         "turning": _turning(results),
         "mixtures": _mixtures(results),
-    }
+    } | ({"budgets": _budgets(results)} if "budget_path" in results.tables else {})
 
 
 def _of(rows: Sequence[Row], **wanted: Any) -> list[Row]:
@@ -130,6 +130,29 @@ def _mixtures(results: Results) -> Figure:
     episodes = results.config["rollouts"]
     right.set_title(f"Mixtures set from {episodes} episodes a policy (dotted: worst)", fontsize=10)
     left.legend(frameon=False, fontsize=8)
+    for axes in (left, right):
+        plain(axes)
+    return drawn
+
+
+def _budgets(results: Results) -> Figure:
+    """The regret of each agent while its multiplier is found, and what the data make of it."""
+    drawn = figure(10.0, 4.0)
+    left, right = drawn.subplots(1, 2)
+    budgets = sorted({row["budget"] for row in results.tables["budgets"]})
+    for place, budget in enumerate(budgets):
+        color = f"C{place}"
+        for row in _of(results.tables["budgets"], budget=budget):
+            path = _of(results.tables["budget_path"], budget=budget, seed=row["seed"])
+            updates, regrets = ([look[key] for look in path] for key in ("updates", "regret"))
+            left.plot(updates, regrets, color=color, linewidth=0.9, alpha=0.7)
+            right.plot(row["regret_soft"], row["log_likelihood"], "o", color=color)
+        left.axhline(budget, color=color, linestyle=":", label=f"ε = {budget:g}")
+    left.set(xlabel="updates", ylabel="regret of the soft policy", yscale="log")
+    left.set_title("Dual ascent: regret (lines) and budget (dotted)", fontsize=10)
+    left.legend(frameon=False, fontsize=8)
+    right.set(xlabel="regret of the soft policy", ylabel="mean log-likelihood of what was shown")
+    right.set_title("What a looser budget leaves to the data", fontsize=10)
     for axes in (left, right):
         plain(axes)
     return drawn

@@ -262,6 +262,10 @@ def test_dials_that_cannot_be_trained(capsys, tmp_path, data):
         "choose one of online": ("--preset", "uphill"),
         "with a clock if it has one": ("--data", data),
         "updates must be at least 1": ("--data", data, "--updates", -1),
+        "add --angle": ("--data", data, "--budget", 0.1),
+        "must be above 0": ("--data", data, "--angle", 45, "--budget", 0),
+        "train for more": ("--angle", 45, "--budget", 1, "--updates", 250),
+        "outside [0, 360)": ("--data", data, "--angle", 400),
     }
     for mend, options in mends.items():
         assert mend in refused(capsys, "train-dial", "crossing7", "--out", out, *options)

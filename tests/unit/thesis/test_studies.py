@@ -43,6 +43,8 @@ TINY = {
         "updates": 20,
         "episodes_each": 3,
         "runs": ("offline",),
+        "budgets": (0.5,),
+        "budget_seeds": (0,),
         "wanted": (0.0, 45.0, 90.0),
         "rollouts": 5,
     },
