@@ -17,8 +17,8 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.learners.dial.budget import Budget, Look
-from socialiq.learners.dial.config import Numbers, Structure
-from socialiq.learners.dial.train import Trained, check_fit, train
+from socialiq.learners.dial.config import Numbers, Structure, check_fit
+from socialiq.learners.dial.train import Trained, train
 from socialiq.learners.outside import Outside
 from socialiq.storage import new_folder, write_json
 from socialiq.thesis.dial.budgets import CHUNK, exact_regret

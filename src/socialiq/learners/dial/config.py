@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -19,6 +20,7 @@ from socialiq.learners.ranges import (
 from socialiq.nn.q_network import ACTIVATIONS
 from socialiq.nn.view import CHOICES
 from socialiq.social.angle import check_angle
+from socialiq.types import Simulator, Transitions
 
 Scored = Literal["all", "demonstrations"]
 
@@ -121,3 +123,43 @@ class Numbers:
         check_rate(self, ("polyak",))
         check_shares(self, ("discount", "final_rate", "exploration"))
         check_seed(self.seed)
+
+
+def check_fit(
+    structure: Structure,
+    numbers: Sequence[Numbers],
+    datasets: Sequence[Transitions],
+    simulator: Simulator | None,
+    sizes: tuple[int, int] | None,
+    collects: bool,
+) -> tuple[int, int]:
+    """Refuse runs whose settings, data and world don't fit together, before any work is done.
+
+    Returns:
+        Features of an observation and number of actions.
+
+    Raises:
+        UserError: The line says what doesn't fit.
+    """
+    if not numbers:
+        raise UserError("no runs: pass at least one set of numbers")
+    if structure.demonstrations and not datasets:
+        raise UserError("no demonstrations: pass at least one set, or train without them")
+    if structure.demonstrations and max(one.dataset for one in numbers) >= len(datasets):
+        raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
+    acts = simulator is not None or collects
+    if structure.online != acts:
+        raise UserError(
+            "online training needs a world: name one, or train offline"
+            if structure.online
+            else "offline training takes no world: drop it, or train online"
+        )
+    found = [(data.observation.shape[1], data.n_actions) for data in datasets]
+    found += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
+    found += [sizes] if sizes else []
+    if len(set(found)) != 1:
+        raise UserError(
+            f"data and world differ in (features, actions): {sorted(set(found))}: "
+            "record the data in this world, with a clock if it has one"
+        )
+    return found[0]

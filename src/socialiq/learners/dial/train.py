@@ -16,10 +16,9 @@ import optax
 from jax.tree_util import Partial
 from jaxtyping import Array
 
-from socialiq.errors import UserError
 from socialiq.learners import loop, replay
 from socialiq.learners.dial.acting import Acting, act, begin
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.config import Numbers, Structure, check_fit
 from socialiq.learners.dial.objective import (
     Rows,
     Traced,
@@ -267,43 +266,3 @@ def _rows(
         batch = at_other_times(for_time, batch, structure.redraw_times)
     n_expert = structure.expert_batch if structure.demonstrations else 0
     return Rows(batch, draw_directions(for_angle, len(batch.action), structure), n_expert)
-
-
-def check_fit(
-    structure: Structure,
-    numbers: Sequence[Numbers],
-    datasets: Sequence[Transitions],
-    simulator: Simulator | None,
-    sizes: tuple[int, int] | None,
-    collects: bool,
-) -> tuple[int, int]:
-    """Refuse runs whose settings, data and world don't fit together, before any work is done.
-
-    Returns:
-        Features of an observation and number of actions.
-
-    Raises:
-        UserError: The line says what doesn't fit.
-    """
-    if not numbers:
-        raise UserError("no runs: pass at least one set of numbers")
-    if structure.demonstrations and not datasets:
-        raise UserError("no demonstrations: pass at least one set, or train without them")
-    if structure.demonstrations and max(one.dataset for one in numbers) >= len(datasets):
-        raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
-    acts = simulator is not None or collects
-    if structure.online != acts:
-        raise UserError(
-            "online training needs a world: name one, or train offline"
-            if structure.online
-            else "offline training takes no world: drop it, or train online"
-        )
-    found = [(data.observation.shape[1], data.n_actions) for data in datasets]
-    found += [(simulator.n_features, simulator.n_actions)] if simulator is not None else []
-    found += [sizes] if sizes else []
-    if len(set(found)) != 1:
-        raise UserError(
-            f"data and world differ in (features, actions): {sorted(set(found))}: "
-            "record the data in this world, with a clock if it has one"
-        )
-    return found[0]
