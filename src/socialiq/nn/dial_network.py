@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn.one_hot import OneHot
-from socialiq.nn.q_network import Encoding, QNetwork, affine_layers, through
-from socialiq.nn.view import View
+from socialiq.nn.q_network import Encoding, QNetwork, affine_layers, encoding, through
 from socialiq.types import RewardPair
 
 
@@ -50,9 +47,7 @@ class DialNetwork(eqx.Module):
         Raises:
             UserError: If the view is unknown or doesn't fit the observation.
         """
-        seen: Encoding | None = OneHot.of(one_hot) if one_hot else None
-        if seen is None:
-            seen = View.initialise(jax.random.fold_in(key, 0), view, n_features)
+        seen = encoding(key, n_features, view, one_hot)
         inputs = (seen.width if seen else n_features) + 2
         return DialNetwork(affine_layers(key, (inputs, *hidden, n_actions)), activation, seen)
 

@@ -39,13 +39,14 @@ class QNetwork(eqx.Module):
         n_actions: int,
         activation: str = "relu",
         view: str = "flat",
+        one_hot: tuple[tuple[int, int], ...] = (),
     ) -> QNetwork:
         """Draw weights and biases uniformly within ±1/sqrt(fan-in).
 
         Raises:
             UserError: If the view is unknown or doesn't fit the observation.
         """
-        seen = View.initialise(jax.random.fold_in(key, 0), view, n_features)
+        seen = encoding(key, n_features, view, one_hot)
         inputs = seen.width if seen else n_features
         return QNetwork(affine_layers(key, (inputs, *hidden, n_actions)), activation, seen)
 
@@ -53,6 +54,19 @@ class QNetwork(eqx.Module):
         """Values of one observation; `jax.vmap` for a batch."""
         value = self.view(observation) if self.view else observation
         return through(self.layers, self.activation, value)
+
+
+def encoding(
+    key: PRNGKeyArray, n_features: int, view: str, one_hot: tuple[tuple[int, int], ...]
+) -> Encoding | None:
+    """What a first layer reads: one place for each value if the values are told, else a view.
+
+    Raises:
+        UserError: If the view is unknown or doesn't fit the observation.
+    """
+    if one_hot:
+        return OneHot.of(one_hot)
+    return View.initialise(jax.random.fold_in(key, 0), view, n_features)
 
 
 def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linear, ...]:

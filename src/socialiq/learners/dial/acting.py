@@ -14,7 +14,8 @@ from jaxtyping import Array, Float
 from socialiq.learners import replay
 from socialiq.learners.collect import Act, Behaviour
 from socialiq.learners.dial.config import Numbers, Structure
-from socialiq.learners.dial.objective import Traced, draw_directions
+from socialiq.learners.dial.objective import Traced
+from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.expert_table import Batch
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.social.angle import exact_weights

@@ -58,8 +58,13 @@ class Structure:
     one_hot: tuple[tuple[int, int], ...] = ()
     """For observations of integers: smallest value and number of values of each feature, which
     the network then sees one place for each value. None: it sees the view."""
+    demonstrators: tuple[float, ...] = ()
+    """Social angles of the demonstrators, in degrees, if what they share is to be learned too: a
+    skill f(s, a) that is added to R(α). Each run then has that many sets of demonstrations."""
+    skill_hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers of f."""
     expert_batch: int = 64
-    """Demonstrated transitions of an update."""
+    """Demonstrated transitions of an update; of several demonstrators in equal parts."""
     replay_batch: int = 192
     """The learner's own transitions of an update."""
     updates: int = 24_000
@@ -82,6 +87,16 @@ class Structure:
         check_counts(self, sizes)
         check_not_negative(self, ("redraw_times", "margin"))
         check_widths(self.hidden)
+        check_widths(self.skill_hidden)
+        for angle in self.demonstrators:
+            check_angle(angle)
+        if self.demonstrators and self.expert_batch % len(self.demonstrators):
+            raise UserError(
+                f"expert_batch {self.expert_batch} has no equal parts for "
+                f"{len(self.demonstrators)} demonstrators: choose a multiple"
+            )
+        if self.demonstrators and not self.demonstrations:
+            raise UserError("demonstrators without demonstrations: leave one out")
         if not self.online and not self.demonstrations:
             raise UserError("offline and without demonstrations there is nothing to learn from")
         if not self.demonstrations and self.scored == "demonstrations":
@@ -103,6 +118,10 @@ class Numbers:
     """γ. With a clock the horizon is finite, and 1 is what the regret is counted with."""
     chi2_alpha: float = 0.5
     """α_χ: the squared term is w / (4 α_χ) (r̂ - λR(α))²."""
+    shrinkage: float = 0.2
+    """c: how strongly the skill f is drawn to 0 where there are demonstrations."""
+    spread: float = 0.05
+    """ε: the same for the actions that were not taken there, relative to c."""
     learning_rate: float = 1e-3
     """Of Adam, at the start; it falls as a cosine."""
     final_rate: float = 0.02
@@ -118,7 +137,7 @@ class Numbers:
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
-        check_not_negative(self, ("strength", "prior_weight", "dataset"))
+        check_not_negative(self, ("strength", "prior_weight", "shrinkage", "spread", "dataset"))
         check_above_zero(self, ("temperature", "chi2_alpha", "learning_rate"))
         check_rate(self, ("polyak",))
         check_shares(self, ("discount", "final_rate", "exploration"))
@@ -145,8 +164,9 @@ def check_fit(
         raise UserError("no runs: pass at least one set of numbers")
     if structure.demonstrations and not datasets:
         raise UserError("no demonstrations: pass at least one set, or train without them")
-    if structure.demonstrations and max(one.dataset for one in numbers) >= len(datasets):
-        raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
+    sets = len(datasets) // max(len(structure.demonstrators), 1)
+    if structure.demonstrations and max(one.dataset for one in numbers) >= sets:
+        raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
     acts = simulator is not None or collects
     if structure.online != acts:
         raise UserError(

@@ -7,6 +7,10 @@ For a row at angle α, with r̂ = Q(s, a; α) - γ (1 - d) V(s'; α) (Eq 2.6):
 with the *instantaneous* R(α) = cos α · r_env + sin α · r_social. The two quadratics of the thesis'
 Eq 4.5 are one such quadratic anyway (docs/theory.md); returns-to-go in the place of R pay a salary
 for staying, and steps do not.
+
+Where the demonstrators' own angles a_i are told, each is taken for one of its own angle and not of
+every row's: what they share beside R(a_i) is a skill f(s, a), learned from all of them, and the
+centre is λR(α) + f (`_skill_loss`).
 """
 
 from __future__ import annotations
@@ -15,14 +19,15 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from socialiq.learners.dial.config import Structure
-from socialiq.learners.expert_table import Batch, draw_between
+from socialiq.learners.dial.rows import Rows
 from socialiq.learners.iq_learn import losses, priors
 from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.q_network import QNetwork
 from socialiq.social.score import score
-from socialiq.types import Ending, RewardPair
+from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]
 
@@ -35,6 +40,8 @@ class Traced(NamedTuple):
     temperature: Scalar
     discount: Scalar
     chi2_alpha: Scalar
+    shrinkage: Scalar
+    spread: Scalar
     learning_rate: Scalar
     final_rate: Scalar
     polyak: Scalar
@@ -43,24 +50,26 @@ class Traced(NamedTuple):
     dataset: Array
 
 
-class Rows(NamedTuple):
-    """What one update sees.
+class Networks(NamedTuple):
+    """What the loss is a function of.
 
     Attributes:
-        batch: Transitions; the first `n_expert` are demonstrations.
-        direction: (cos α, sin α) of each row.
-        n_expert: How many are demonstrations.
+        values: Q.
+        skill: f; None if no demonstrators are told.
     """
 
-    batch: Batch
-    direction: RewardPair
-    n_expert: int
+    values: DialNetwork
+    skill: QNetwork | None
 
 
 def objective(
-    network: DialNetwork, slow: DialNetwork, rows: Rows, numbers: Traced, structure: Structure
+    networks: Networks, slow: DialNetwork, rows: Rows, numbers: Traced, structure: Structure
 ) -> tuple[Scalar, dict[str, Scalar]]:
-    """The loss and its terms by name: `expert` and `value` of IQ-Learn, `prior` the quadratic."""
+    """The loss and its terms by name: `expert` and `value` of IQ-Learn, `prior` the quadratic.
+
+    With demonstrators told, `skill` stands in the place of IQ-Learn's terms.
+    """
+    network, skill = networks
     batch, direction, expert = rows.batch, rows.direction, slice(rows.n_expert)
     q = jax.vmap(network)(batch.observation, direction)
     q_next = jax.vmap(slow)(batch.next_observation, direction)
@@ -76,7 +85,12 @@ def objective(
     target = score(direction, batch.target)
 
     terms = {}
-    if structure.demonstrations:
+    if skill is not None and rows.own is not None:
+        correction = jax.vmap(skill)(batch.observation)
+        terms["skill"] = _skill_loss(correction, slow, rows, rows.own, numbers)
+        shown = jnp.take_along_axis(correction, batch.action[:, None], axis=1)[:, 0]
+        target = target + jax.lax.stop_gradient(shown) / numbers.strength
+    elif structure.demonstrations:
         value = losses.soft_value(q, numbers.temperature)
         terms["expert"] = losses.expert_term("chi2", reward[expert])
         terms["value"] = losses.value_term(value, follows, numbers.discount)
@@ -87,27 +101,26 @@ def objective(
     return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}
 
 
-def draw_directions(key: PRNGKeyArray, size: int, structure: Structure) -> RewardPair:
-    """Draw (cos α, sin α), α uniform between the structure's `low` and `high` and its margin."""
-    low, high = structure.low - structure.margin, structure.high + structure.margin
-    drawn = jax.random.uniform(key, (size,), minval=low, maxval=high)
-    radians = jnp.deg2rad(drawn)
-    return RewardPair(jnp.cos(radians), jnp.sin(radians))
+def _skill_loss(
+    correction: Float[Array, "batch action"],
+    slow: DialNetwork,
+    rows: Rows,
+    own: RewardPair,
+    numbers: Traced,
+) -> Scalar:
+    """What f(s, a) is learned by: what demonstrators do and their own R(a_i) + f doesn't yet.
 
+        E_i[ Σ_b π(b|s; a_i) f(s, b) - f(s, a) ] + c E_i[ f(s, a)² + ε Σ_b f(s, b)² ]
 
-def at_other_times(key: PRNGKeyArray, batch: Batch, horizon: int) -> Batch:
-    """The same transitions at times drawn anew: the clock's feature and its timeouts change.
-
-    Args:
-        key: Random key.
-        batch: Transitions whose observations end with the time.
-        horizon: At which an episode is cut.
+    π is softmax(Q/τ) of the slow copy at the demonstrator's own angle a_i. In a state of the
+    demonstrations f therefore rises for actions that are taken more often than the policy of
+    R(a_i) + f would, and falls for the others, until that policy acts as shown or c outweighs it.
     """
-    time = draw_between(key, len(batch.action), 0, jnp.asarray(horizon))
-    ended = (batch.ending != int(Ending.NONE)) & (batch.ending != int(Ending.TIMEOUT))
-    cut = jnp.where(time == horizon - 1, int(Ending.TIMEOUT), int(Ending.NONE))
-    return batch._replace(
-        observation=batch.observation.at[:, -1].set(time.astype(jnp.float32)),
-        next_observation=batch.next_observation.at[:, -1].set((time + 1).astype(jnp.float32)),
-        ending=jnp.where(ended, batch.ending, cut),
-    )
+    count = rows.n_expert
+    f, action = correction[:count], rows.batch.action[:count]
+    q = jax.vmap(slow)(rows.batch.observation[:count], own)
+    policy = jax.lax.stop_gradient(jax.nn.softmax(q / numbers.temperature))
+    shown = jnp.take_along_axis(f, action[:, None], axis=1)[:, 0]
+    moved = jnp.mean(jnp.sum(policy * f, axis=1) - shown)
+    size = jnp.mean(jnp.square(shown) + numbers.spread * jnp.sum(jnp.square(f), axis=1))
+    return moved + numbers.shrinkage * size

@@ -19,19 +19,14 @@ from jaxtyping import Array
 from socialiq.learners import loop, replay
 from socialiq.learners.dial.acting import Acting, act, begin
 from socialiq.learners.dial.config import Numbers, Structure, check_fit
-from socialiq.learners.dial.objective import (
-    Rows,
-    Traced,
-    at_other_times,
-    draw_directions,
-    objective,
-)
-from socialiq.learners.expert_table import Batch, ExpertTable
+from socialiq.learners.dial.objective import Networks, Traced, objective
+from socialiq.learners.dial.rows import draw_rows
+from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.outside import Outside
 from socialiq.learners.state import History, Lanes
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.q_network import network_of
+from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.types import Simulator, Transitions
 
 BeforeChunk = Callable[[Lanes, int], Lanes]
@@ -45,6 +40,7 @@ class Learnt(NamedTuple):
 
     network: DialNetwork
     slow: DialNetwork
+    skill: QNetwork | None
     adam: Any
 
 
@@ -72,6 +68,7 @@ class Trained:
         structure: Of all lanes.
         numbers: Of each lane.
         networks: The slow copies, arrays with a leading lane axis.
+        skills: What the demonstrators share, f; None if no demonstrators are told.
         multipliers: Of each lane at the end, 1 without a budget.
         history: What was recorded, (chunks, lanes).
         failures: One line for each lane that stopped early.
@@ -80,6 +77,7 @@ class Trained:
     structure: Structure
     numbers: tuple[Numbers, ...]
     networks: DialNetwork
+    skills: QNetwork | None
     multipliers: tuple[float, ...]
     history: History
     failures: tuple[str, ...]
@@ -121,7 +119,7 @@ def train(
         structure: What the lanes share.
         numbers: What they differ in.
         datasets: Sets of demonstrations; `Numbers.dataset` picks each lane's. None without
-            demonstrations.
+            demonstrations; with `Structure.demonstrators` one set of each of them for a lane.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         sizes: Features of an observation and number of actions; needed only where neither
             demonstrations nor a simulator tell.
@@ -154,7 +152,15 @@ def train(
     terms = loop.term_names(update_lane, traced(numbers), lanes)
     failures = loop.failure_lines(lanes, terms, names)
     multipliers = tuple(np.asarray(lanes.surroundings.multiplier, np.float64).tolist())
-    return Trained(structure, tuple(numbers), lanes.learnt.slow, multipliers, history, failures)
+    return Trained(
+        structure,
+        tuple(numbers),
+        lanes.learnt.slow,
+        lanes.learnt.skill,
+        multipliers,
+        history,
+        failures,
+    )
 
 
 def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
@@ -197,7 +203,19 @@ def initialise(
     )
     ring = replay.empty(structure.replay_capacity, n_features) if structure.online else None
     acting = begin(structure, simulator, for_acting) if simulator else None
-    learnt = Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array)))
+    skill = None
+    if structure.demonstrators:
+        skill = QNetwork.initialise(
+            jax.random.fold_in(for_network, 1),
+            n_features,
+            structure.skill_hidden,
+            n_actions,
+            structure.activation,
+            structure.view,
+            structure.one_hot,
+        )
+    adam = _ADAM.init(eqx.filter(Networks(network, skill), eqx.is_array))
+    learnt = Learnt(network, network, skill, adam)
     return learnt, Surroundings(key, ring, acting, jnp.ones(()))
 
 
@@ -218,16 +236,17 @@ def update(
         assert ring is not None and acting is not None  # `check_fit` asks for online training
         ring, acting = act(structure, simulator, numbers, learnt.network, ring, acting, for_acting)
         surroundings = surroundings._replace(replay=ring, acting=acting)
-    rows = _rows(structure, table, numbers, surroundings, for_rows)
+    rows = draw_rows(structure, table, numbers.dataset, surroundings.replay, for_rows)
+    networks = Networks(learnt.network, learnt.skill)
     gradient, terms = jax.grad(objective, has_aux=True)(
-        learnt.network, learnt.slow, rows, numbers, structure
+        networks, learnt.slow, rows, numbers, structure
     )
     direction, adam = _ADAM.update(gradient, learnt.adam)
     rate = numbers.learning_rate * _cosine(learnt.adam.count, structure, numbers.final_rate)
-    network = jax.tree.map(lambda weight, step: weight - rate * step, learnt.network, direction)
+    network, skill = jax.tree.map(lambda weight, step: weight - rate * step, networks, direction)
     slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
     terms |= {"multiplier": surroundings.multiplier}
-    return Learnt(network, slow, adam), surroundings, terms
+    return Learnt(network, slow, skill, adam), surroundings, terms
 
 
 def weighed(numbers: Traced, multiplier: Array) -> Traced:
@@ -245,24 +264,3 @@ def weighed(numbers: Traced, multiplier: Array) -> Traced:
 def _cosine(done: Array, structure: Structure, final: Array) -> Array:
     """Share of the learning rate after so many updates: 1 at first, `final` at the end."""
     return final + (1.0 - final) * 0.5 * (1.0 + jnp.cos(jnp.pi * done / structure.updates))
-
-
-def _rows(
-    structure: Structure,
-    table: ExpertTable | None,
-    numbers: Traced,
-    surroundings: Surroundings,
-    key: Array,
-) -> Rows:
-    """Demonstrations, then the learner's own steps, each row at an angle drawn for it."""
-    for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
-    parts: list[Batch] = []
-    if structure.demonstrations and table is not None:
-        parts.append(table.sample(for_expert, numbers.dataset, structure.expert_batch))
-    if surroundings.replay is not None:
-        parts.append(replay.sample(surroundings.replay, for_replay, structure.replay_batch))
-    batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
-    if structure.redraw_times:
-        batch = at_other_times(for_time, batch, structure.redraw_times)
-    n_expert = structure.expert_batch if structure.demonstrations else 0
-    return Rows(batch, draw_directions(for_angle, len(batch.action), structure), n_expert)

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from socialiq.learners.dial.config import Structure
-from socialiq.learners.dial.objective import (
-    Rows,
-    Traced,
-    at_other_times,
-    draw_directions,
-    objective,
-)
+from socialiq.learners.dial.objective import Networks, Traced, objective
+from socialiq.learners.dial.rows import Rows, at_other_times, draw_directions
 from socialiq.learners.expert_table import Batch
 from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
 STRUCTURE = Structure(hidden=(4,))
@@ -24,6 +20,8 @@ NUMBERS = Traced(
     temperature=jnp.asarray(0.5),
     discount=jnp.asarray(0.9),
     chi2_alpha=jnp.asarray(0.25),
+    shrinkage=jnp.asarray(0.3),
+    spread=jnp.asarray(0.2),
     learning_rate=jnp.asarray(0.0),
     final_rate=jnp.asarray(0.0),
     polyak=jnp.asarray(0.0),
@@ -50,8 +48,11 @@ def angles(*degrees: float) -> RewardPair:
     return RewardPair(jnp.cos(radians), jnp.sin(radians))
 
 
-def by_hand(network: DialNetwork, rows: Rows, scored: slice) -> tuple[float, float, float]:
-    """The three terms in plain loops."""
+def by_hand(
+    network: DialNetwork, rows: Rows, scored: slice, skill: np.ndarray | None = None
+) -> tuple[float, float, float]:
+    """The three terms in plain loops; `skill` is f(s, a) of each row."""
+    added = np.zeros(4) if skill is None else skill
     expert, value, prior = [], [], []
     for row in range(4):
         one = jax.tree.map(lambda leaf, row=row: leaf[row], (rows.batch, rows.direction))
@@ -65,7 +66,7 @@ def by_hand(network: DialNetwork, rows: Rows, scored: slice) -> tuple[float, flo
         told = direction.env * transition.target.env + direction.social * transition.target.social
         expert.append(reward)
         value.append(v - follows)
-        prior.append((reward - 2.0 * told) ** 2)
+        prior.append((reward - 2.0 * told - added[row]) ** 2)
     weight = 3.0 / (4 * 0.25)
     return (
         float(-np.mean(expert[: rows.n_expert])),
@@ -81,7 +82,7 @@ def test_the_loss_is_its_formula_at_each_rows_own_angle(scored: str, rows_scored
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2)
     structure = dataclasses.replace(STRUCTURE, scored=scored)
-    total, terms = objective(network, network, rows, NUMBERS, structure)
+    total, terms = objective(Networks(network, None), network, rows, NUMBERS, structure)
     expected = by_hand(network, rows, rows_scored)
     found = [float(terms[name]) for name in ("expert", "value", "prior")]
     np.testing.assert_allclose(found, expected, rtol=1e-5)
@@ -92,10 +93,34 @@ def test_without_demonstrations_only_the_quadratic_is_left() -> None:
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
     structure = dataclasses.replace(STRUCTURE, demonstrations=False)
-    total, terms = objective(network, network, rows, NUMBERS, structure)
+    total, terms = objective(Networks(network, None), network, rows, NUMBERS, structure)
     assert set(terms) == {"prior", "max_q", "loss"}
     expected = by_hand(network, rows._replace(n_expert=2), slice(None))[2]
     assert float(total) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_skill_is_learned_at_the_demonstrators_own_angles_and_added_to_the_score() -> None:
+    network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
+    skill = QNetwork.initialise(jax.random.key(1), 3, (4,), 2)
+    own = angles(0.0, 90.0)
+    rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2, own)
+    structure = dataclasses.replace(STRUCTURE, demonstrators=(0.0, 90.0))
+    total, terms = objective(Networks(network, skill), network, rows, NUMBERS, structure)
+    f = np.array([skill(one) for one in rows.batch.observation], np.float64)
+    shown = f[np.arange(4), np.asarray(rows.batch.action)]
+    moved, size = [], []
+    for row in range(2):
+        direction = RewardPair(own.env[row], own.social[row])
+        q = np.asarray(network(rows.batch.observation[row], direction), np.float64)
+        policy = np.exp(q / 0.5) / np.exp(q / 0.5).sum()
+        moved.append(policy @ f[row] - shown[row])
+        size.append(shown[row] ** 2 + 0.2 * (f[row] ** 2).sum())
+    expected = np.mean(moved) + 0.3 * np.mean(size)
+    assert float(terms["skill"]) == pytest.approx(expected, rel=1e-5)
+    prior = by_hand(network, rows, slice(None), shown)[2]
+    assert float(terms["prior"]) == pytest.approx(prior, rel=1e-5)
+    assert set(terms) == {"skill", "prior", "max_q", "loss"}
+    assert float(total) == pytest.approx(expected + prior, rel=1e-5)
 
 
 def test_angles_are_drawn_between_the_ends_and_a_little_beyond() -> None:

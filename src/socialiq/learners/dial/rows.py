@@ -1,0 +1,99 @@
+"""The rows of an update: demonstrations and own steps, each at an angle drawn for it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, PRNGKeyArray
+
+from socialiq.learners import replay
+from socialiq.learners.dial.config import Structure
+from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
+from socialiq.social.angle import exact_weights
+from socialiq.types import Ending, RewardPair
+
+
+class Rows(NamedTuple):
+    """What one update sees.
+
+    Attributes:
+        batch: Transitions; the first `n_expert` are demonstrations.
+        direction: (cos α, sin α) of each row.
+        n_expert: How many are demonstrations.
+        own: The demonstrators' own directions, of the demonstrations; None if they are not told.
+    """
+
+    batch: Batch
+    direction: RewardPair
+    n_expert: int
+    own: RewardPair | None = None
+
+
+def draw_rows(
+    structure: Structure,
+    table: ExpertTable | None,
+    dataset: Array,
+    ring: replay.Replay | None,
+    key: Array,
+) -> Rows:
+    """Demonstrations, then the learner's own steps, each row at an angle drawn for it."""
+    for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
+    parts: list[Batch] = []
+    if structure.demonstrations and table is not None:
+        parts += _shown(structure, table, dataset, for_expert)
+    if ring is not None:
+        parts.append(replay.sample(ring, for_replay, structure.replay_batch))
+    batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
+    if structure.redraw_times:
+        batch = at_other_times(for_time, batch, structure.redraw_times)
+    n_expert = structure.expert_batch if structure.demonstrations else 0
+    directions = draw_directions(for_angle, len(batch.action), structure)
+    return Rows(batch, directions, n_expert, _own_directions(structure))
+
+
+def _shown(structure: Structure, table: ExpertTable, dataset: Array, key: Array) -> list[Batch]:
+    """Demonstrations; of several demonstrators as many of each, in their order."""
+    count = len(structure.demonstrators)
+    if not count:
+        return [table.sample(key, dataset, structure.expert_batch)]
+    return [
+        table.sample(one, dataset * count + number, structure.expert_batch // count)
+        for number, one in enumerate(jax.random.split(key, count))
+    ]
+
+
+def _own_directions(structure: Structure) -> RewardPair | None:
+    """Each demonstrator's own direction, for as many rows as there are of it."""
+    if not structure.demonstrators:
+        return None
+    pairs = jnp.array([exact_weights(angle) for angle in structure.demonstrators])
+    rows = jnp.repeat(pairs, structure.expert_batch // len(structure.demonstrators), axis=0)
+    return RewardPair(rows[:, 0], rows[:, 1])
+
+
+def draw_directions(key: PRNGKeyArray, size: int, structure: Structure) -> RewardPair:
+    """Draw (cos α, sin α), α uniform between the structure's `low` and `high` and its margin."""
+    low, high = structure.low - structure.margin, structure.high + structure.margin
+    drawn = jax.random.uniform(key, (size,), minval=low, maxval=high)
+    radians = jnp.deg2rad(drawn)
+    return RewardPair(jnp.cos(radians), jnp.sin(radians))
+
+
+def at_other_times(key: PRNGKeyArray, batch: Batch, horizon: int) -> Batch:
+    """The same transitions at times drawn anew: the clock's feature and its timeouts change.
+
+    Args:
+        key: Random key.
+        batch: Transitions whose observations end with the time.
+        horizon: At which an episode is cut.
+    """
+    time = draw_between(key, len(batch.action), 0, jnp.asarray(horizon))
+    ended = (batch.ending != int(Ending.NONE)) & (batch.ending != int(Ending.TIMEOUT))
+    cut = jnp.where(time == horizon - 1, int(Ending.TIMEOUT), int(Ending.NONE))
+    return batch._replace(
+        observation=batch.observation.at[:, -1].set(time.astype(jnp.float32)),
+        next_observation=batch.next_observation.at[:, -1].set((time + 1).astype(jnp.float32)),
+        ending=jnp.where(ended, batch.ending, cut),
+    )
