@@ -59,7 +59,7 @@ class Collector:
         ring = self._add(lanes.surroundings.replay, stacked)
         return lanes._replace(surroundings=lanes.surroundings._replace(replay=ring))
 
-    def _collect(self, lane: int, network: QNetwork, done: int) -> Batch:
+    def _collect(self, lane: int, network: Any, done: int) -> Batch:
         rng = np.random.default_rng(np.random.SeedSequence([self.seeds[lane], done]))
         return self.sources[lane](self.behaviour(network, lane, done, rng), rng)
 

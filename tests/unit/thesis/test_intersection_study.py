@@ -113,12 +113,13 @@ def test_a_second_call_does_nothing_and_gives_the_same(results, work):
 
 def test_only_what_a_change_touches_is_done_again(results, work):
     jobs = plan.plan(dataclasses.replace(TINY, episodes=30))
-    assert {job.stage for job in open_jobs(jobs, work)} == {"evaluation"}
+    assert {job.stage for job in open_jobs(jobs, work)} == {"evaluation", "connected"}
     jobs = plan.plan(dataclasses.replace(TINY, pool_episodes=13))
     assert {job.stage for job in open_jobs(jobs, work)} == {
         "demonstrations",
         "learners",
         "evaluation",
+        "connected",
     }
 
 

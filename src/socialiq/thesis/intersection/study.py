@@ -130,11 +130,11 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
         if (expert_name(network, mode, first), "greedy") in by_name
     }
     found["connected"] = {}
-    for row in tables["connected"]:
+    for row in tables.get("connected", []):
         found["connected"].setdefault(row["member"], {})[row["connected"]] = row
     found["through_timeouts"] = {
         row["run"].split("/")[2]: row  # the last check of a run stays
-        for row in tables["curves"]
+        for row in tables.get("curves", [])
         if row["run"].startswith("timeouts/through/")
     }
     found["drivers"] = {
