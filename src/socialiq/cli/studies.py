@@ -22,6 +22,7 @@ from socialiq.figures import dial as dial_figures
 from socialiq.figures import grid as grid_figures
 from socialiq.figures import intersection as intersection_figures
 from socialiq.figures import intersection_dial as intersection_dial_figures
+from socialiq.figures import intersection_networks as intersection_networks_figures
 from socialiq.figures import intersection_world as intersection_world_figures
 from socialiq.figures import lambda_sweep as lambda_sweep_figures
 from socialiq.figures import poc as poc_figures
@@ -41,6 +42,7 @@ from socialiq.thesis import (
 from socialiq.thesis.competence import study as competence
 from socialiq.thesis.dial import study as dial
 from socialiq.thesis.experts import MODES
+from socialiq.thesis.intersection import networks as intersection_networks
 from socialiq.thesis.intersection import study as intersection
 from socialiq.thesis.intersection_dial import study as intersection_dial
 from socialiq.thesis.store import Results, Row
@@ -70,6 +72,9 @@ STUDIES = {
     "competence": Study(competence, competence_figures.draw, "pooled"),
     "intersection-world": Study(intersection_world, intersection_world_figures.draw, "outcomes"),
     "intersection": Study(intersection, intersection_figures.draw, "table_6_2", True),
+    "intersection-networks": Study(
+        intersection_networks, intersection_networks_figures.draw, "policies", True
+    ),
     "intersection-dial": Study(intersection_dial, intersection_dial_figures.draw, "families", True),
     "theory": Study(theory, theory_figures.draw, "predicted"),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
@@ -88,8 +93,8 @@ class Reproduce:
 
     study: Annotated[str, tyro.conf.Positional]
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
-    (D); theory, its predictions held against training; dial, competence and intersection-dial,
-    which go beyond it; or classic-control, an outside check."""
+    (D); theory, its predictions held against training; dial, competence, intersection-dial and
+    intersection-networks, which go beyond it; or classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()
@@ -99,13 +104,12 @@ class Reproduce:
     back_end: str = ""
     """core or highway_env, in the study intersection-world."""
     parts: tuple[str, ...] = ()
-    """Parts of the intersection study, by default all: main, networks, timeouts, views, strengths,
-    targets, data."""
+    """Parts of the intersection study, by default all: main, strengths, targets, data, timeouts,
+    views."""
     highway_episodes: int | None = None
-    """Episodes of each final policy of the intersection study on the real highway-env."""
+    """Episodes of each final policy of the intersection's studies on the real highway-env."""
     work: Path | None = None
-    """Folder of what is done, by default FOLDER.work; in that of the intersection study, the
-    study intersection-dial finds experts and demonstrations."""
+    """Folder of what is done, by default FOLDER.work."""
     replace: bool = False
     """Replace the results that are in the folder."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -184,6 +188,10 @@ def show(results: Results) -> None:
     elif results.study == "intersection":
         for rows, title in intersection_tables(results):
             print_table(rows, title)
+    elif results.study == "intersection-networks":
+        shown = ("policy", *intersection_networks.SHARES)
+        rows = [{key: row[key] for key in shown} for row in results.tables["policies"]]
+        print_table(rows, "shares of episodes; foresight: with one look at the true future")
     elif results.study == "lambda-sweep":
         kind = results.config["target_kinds"][0]
         rows = [

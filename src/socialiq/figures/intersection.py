@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from socialiq.figures.intersection_ablations import ABLATIONS, egoists, percent, runs
+from socialiq.figures.intersection_ablations import ABLATIONS, percent, runs
 from socialiq.figures.intersection_tradeoff import GROUPS, tradeoff
 from socialiq.figures.intersection_world import OUTCOME_COLORS
 from socialiq.figures.ring import Mark, ring
@@ -56,7 +56,6 @@ def draw(results: Results) -> dict[str, Figure]:
         "fig_a_1": fig_a_1(results),
         "learning": learning(results),
         "exposure": exposure(results),
-        "egoists": egoists(results),
     }
     return found | {
         part: picture(results) for part, picture in ABLATIONS.items() if runs(results, part)
@@ -204,18 +203,15 @@ def learning(results: Results) -> Figure:
     """Learning curves: experts one by one, learners as means over training seeds."""
     drawn = figure(9.1, 6.6)
     panels = drawn.subplots(2, 2).ravel()
-    curves: dict[str, list[Row]] = {}
-    for row in results.tables["curves"]:
-        curves.setdefault(row["run"], []).append(row)
-    for network, style in (("flat", "-"), ("set", ":")):
-        for mode in list(COLORS)[1:]:
-            found = [one for run, one in curves.items() if f"experts/{network}/{mode}/" in run]
-            _curve(panels[0], mode, found, style)
-    panels[0].set_title("experts: flat network (solid), set network (dotted)", fontsize=10)
+    curves = by_run(results)
+    for mode in list(COLORS)[1:]:
+        found = [one for run, one in curves.items() if f"experts/flat/{mode}/" in run]
+        curve(panels[0], mode, found, "-")
+    panels[0].set_title("experts", fontsize=10)
     for axes, (group, (_, title)) in zip(panels[1:], GROUPS.items(), strict=True):
         for name in COLORS:
             found = [one for run, one in curves.items() if f"learners/{group}/{name}/" in run]
-            _curve(axes, name, found, "-")
+            curve(axes, name, found, "-")
         seeds = len(results.config["seeds"])
         axes.set_title(f"{title}: mean and range of {seeds} seeds", fontsize=10)
     for axes in panels:
@@ -230,7 +226,15 @@ def learning(results: Results) -> Figure:
     return drawn
 
 
-def _curve(axes: Any, name: str, runs: Sequence[list[Row]], line: str) -> None:
+def by_run(results: Results) -> dict[str, list[Row]]:
+    """The points of each learning curve."""
+    curves: dict[str, list[Row]] = {}
+    for row in results.tables["curves"]:
+        curves.setdefault(row["run"], []).append(row)
+    return curves
+
+
+def curve(axes: Any, name: str, runs: Sequence[list[Row]], line: str) -> None:
     """The mean over runs, and their range as a light band."""
     if not runs:
         return

@@ -76,7 +76,7 @@ def strengths(results: Results) -> Figure:
     for axes in panels[1:]:
         axes.set_ylim(-4, 104)
     drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    title = f"Intersection: regularization strength; {_described(every)} (dotted: λ of the preset)"
+    title = f"Intersection: regularization strength; {described(every)} (dotted: λ of the preset)"
     drawn.suptitle(title, fontsize=10)
     return drawn
 
@@ -94,7 +94,7 @@ def _mean_angle(rows: Sequence[Row]) -> float:
     return (angle_of(env, float(np.mean([row["r_social"] for row in rows]))) + 90) % 360 - 90
 
 
-def _described(every: Runs) -> str:
+def described(every: Runs) -> str:
     """Over how many seeds and episodes."""
     seeds = len({parts[-1] for parts, _ in every})
     return f"greedy, {seeds} seed{'s'[: seeds != 1]}, {every[0][1]['episodes']} episodes each"
@@ -123,7 +123,7 @@ def targets(results: Results) -> Figure:
         axes.set_title(target, fontsize=10)
     drawn.colorbar(images[0], ax=grid, label="arrivals (% of episodes)", shrink=0.8, pad=0.01)
     title = "Intersection: kinds of target; colour: arrivals, number: timeouts in % of episodes"
-    drawn.suptitle(f"{title}\n{_described(every)}", fontsize=10)
+    drawn.suptitle(f"{title}\n{described(every)}", fontsize=10)
     return drawn
 
 
@@ -147,34 +147,14 @@ def _cells(axes: Any, every: Runs, kinds: list[str], no_prior: bool) -> Any:
 def views(results: Results) -> Figure:
     """The egoist's collisions and arrivals by what its network sees."""
     every = runs(results, "views")
-    drawn, _ = _dots(every, 3.6)
+    drawn, _ = dots(every, 3.6)
     steps = results.config["view_steps"]
     title = f"Intersection: the egoist by view, trained for {steps:,} steps"
-    drawn.suptitle(f"{title}\n{_described(every)} (dot: a seed, bar: mean)", fontsize=10)
+    drawn.suptitle(f"{title}\n{described(every)} (dot: a seed, bar: mean)", fontsize=10)
     return drawn
 
 
-def _egoists(results: Results) -> Runs:
-    """The egoists of all networks and seeds."""
-    return [(parts, row) for parts, row in runs(results, "experts") if parts[1] == "egoistic"]
-
-
-def egoists(results: Results) -> Figure:
-    """The egoist of both networks: is it below 4 % collisions, and above 95 % arrivals?"""
-    every = _egoists(results)
-    drawn, panels = _dots(every, 2.4)
-    for axes, limit in zip(panels, (4, 95), strict=True):
-        axes.axvline(limit, color="#333333", linestyle="--", linewidth=1)
-        axes.annotate(
-            f"{limit} %", (limit, 1), (3, 2), xycoords=("data", "axes fraction"),
-            textcoords="offset points", fontsize=8,
-        )  # fmt: skip
-    title = "Intersection: the egoist by network"
-    drawn.suptitle(f"{title}\n{_described(every)} (dot: a seed, bar: mean)", fontsize=10)
-    return drawn
-
-
-def _dots(every: Runs, height: float) -> tuple[Figure, Any]:
+def dots(every: Runs, height: float) -> tuple[Figure, Any]:
     """A row for each first part of the name: a dot for each seed, a bar at their mean."""
     drawn = figure(9.1, height)
     panels = drawn.subplots(1, 2, sharey=True)
@@ -211,7 +191,7 @@ def data(results: Results) -> Figure:
         plain(axes)
     handles, labels = panels[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside lower center", ncols=4)
-    title = f"Intersection: how much is shown; {_described(every)}"
+    title = f"Intersection: how much is shown; {described(every)}"
     note = f"open marks: as many episodes of each mode, at {PER_EPISODE} times their number"
     drawn.suptitle(f"{title}\n{note}", fontsize=10)
     return drawn

@@ -13,8 +13,6 @@ from socialiq.figures.style import COLORS, MARKS, figure, plain
 from socialiq.thesis.intersection import thesis_values
 from socialiq.thesis.store import Results, Row
 
-EXPERTS = {"flat": ("*", "flat network"), "set": ("P", "set network")}
-"""Mark and title by network."""
 GROUPS = {
     "thesis/online": ("v", "thesis' preset, online"),
     "calibrated/online": ("s", "calibrated, online"),
@@ -37,9 +35,8 @@ def tradeoff(results: Results) -> Figure:
     for group, (mark, _) in GROUPS.items():
         for (target, *_), row in runs(results, f"learners/{group}"):
             _point(axes, row, mark, COLORS[target], markersize=6, alpha=0.7)
-    for network, (mark, _) in EXPERTS.items():
-        for (mode, *_), row in runs(results, f"experts/{network}"):
-            _point(axes, row, mark, COLORS[mode], markersize=14, markeredgecolor="black")
+    for (mode, *_), row in runs(results, "experts/flat"):
+        _point(axes, row, "*", COLORS[mode], markersize=14, markeredgecolor="black")
     for mode, signals in thesis_values.TABLE_A_1.items():
         row = {"r_env": signals["g_env"][0], "r_social": signals["g_social"][0]}
         _point(axes, row, MARKS[mode], COLORS[mode], markersize=10, markerfacecolor="none")
@@ -107,8 +104,10 @@ def _legend(drawn: Figure) -> None:
     large = {"markersize": 11, "markeredgecolor": "black"}
     groups = {
         "target or mode": [entry(name, color, "o") for name, color in COLORS.items()],
-        "learners": [entry(title, mark=mark) for mark, title in GROUPS.values()],
-        "experts": [entry(title, mark=mark, **large) for mark, title in EXPERTS.values()],
+        "experts and learners": [
+            entry("expert", mark="*", **large),
+            *(entry(title, mark=mark) for mark, title in GROUPS.values()),
+        ],
         "thesis' experts (Table A.1)": [
             entry(mode, COLORS[mode], MARKS[mode], **thesis) for mode in thesis_values.TABLE_A_1
         ],

@@ -1,6 +1,6 @@
 """The atlas: trained intersection policies that come with the package, and how each was made.
 
-They lie beside the committed results of the intersection study, which wrote them.
+They lie beside the committed results of the studies that made them.
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json
 from socialiq.thesis.claims import packaged_results
 
-FOLDER = Path("intersection") / "atlas"
+FOLDER = "atlas"
 MANIFEST = "manifest.json"
+STUDIES = ("intersection", "intersection-networks")
+"""Whose results hold a part of it."""
 
 
 def manifest() -> dict[str, Any]:
@@ -23,7 +25,7 @@ def manifest() -> dict[str, Any]:
     Raises:
         UserError: If the atlas did not come with the package.
     """
-    return read_json(packaged_results() / FOLDER / MANIFEST)["policies"]
+    return {name: entry for _, part in _parts() for name, entry in part.items()}
 
 
 def names() -> tuple[str, ...]:
@@ -41,9 +43,16 @@ def load(name: str) -> QPolicy:
         UserError: If the name is unknown, or the file is not the one of the manifest.
     """
     one_of("policy of the atlas", name, names())
-    entry = manifest()[name]
-    path = packaged_results() / FOLDER / entry["file"]
+    folder, entry = next((folder, part[name]) for folder, part in _parts() if name in part)
+    path = folder / entry["file"]
     policy = QPolicy.load(path)
     if policy.sha256 != entry["sha256"]:
         raise UserError(f"{path} is not the file of its manifest: install the package anew")
     return policy
+
+
+def _parts() -> list[tuple[Path, dict[str, Any]]]:
+    """Each study's folder of policies, and their entries."""
+    folders = [packaged_results() / study / FOLDER for study in STUDIES]
+    folders = [folder for folder in folders if folder.is_dir()] or folders[:1]
+    return [(folder, read_json(folder / MANIFEST)["policies"]) for folder in folders]

@@ -10,6 +10,7 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import signal
+import tempfile
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,6 +23,16 @@ from socialiq.learners.outside import Report, Stopped
 from socialiq.thesis.jobs import Job, Progress, claimed, do, fingerprints, open_jobs
 
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
+
+
+@contextmanager
+def work_folder(given: Path | None) -> Iterator[Path]:
+    """The folder that a study keeps its jobs in: the given one, or one that goes with the study."""
+    if given is not None:
+        yield given
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
 
 
 def run_jobs(

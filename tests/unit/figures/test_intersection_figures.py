@@ -19,7 +19,6 @@ from socialiq.thesis.intersection import study, thesis_values
 from socialiq.thesis.intersection.config import Config
 from socialiq.thesis.intersection.plan import (
     ENDINGS,
-    NETWORKS,
     SHIPPED,
     SIZES,
     STRENGTHS,
@@ -33,7 +32,6 @@ from socialiq.thesis.intersection.tables import best_angles
 from socialiq.worlds.intersection.policies import NAMES
 
 MAIN = {
-    "egoists",
     "fig_6_5_ring",
     "table_6_2",
     "presets",
@@ -42,7 +40,7 @@ MAIN = {
     "learning",
     "exposure",
 }
-SMALL = {"seeds": (10, 11), "expert_seeds": (20, 21), "ablation_seeds": (30, 31)}
+SMALL = {"seeds": (10, 11), "expert_seed": 20, "ablation_seeds": (30, 31)}
 ENDS = {  # arrival, collision, r_env, r_social
     "egoistic": (0.85, 0.12, 6.8, -0.6),
     "prosocial": (0.7, 0.05, 5.5, 1.1),
@@ -129,18 +127,13 @@ def joined(*parts):
 
 def names(config):
     """The policies of each part, as the plan calls them."""
-    seeds, first = config.ablation_seeds, config.expert_seeds[0]
+    seeds, first = config.ablation_seeds, config.expert_seed
     cells = product(TARGET_KINDS, TEMPERATURES, ENDINGS, TARGETS, seeds[:1])
     amounts = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
     return {
         "main": [expert_name("flat", mode, first) for mode in MODES]
         + [learner_name(*one[0], *one[1:]) for one in product(TRAINED, TARGETS, config.seeds)]
         + [f"drivers/{name}" for name in NAMES],
-        "networks": [expert_name("set", mode, first) for mode in MODES]
-        + [
-            expert_name(network, "egoistic", seed)
-            for network, seed in product(NETWORKS, config.expert_seeds[1:])
-        ],
         "timeouts": [f"timeouts/through/{mode}/{first}" for mode in ("prosocial", "altruistic")],
         "views": [f"views/{view}/{seed}" for view, seed in product(CHOICES, seeds)],
         "strengths": [joined("strengths", *one) for one in product(STRENGTHS, MODES, seeds)],
@@ -182,7 +175,7 @@ def test_every_figure_is_drawn_from_the_csv_alone(tmp_path):
 
 
 def test_a_part_that_was_not_run_is_left_out():
-    config = Config(seeds=(10,), expert_seeds=(20,), ablation_seeds=(30,), parts=("main", "views"))
+    config = Config(seeds=(10,), expert_seed=20, ablation_seeds=(30,), parts=("main", "views"))
     assert set(draw(made_up(config))) == MAIN | {"views"}
 
 

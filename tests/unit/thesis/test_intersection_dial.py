@@ -12,7 +12,6 @@ from socialiq.learners.dial.acting import stratified
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.thesis import store
-from socialiq.thesis.intersection import config as intersection
 from socialiq.thesis.intersection_dial import study
 from socialiq.thesis.intersection_dial.config import NUMBERS, STRUCTURE, Config
 
@@ -30,11 +29,9 @@ TINY = Config(
         replay_capacity=5000,
     ),
     agent_updates=20,
+    pool_episodes=12,
     size=60,
     episodes=12,
-)
-SOURCE = intersection.Config(
-    parts=("main",), expert_seeds=(0,), expert_steps=9600, pool_episodes=12, size=60
 )
 
 
@@ -45,9 +42,7 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "SOURCE", SOURCE)
-        return study.run(TINY, work=work)
+    return study.run(TINY, work=work)
 
 
 def test_every_policy_is_driven_and_valued_at_its_angle(results) -> None:

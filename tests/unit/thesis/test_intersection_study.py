@@ -16,7 +16,7 @@ from socialiq.thesis.jobs import fingerprints, open_jobs
 TINY = Config(
     parts=("main",),
     seeds=(0, 1),
-    expert_seeds=(0,),
+    expert_seed=0,
     expert_steps=9600,
     updates=40,
     pool_episodes=12,

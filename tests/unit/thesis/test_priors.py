@@ -12,7 +12,6 @@ from socialiq.figures.style import png
 from socialiq.thesis import store
 from socialiq.thesis.experts import MODES, trajectory_datasets
 from socialiq.thesis.intersection import config as intersection_config
-from socialiq.thesis.intersection import plan
 from socialiq.thesis.jobs import fingerprints
 from socialiq.thesis.lanes import Ground
 from socialiq.thesis.priors import alignment, intersection, learners, study
@@ -205,14 +204,6 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
     assert list(drawn) == ["crossing5"] and drawn["crossing5"].startswith(b"\x89PNG")
 
 
-def test_the_intersection_learns_from_the_recordings_of_its_own_study() -> None:
-    """The same jobs, by name and fingerprint: finished ones are used again."""
-    own = fingerprints(plan.plan(intersection_config.Config(highway_episodes=0)))
-    pools = fingerprints(plan.pool_jobs(intersection.STUDY))
-    assert len(pools) == len(MODES) + 1
-    assert {name: own[name] for name in pools} == pools
-
-
 def test_the_plan_of_the_intersection_is_whole() -> None:
     config = Config(worlds=("intersection",))
     first = study.development_jobs(config)
@@ -232,10 +223,8 @@ def test_the_plan_of_the_intersection_is_whole() -> None:
     assert kinds == {"advantage_fitted"}
 
 
-def test_a_tiny_intersection_runs_from_nothing(monkeypatch, tmp_path) -> None:
-    tiny = intersection_config.Config(
-        parts=("main",), expert_seeds=(0,), expert_steps=9600, pool_episodes=12, size=60
-    )
+def test_a_tiny_intersection_runs(monkeypatch, tmp_path) -> None:
+    tiny = intersection_config.Config(pool_episodes=12, size=60)
     monkeypatch.setattr(intersection, "STUDY", tiny)
     config = Config(
         worlds=("intersection",),

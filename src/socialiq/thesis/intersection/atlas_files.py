@@ -10,33 +10,41 @@ from typing import Any
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json
 from socialiq.thesis import atlas
-from socialiq.thesis.intersection.config import Config
-from socialiq.thesis.intersection.plan import members, policy_file
+from socialiq.thesis.intersection.plan import policy_file
 from socialiq.thesis.jobs import RECORD
 from socialiq.thesis.store import Row, rounded
 
 _SHOWN = ("collision", "arrival", "timeout", "speed_kmh", "stopped", "r_env", "r_social", "angle")
 
 
-def files(config: Config, work: Path, rows: Mapping[tuple[str, str], Row]) -> dict[str, bytes]:
-    """Content of the atlas' files by path below the results folder."""
+def files(
+    study: str, members: Mapping[str, str], work: Path, rows: Mapping[tuple[str, str], Row]
+) -> dict[str, bytes]:
+    """Content of the atlas' files by path below the results folder.
+
+    Args:
+        study: Which made them.
+        members: Name in the atlas, and the job's folder.
+        work: Folder of the jobs.
+        rows: What each policy does, by (job, readout).
+    """
     found, entries = {}, {}
-    for name, job in members(config).items():
+    for name, job in members.items():
         source = work / job / policy_file(job)
         file = f"{name}.safetensors"
-        found[f"{atlas.FOLDER.name}/{file}"] = source.read_bytes()
+        found[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
         policy, record = QPolicy.load(source), read_json(work / job / RECORD)
         entries[name] = {
             "file": file,
             "sha256": policy.sha256,
-            "made_by": "socialiq reproduce intersection",
+            "made_by": f"socialiq reproduce {study}",
             "job": job,
             "config": record["config"],
             "inputs": record["inputs"],
             "greedy": {key: rows[job, "greedy"][key] for key in ("episodes", *_SHOWN)},
         }
     text = json.dumps(rounded(_manifest(entries)), indent=2) + "\n"
-    return found | {f"{atlas.FOLDER.name}/{atlas.MANIFEST}": text.encode()}
+    return found | {f"{atlas.FOLDER}/{atlas.MANIFEST}": text.encode()}
 
 
 def _manifest(entries: dict[str, Any]) -> dict[str, Any]:

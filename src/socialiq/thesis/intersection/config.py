@@ -8,17 +8,16 @@ from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError, one_of
 from socialiq.thesis import presets
 
-PARTS = ("main", "networks", "timeouts", "views", "strengths", "targets", "data")
+PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
 """Parts of the study.
 
 - main: an expert trio, its demonstrations, the thesis' preset and the calibrated one with five
   training seeds, every policy and driver evaluated: Tables 6.1, 6.2, A.1, A.2, Figs 6.5, A.1.
-- networks: a trio that sees a set of vehicles, and the egoist of both networks with five seeds.
-- timeouts: experts who bootstrap through the end of time.
-- views: what of the set network makes the difference.
 - strengths: lambda raised until the angle stops moving.
 - targets: kinds of target, temperatures, values of ending.
 - data: how much demonstration is needed, and which mixture.
+- timeouts: experts who bootstrap through the end of time.
+- views: what of a network that sees a set of vehicles makes the difference.
 """
 
 
@@ -30,14 +29,12 @@ class Config:
     """Which parts; main is always among them."""
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds of learners, each with a mixture of its own."""
-    expert_seeds: tuple[int, ...] = (40, 41, 42, 43, 44)
-    """Training seeds of experts; the first one's trio gives the demonstrations."""
+    expert_seed: int = 40
+    """Training seed of the expert trio, who give the demonstrations."""
     ablation_seeds: tuple[int, ...] = (30, 31)
     """Training seeds of the ablations."""
     expert_steps: int = 5_000_000
     """Environment steps of the trio (thesis 5.2)."""
-    set_steps: int = 2_400_000
-    """Environment steps of experts that see a set; they update four times as often."""
     view_steps: int = 600_000
     """Of the ablation of views."""
     updates: int = presets.INTERSECTION_THESIS.updates

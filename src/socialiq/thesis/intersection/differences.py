@@ -81,7 +81,7 @@ def _values(
     """One value for each training seed."""
     if policy.startswith("expert "):
         mode = policy.removeprefix("expert ")
-        name = expert_name("flat", mode, config.expert_seeds[0])
+        name = expert_name("flat", mode, config.expert_seed)
         return [rows[name, "greedy"][metric]] * len(config.seeds)
     names = [learner_name(preset, setting, policy, seed) for seed in config.seeds]
     return [rows[name, "greedy"][metric] for name in names]

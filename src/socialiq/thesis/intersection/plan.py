@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.iq_learn import config as iq
@@ -13,6 +13,7 @@ from socialiq.social.returns import TARGET_KINDS
 from socialiq.thesis import presets
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection.config import Config
+from socialiq.thesis.intersection.pools import POOLS, Recording, record_demonstrations
 from socialiq.thesis.intersection.stages import (
     BEST,
     LAST,
@@ -21,11 +22,9 @@ from socialiq.thesis.intersection.stages import (
     ForesightRun,
     HighwayRun,
     LearnerRun,
-    Recording,
     drive_highway,
     evaluate,
     foresee,
-    record_demonstrations,
     train_expert,
     train_learner,
 )
@@ -33,7 +32,6 @@ from socialiq.thesis.jobs import Job
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
 
-POOLS = "demonstrations/experts"
 TARGETS = ("baseline", *MODES)
 PRESETS = {
     "thesis": (presets.INTERSECTION_THESIS, presets.INTERSECTION_THESIS_NUMBERS),
@@ -47,14 +45,10 @@ TEMPERATURES = (1.0, 0.3, 0.1, 0.03)
 ENDINGS = ("zero", "absorbing")
 SIZES = {"equal_transitions": (1000, 3000, 15_000), "equal_trajectories": (100, 1000)}
 
-NETWORKS = ("flat", "set")
-"""Of experts: the thesis', and one that sees a set of vehicles and is trained as that likes it."""
-
 
 def plan(config: Config) -> list[Job]:
     """Every job of the chosen parts, each after its inputs."""
     parts = {
-        "networks": _networks,
         "timeouts": _timeouts,
         "views": _views,
         "strengths": _strengths,
@@ -65,23 +59,14 @@ def plan(config: Config) -> list[Job]:
     for part, make in parts.items():
         if part in config.parts:
             jobs += make(config)
+    taken = members(config)
     return [
         *jobs,
-        *_evaluations(jobs, config),
+        *evaluations(jobs, config.episodes),
         *_drivers(config),
         *_connected(config),
-        *_highway(config),
+        *on_highway(taken, config.highway_episodes),
     ]
-
-
-def pool_jobs(config: Config) -> list[Job]:
-    """The study's experts and recordings, for other studies to learn from.
-
-    Names and fingerprints are its own: in its work folder, what it has done is used again.
-    """
-    jobs = {job.name: job for job in _main(config)}
-    pools = jobs[POOLS]
-    return [*(jobs[name] for name in pools.inputs), pools]
 
 
 def expert_name(network: str, mode: str, seed: int) -> str:
@@ -95,8 +80,8 @@ def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
 
 
 def _main(config: Config) -> Iterator[Job]:
-    first = config.expert_seeds[0]
-    yield from (_expert(config, "flat", mode, first) for mode in MODES)
+    first = config.expert_seed
+    yield from (flat_expert(mode, first, config.expert_steps) for mode in MODES)
     pools = tuple(expert_name("flat", mode, first) for mode in MODES)
     recording = Recording(episodes=config.pool_episodes)
     yield Job(POOLS, record_demonstrations, recording, pools, cost=20.0)
@@ -111,34 +96,22 @@ def _main(config: Config) -> Iterator[Job]:
             yield Job(name, train_learner, run, (POOLS,), cost=80.0 if structure.online else 45.0)
 
 
-def _networks(config: Config) -> Iterator[Job]:
-    first, *others = config.expert_seeds
-    yield from (_expert(config, "set", mode, first) for mode in MODES)
-    for network, seed in itertools.product(NETWORKS, others):
-        yield _expert(config, network, "egoistic", seed)
-
-
-def _expert(config: Config, network: str, mode: str, seed: int) -> Job:
-    """The flat network with the thesis' settings, or the set with its own."""
-    structure = dqn.Structure(steps=config.expert_steps)
-    numbers = dqn.Numbers(angle=MODES[mode], seed=seed)
-    if network == "set":
-        structure = dqn.Structure("set", (128, 128), steps=config.set_steps, steps_per_update=12)
-        numbers = _finer(dataclasses.replace(numbers, learning_rate=5e-4, polyak=0.01))
-    run = ExpertRun(structure, numbers)
-    return Job(expert_name(network, mode, seed), train_expert, run, cost=900.0)
+def flat_expert(mode: str, seed: int, steps: int) -> Job:
+    """An expert with the thesis' network and settings."""
+    run = ExpertRun(dqn.Structure(steps=steps), dqn.Numbers(angle=MODES[mode], seed=seed))
+    return Job(expert_name("flat", mode, seed), train_expert, run, cost=900.0)
 
 
 def _timeouts(config: Config) -> Iterator[Job]:
     """The experts of main whose reward a long wait can feed, but for the one thing."""
     for mode, angle in list(MODES.items())[1:]:
         structure = dqn.Structure(steps=config.expert_steps // 2, through_timeouts=True)
-        run = ExpertRun(structure, dqn.Numbers(angle=angle, seed=config.expert_seeds[0]))
-        name = f"timeouts/through/{mode}/{config.expert_seeds[0]}"
+        run = ExpertRun(structure, dqn.Numbers(angle=angle, seed=config.expert_seed))
+        name = f"timeouts/through/{mode}/{config.expert_seed}"
         yield Job(name, train_expert, run, cost=450.0)
 
 
-def _finer(numbers: dqn.Numbers) -> dqn.Numbers:
+def finer(numbers: dqn.Numbers) -> dqn.Numbers:
     """Exploration and step size fall further."""
     return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
 
@@ -146,7 +119,7 @@ def _finer(numbers: dqn.Numbers) -> dqn.Numbers:
 def _views(config: Config) -> Iterator[Job]:
     for view, seed in itertools.product(CHOICES, config.ablation_seeds):
         structure = dqn.Structure(view, steps=config.view_steps, steps_per_update=32)
-        run = ExpertRun(structure, _finer(dqn.Numbers(seed=seed)))
+        run = ExpertRun(structure, finer(dqn.Numbers(seed=seed)))
         yield Job(f"views/{view}/{seed}", train_expert, run, cost=120.0)
 
 
@@ -186,18 +159,18 @@ def _data(config: Config) -> Iterator[Job]:
             yield Job(name, train_learner, run, (POOLS,), cost=40.0)
 
 
-def _evaluations(jobs: list[Job], config: Config) -> Iterator[Job]:
+def evaluations(jobs: list[Job], episodes: int) -> Iterator[Job]:
     """One job for each trained policy: experts greedily, learners both ways."""
     for job in jobs:
         if job.work is train_expert:
-            run = Evaluation(BEST, readouts=("greedy",), episodes=config.episodes)
+            run = Evaluation(BEST, readouts=("greedy",), episodes=episodes)
             yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=3.0)
         if job.stage == "experts":
-            looking = ForesightRun(job.config.numbers.angle, episodes=config.episodes)
+            looking = ForesightRun(job.config.numbers.angle, episodes=episodes)
             name = job.name.removeprefix("experts/")
             yield Job(f"evaluation/foresight/{name}", foresee, looking, (job.name,), cost=20.0)
         if job.work is train_learner:
-            run = Evaluation(episodes=config.episodes)
+            run = Evaluation(episodes=episodes)
             yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=6.0)
 
 
@@ -215,23 +188,21 @@ def _connected(config: Config) -> Iterator[Job]:
         yield Job(f"connected/{name}", evaluate, run, (job,), cost=3.0)
 
 
-def _highway(config: Config) -> Iterator[Job]:
-    """The atlas' policies on the real highway-env."""
-    if config.highway_episodes:
-        for name, job in members(config).items():
-            run = HighwayRun(policy_file(job), config.highway_episodes)
+def on_highway(members: Mapping[str, str], episodes: int) -> Iterator[Job]:
+    """Policies of an atlas on the real highway-env."""
+    if episodes:
+        for name, job in members.items():
+            run = HighwayRun(policy_file(job), episodes)
             yield Job(f"highway/{name}", drive_highway, run, (job,), cost=100.0)
 
 
 def members(config: Config) -> dict[str, str]:
     """Folder of the job of each policy of the atlas, by its name there.
 
-    Experts, of the set too if that part is run, and the first training seed's baseline and trio.
+    Experts, and the first training seed's baseline and trio.
     """
-    first = config.expert_seeds[0]
+    first = config.expert_seed
     found = {f"expert_{mode}": expert_name("flat", mode, first) for mode in MODES}
-    if "networks" in config.parts:
-        found |= {f"set_{mode}": expert_name("set", mode, first) for mode in MODES}
     return found | {target: learner_name(*SHIPPED, target, config.seeds[0]) for target in TARGETS}
 
 

@@ -22,7 +22,6 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.foresight import with_foresight
 from socialiq.evaluation.play import episodes_of
-from socialiq.evaluation.record import record
 from socialiq.learners.collect import Collector, Source, from_vector_env, soft
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn.train import policy_of
@@ -32,7 +31,7 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.outside import Outside, Report
 from socialiq.learners.state import History
 from socialiq.nn.q_policy import QPolicy
-from socialiq.storage import save_arrays, write_atomically
+from socialiq.storage import write_atomically
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection.checks import Checks, Monitor, write_curve
 from socialiq.thesis.intersection.episodes import save_episodes
@@ -86,32 +85,6 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
         CHUNK,
     )
     _keep(trained.policy(0), trained.history, folder)
-
-
-@dataclass(frozen=True)
-class Recording:
-    """Episodes of the three experts."""
-
-    file: str = BEST
-    episodes: int = 3000
-    first_seed: int = 10_000_000
-    options: Options = field(default_factory=Options)
-
-
-def record_demonstrations(
-    config: Recording, folder: Path, inputs: Mapping[str, Path], tell: Tell
-) -> None:
-    """Roll out each expert; writes a pool of each, and its classical rewards row for row."""
-    for number, (mode, expert) in enumerate(zip(MODES, inputs.values(), strict=True)):
-        first = config.first_seed + number * config.episodes
-        policy = QPolicy.load(expert / config.file)
-        source = {"world": Intersection(config.options).description, "expert": policy.provenance}
-        seeds = np.arange(first, first + config.episodes)
-        made = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
-        files.save(folder / f"{mode}.safetensors", made.transitions)
-        classical = {"own": made.classical.env, "others": made.classical.social}
-        save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
-        tell((number + 1) / len(MODES))
 
 
 @dataclass(frozen=True)

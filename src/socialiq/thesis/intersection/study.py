@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,21 +15,21 @@ from socialiq.thesis.intersection import atlas_files
 from socialiq.thesis.intersection.config import Config
 from socialiq.thesis.intersection.differences import differences
 from socialiq.thesis.intersection.plan import (
-    NETWORKS,
-    POOLS,
     TARGETS,
     TRAINED,
     expert_name,
     learner_name,
+    members,
     plan,
 )
+from socialiq.thesis.intersection.pools import POOLS
 from socialiq.thesis.intersection.rows import connected, curves, highway, played, policy_row, times
 from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.intersection.tables import best_angles, distributions, separability, table_6_2
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.store import Results, Row
-from socialiq.thesis.workers import run_jobs
+from socialiq.thesis.workers import run_jobs, work_folder
 
 STUDY = "intersection"
 
@@ -53,12 +52,10 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
             "the comparison with highway-env needs the extra highway (pip install "
             "'socialiq[highway]'); or leave it out: --highway-episodes 0"
         )
-    if work is None:
-        with tempfile.TemporaryDirectory() as folder:
-            return run(config, watch, Path(folder))
-    jobs = plan(config)
-    run_jobs(jobs, work, watch, environment=surroundings(work))
-    return tabulate(config, jobs, work)
+    with work_folder(work) as folder:
+        jobs = plan(config)
+        run_jobs(jobs, folder, watch, environment=surroundings(folder))
+        return tabulate(config, jobs, folder)
 
 
 def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
@@ -80,7 +77,7 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "times": times(jobs, work),
     }
     kept = {name: table for name, table in tables.items() if table}
-    files = atlas_files.files(config, work, rows)
+    files = atlas_files.files(STUDY, members(config), work, rows)
     return Results.of(STUDY, config, kept, _summary(config, kept), files)
 
 
@@ -122,12 +119,9 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
         for preset, setting in TRAINED
         for target in TARGETS
     }
-    first = config.expert_seeds[0]
+    first = config.expert_seed
     found["experts"] = {
-        f"{network}_{mode}": by_name[expert_name(network, mode, first), "greedy"]
-        for network in NETWORKS
-        for mode in MODES
-        if (expert_name(network, mode, first), "greedy") in by_name
+        f"flat_{mode}": by_name[expert_name("flat", mode, first), "greedy"] for mode in MODES
     }
     found["connected"] = {}
     for row in tables.get("connected", []):
@@ -148,9 +142,7 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
 def _settings(config: Config) -> dict[str, Any]:
     """Of the first expert and of the first learner of each preset."""
     first = {job.name: dataclasses.asdict(job.config) for job in plan(config)}
-    found: dict[str, Any] = {
-        "expert": first[expert_name("flat", "egoistic", config.expert_seeds[0])]
-    }
+    found: dict[str, Any] = {"expert": first[expert_name("flat", "egoistic", config.expert_seed)]}
     for preset, setting in TRAINED:
         name = learner_name(preset, setting, "egoistic", config.seeds[0])
         found[f"{preset}_{setting}"] = first[name]

@@ -38,7 +38,7 @@ def table_6_2(rows: ByName, plays: Mapping[tuple[str, str], Played], config: Con
         for readout in READOUTS:
             for policy, names in _columns(group, config).items():
                 if any((name, readout) not in rows for name in names):
-                    continue  # experts are read greedily, and the set is a part of its own
+                    continue  # experts are read greedily
                 factor = 100 if metric in PERCENT else 1
                 values = [factor * rows[name, readout][metric] for name in names]
                 spreads = [
@@ -57,14 +57,14 @@ def table_6_2(rows: ByName, plays: Mapping[tuple[str, str], Played], config: Con
 
 
 def _groups() -> list[tuple[str, str]]:
-    return [("experts", network) for network in ("flat", "set")] + list(TRAINED)
+    return [("experts", "flat"), *TRAINED]
 
 
 def _columns(group: tuple[str, str], config: Config) -> dict[str, list[str]]:
     """Names of the policies behind each column of Table 6.2."""
     first, second = group
     if first == "experts":
-        seed = config.expert_seeds[0]
+        seed = config.expert_seed
         return {f"expert {mode}": [expert_name(second, mode, seed)] for mode in MODES}
     return {
         target: [learner_name(first, second, target, seed) for seed in config.seeds]

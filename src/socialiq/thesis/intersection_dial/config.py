@@ -39,6 +39,8 @@ class Config:
     """Gradient steps of an agent of one angle."""
     steps_per_update: int = 12
     """Environment steps for each gradient step."""
+    pool_episodes: int = 3000
+    """Episodes recorded of each expert of the atlas, as in the intersection study."""
     mixture: str = "equal_transitions"
     """Of the three experts' demonstrations, as in the intersection study."""
     size: int = 15_000
@@ -50,6 +52,6 @@ class Config:
         """Refuse key angles at which no dial is driven, and empty sizes."""
         if not set(self.key_angles) <= set(self.turned):
             raise UserError("every key angle must be among the angles at which a dial is driven")
-        for name in ("agent_updates", "steps_per_update", "size", "episodes"):
+        for name in ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")

@@ -7,7 +7,6 @@ else. All are driven on the intersection study's evaluation seeds.
 from __future__ import annotations
 
 import dataclasses
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,9 +16,8 @@ import numpy as np
 from socialiq.evaluation.hypervolume import hypervolume
 from socialiq.evaluation.statistics import holm, paired_difference
 from socialiq.social.angle import exact_weights
-from socialiq.thesis.intersection import config as intersection
 from socialiq.thesis.intersection.episodes import load_episodes
-from socialiq.thesis.intersection.plan import POOLS, pool_jobs
+from socialiq.thesis.intersection.pools import POOLS, atlas_pools
 from socialiq.thesis.intersection.rows import Played, policy_row, times
 from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.intersection_dial.config import Config
@@ -33,12 +31,10 @@ from socialiq.thesis.intersection_dial.stages import (
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.store import Results, Row, from_csv
-from socialiq.thesis.workers import run_jobs
+from socialiq.thesis.workers import run_jobs, work_folder
 
 STUDY = "intersection-dial"
 DIALS, AGENTS = "dial", "agents"
-SOURCE = intersection.Config()
-"""The study whose experts' recordings all learn from."""
 
 
 def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
@@ -47,25 +43,22 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     Args:
         config: What to run.
         watch: Shows progress.
-        work: Folder of the jobs; a temporary one by default. In the intersection study's, its
-            experts and recordings are used again.
+        work: Folder of the jobs; a temporary one by default.
 
     Raises:
         UserError: If a job fails or the folder can't be written.
         Stopped: On Ctrl-C; the same call goes on.
     """
     config = config or Config()
-    if work is None:
-        with tempfile.TemporaryDirectory() as folder:
-            return run(config, watch, Path(folder))
-    jobs = plan(config)
-    run_jobs(jobs, work, watch, environment=surroundings(work))
-    return tabulate(config, jobs, work)
+    with work_folder(work) as folder:
+        jobs = plan(config)
+        run_jobs(jobs, folder, watch, environment=surroundings(folder))
+        return tabulate(config, jobs, folder)
 
 
 def plan(config: Config) -> list[Job]:
     """Every job, each after its inputs."""
-    jobs = pool_jobs(SOURCE)
+    jobs = [atlas_pools(config.pool_episodes)]
     for seed in config.seeds:
         jobs += _trained(config, config.structure, config.turned, dial_name(seed), seed)
         for angle in config.key_angles:

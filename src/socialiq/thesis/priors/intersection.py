@@ -23,7 +23,7 @@ from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection import config as study
 from socialiq.thesis.intersection.checks import Checks
 from socialiq.thesis.intersection.episodes import load_episodes
-from socialiq.thesis.intersection.plan import POOLS
+from socialiq.thesis.intersection.pools import POOLS
 from socialiq.thesis.intersection.stages import (
     LAST,
     Evaluation,
@@ -48,7 +48,7 @@ from socialiq.thesis.store import Row
 
 WORLD = "intersection"
 STUDY = study.Config()
-"""Whose experts' recordings all methods learn from."""
+"""Whose recordings and mixtures all methods learn from, made again of the atlas' experts."""
 COSTS = {"iq_learn": 80.0, "rl": 60.0, "cql": 40.0}
 """Seconds or so; a clone takes half of CQL's."""
 

@@ -5,7 +5,6 @@ Every method of a world has the same updates, steps in the world, network, rates
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.metrics import Metrics, mean_of
-from socialiq.thesis.intersection.plan import pool_jobs
+from socialiq.thesis.intersection.pools import atlas_pools
 from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
@@ -23,7 +22,7 @@ from socialiq.thesis.priors.config import EPISODES_EACH, GRIDWORLDS, Config
 from socialiq.thesis.priors.gridworlds import ROWS, GridRun, references, run_method
 from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS, Method
 from socialiq.thesis.store import Results, Row, from_csv
-from socialiq.thesis.workers import run_jobs
+from socialiq.thesis.workers import run_jobs, work_folder
 
 STUDY = "compare-priors"
 KEYS = ("world", "method", "strength", "target_angle", "readout")
@@ -46,22 +45,20 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
         Stopped: On Ctrl-C; the same call goes on.
     """
     config = config or Config()
-    if work is None:
-        with tempfile.TemporaryDirectory() as folder:
-            return run(config, watch, Path(folder))
-    around = surroundings(work)
-    run_jobs(development_jobs(config), work, watch, environment=around)
-    developed = list(development_rows(config, work))
-    chosen = choose(developed)
-    run_jobs(fresh_jobs(config, chosen), work, watch, environment=around)
-    return tabulate(config, developed, chosen, list(fresh_rows(config, chosen, work)))
+    with work_folder(work) as folder:
+        around = surroundings(folder)
+        run_jobs(development_jobs(config), folder, watch, environment=around)
+        developed = list(development_rows(config, folder))
+        chosen = choose(developed)
+        run_jobs(fresh_jobs(config, chosen), folder, watch, environment=around)
+        return tabulate(config, developed, chosen, list(fresh_rows(config, chosen, folder)))
 
 
 def development_jobs(config: Config) -> list[Job]:
     """Every method that has a λ, at each λ."""
     jobs: list[Job] = []
     for world in config.worlds:
-        jobs += [] if world in GRIDWORLDS else pool_jobs(intersection.STUDY)
+        jobs += [] if world in GRIDWORLDS else [atlas_pools(intersection.STUDY.pool_episodes)]
         for method in _scaled(config):
             strengths = _strengths(config, world)
             jobs += _jobs(config, DEVELOPMENT, world, method, strengths)
@@ -72,7 +69,7 @@ def fresh_jobs(config: Config, chosen: Chosen) -> list[Job]:
     """Every method at its λ."""
     jobs: list[Job] = []
     for world in config.worlds:
-        jobs += [] if world in GRIDWORLDS else pool_jobs(intersection.STUDY)
+        jobs += [] if world in GRIDWORLDS else [atlas_pools(intersection.STUDY.pool_episodes)]
         for method in _methods(config):
             strengths = (_strength(world, method, chosen),)
             jobs += _jobs(config, FRESH, world, method, strengths)
