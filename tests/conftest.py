@@ -32,11 +32,15 @@ def table7() -> Table:
 
 @pytest.fixture(scope="session", name="compiled", autouse=True)
 def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Of compiled programs: one for all workers, and for the processes of jobs (`workers`)."""
+    """Of compiled programs: one for all workers, and for the processes of jobs (`workers`).
+
+    Those compile fast rather than well, as `quick_compiler` does here.
+    """
     base = tmp_path_factory.getbasetemp()
     folder = str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("JAX_COMPILATION_CACHE_DIR", folder)
+        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
         yield folder
 
 

@@ -43,8 +43,7 @@ class Compare:
     out: Path = Path("results-compare-priors")
     """Folder to write."""
     work: Path | None = None
-    """Folder of what is done, by default FOLDER.work; that of the intersection study has experts
-    and demonstrations, which are used again."""
+    """Folder of what is done, by default FOLDER.work."""
     replace: bool = False
     """Replace the results that are in the folder."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None

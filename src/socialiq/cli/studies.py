@@ -113,7 +113,7 @@ class Reproduce:
     replace: bool = False
     """Replace the results that are in the folder."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None
-    """Show the results of this folder without running anything."""
+    """Show the results of this folder, or of the study's in it, without running anything."""
     json: bool = False
     """Print one JSON object."""
 
@@ -121,7 +121,7 @@ class Reproduce:
         """Run or read, then print."""
         one_of("study", self.study, tuple(STUDIES))
         if self.from_ is not None:
-            results = store.load(self.from_)
+            results = self.kept(self.from_)
         else:
             folder = self.out or Path(f"results-{self.study}")
             store.check_target(folder, self.replace)
@@ -132,6 +132,18 @@ class Reproduce:
         else:
             show(results)
         return 0
+
+    def kept(self, folder: Path) -> Results:
+        """The study's results in a folder, or in the folder of its name there.
+
+        Raises:
+            UserError: If there are none, or those of another study.
+        """
+        inside = folder / self.study
+        results = store.load(inside if inside.is_dir() else folder)
+        if results.study != self.study:
+            raise UserError(f"{folder} holds {results.study}: name that study, or another folder")
+        return results
 
     def compute(self, folder: Path) -> Results:
         """Run the study with its progress shown."""

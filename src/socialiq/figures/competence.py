@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.figures.style import figure, plain
+from socialiq.figures.over_seeds import band, of
+from socialiq.figures.style import COLORS, figure, plain
 from socialiq.thesis.competence.study import best_strengths
 from socialiq.thesis.store import Results
 
@@ -29,30 +29,11 @@ def _scores(results: Results) -> Figure:
     axes = drawn.subplots()
     strengths = best_strengths(results.tables["pooled"])
     for method, (color, mark) in _LOOKS.items():
-        rows = [
-            row
-            for row in results.tables["scores"]
-            if (row["method"], row["strength"], row["readout"])
-            == (method, strengths[method], "greedy")
-        ]
-        angles = sorted({row["angle"] for row in rows})
-        values = [[row["score"] for row in rows if row["angle"] == angle] for angle in angles]
+        rows = of(
+            results.tables["scores"], method=method, strength=strengths[method], readout="greedy"
+        )
         named = f" (best λ: {strengths[method]:g})" if strengths[method] != "" else ""
-        axes.fill_between(
-            angles,
-            [min(one) for one in values],
-            [max(one) for one in values],
-            color=color,
-            alpha=0.15,
-            linewidth=0,
-        )
-        axes.plot(
-            angles,
-            [float(np.mean(one)) for one in values],
-            color=color,
-            marker=mark,
-            label=method + named,
-        )
+        band(axes, rows, "angle", "score", color=color, marker=mark, label=method + named)
     axes.set(xlabel="angle, degrees (0, 45 and 90 are demonstrated)", ylabel="score")
     axes.set_title("1: optimal for R(α) and comfort; 0: even chances. Band: all data sets")
     axes.set_xticks(sorted({row["angle"] for row in results.tables["scores"]}))
@@ -65,10 +46,10 @@ def _angles(results: Results) -> Figure:
     drawn = figure(6.0, 3.8)
     axes = drawn.subplots()
     rows = results.tables["angles"]
-    colors = {"egoistic": "#c23b22", "prosocial": "#2166ac", "altruistic": "#1b7837"}
-    for mode, color in colors.items():
+    for mode in dict.fromkeys(row["mode"] for row in rows):
+        color = COLORS[mode]
         for seed in sorted({row["seed"] for row in rows}):
-            path = [row for row in rows if (row["mode"], row["seed"]) == (mode, seed)]
+            path = of(rows, mode=mode, seed=seed)
             axes.plot(
                 [row["round"] for row in path],
                 [row["mean"] for row in path],

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.figures.over_seeds import band, of, spread
 from socialiq.figures.style import figure, plain
-from socialiq.thesis.store import Results, Row
+from socialiq.thesis.store import Results
 
 _LOOKS = {
     "online": ("#2166ac", "o"),
@@ -30,24 +27,8 @@ def draw(results: Results) -> dict[str, Figure]:
     } | ({"budgets": _budgets(results)} if "budget_path" in results.tables else {})
 
 
-def _of(rows: Sequence[Row], **wanted: Any) -> list[Row]:
-    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
-
-
-def _by_angle(rows: Sequence[Row], at: str, name: str) -> tuple[np.ndarray, ...]:
-    """Angles, and the mean, least and largest over seeds at each."""
-    angles = sorted({row[at] for row in rows})
-    values = [[row[name] for row in rows if row[at] == angle] for angle in angles]
-    return (
-        np.array(angles),
-        np.array([np.mean(one) for one in values]),
-        np.array([min(one) for one in values]),
-        np.array([max(one) for one in values]),
-    )
-
-
 def _runs(results: Results) -> list[str]:
-    return [name for name in _LOOKS if _of(results.tables["dials"], run=name)]
+    return [name for name in _LOOKS if of(results.tables["dials"], run=name)]
 
 
 def _regret(results: Results) -> Figure:
@@ -56,14 +37,12 @@ def _regret(results: Results) -> Figure:
     axes = drawn.subplots()
     for name in _runs(results):
         color, mark = _LOOKS[name]
-        rows = _of(results.tables["angles"], run=name, readout="greedy")
-        angles, mean, low, high = _by_angle(rows, "angle", "regret")
-        axes.fill_between(angles, low, high, color=color, alpha=0.15, linewidth=0)
-        axes.plot(angles, mean, color=color, marker=mark, markersize=4, label=name)
+        rows = of(results.tables["angles"], run=name, readout="greedy")
+        band(axes, rows, "angle", "regret", color=color, marker=mark, label=name)
     for support, name in _CEILINGS.items():
-        rows = _of(results.tables.get("ceilings", []), support=support)
+        rows = of(results.tables.get("ceilings", []), support=support)
         if rows:
-            angles, mean, _, _ = _by_angle(rows, "angle", "regret")
+            angles, mean, _, _ = spread(rows, "angle", "regret")
             color = _LOOKS[name][0]
             label = f"best inside the support of {name}"
             axes.plot(angles, mean, "--", color=color, linewidth=2.5, alpha=0.5, label=label)
@@ -89,7 +68,7 @@ def _turning(results: Results) -> Figure:
     )
     for name in [run for run in _runs(results) if run in ("online", "offline")]:
         color, mark = _LOOKS[name]
-        rows = _of(results.tables["angles"], run=name, readout="greedy")
+        rows = of(results.tables["angles"], run=name, readout="greedy")
         axes.plot(
             [row["r_env"] for row in rows],
             [row["r_social"] for row in rows],
@@ -113,14 +92,14 @@ def _mixtures(results: Results) -> Figure:
     left, right = drawn.subplots(1, 2)
     for name in _runs(results):
         color, mark = _LOOKS[name]
-        rows = _of(results.tables["settings"], run=name)
-        angles, mean, low, _ = _by_angle(rows, "wanted", "share_of_radius")
+        rows = of(results.tables["settings"], run=name)
+        angles, mean, low, _ = spread(rows, "wanted", "share_of_radius")
         left.plot(angles, 100 * mean, color=color, marker=mark, markersize=4, label=name)
         left.plot(angles, 100 * low, ":", color=color)
         estimated = [row for row in rows if row["estimated_angle_error"] != ""]
         errors = [row | {"off": abs(row["estimated_angle_error"])} for row in estimated]
         if errors:
-            angles, mean, _, high = _by_angle(errors, "wanted", "off")
+            angles, mean, _, high = spread(errors, "wanted", "off")
             right.plot(angles, mean, color=color, marker=mark, markersize=4, label=name)
             right.plot(angles, high, ":", color=color)
     left.axhline(98, color="#444444", linewidth=0.8)
@@ -142,8 +121,8 @@ def _budgets(results: Results) -> Figure:
     budgets = sorted({row["budget"] for row in results.tables["budgets"]})
     for place, budget in enumerate(budgets):
         color = f"C{place}"
-        for row in _of(results.tables["budgets"], budget=budget):
-            path = _of(results.tables["budget_path"], budget=budget, seed=row["seed"])
+        for row in of(results.tables["budgets"], budget=budget):
+            path = of(results.tables["budget_path"], budget=budget, seed=row["seed"])
             updates, regrets = ([look[key] for look in path] for key in ("updates", "regret"))
             left.plot(updates, regrets, color=color, linewidth=0.9, alpha=0.7)
             right.plot(row["regret_soft"], row["log_likelihood"], "o", color=color)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.figures.over_seeds import band, of
 from socialiq.figures.style import figure, plain
-from socialiq.thesis.store import Results, Row
+from socialiq.thesis.store import Results
 
 _LOOKS = {"dial": ("#2166ac", "o", "one dial"), "agents": ("#c23b22", "^", "an agent each")}
 _RATES = {"arrival": "#1b7837", "collision": "#c23b22", "timeout": "#6e6e6e"}
@@ -24,25 +22,13 @@ def draw(results: Results) -> dict[str, Figure]:
     }
 
 
-def _of(rows: list[Row], **wanted: Any) -> list[Row]:
-    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
-
-
-def _by_angle(rows: list[Row], name: str) -> tuple[np.ndarray, ...]:
-    """Angles asked for, and the mean, least and largest over seeds at each."""
-    angles = sorted({row["asked"] for row in rows})
-    values = [[row[name] for row in rows if row["asked"] == angle] for angle in angles]
-    mean, low, high = (np.array([of(one) for one in values]) for of in (np.mean, min, max))
-    return np.array(angles), mean, low, high
-
-
 def _tradeoff(results: Results) -> Figure:
     """Mean totals of every policy; a dial's are joined in the order in which it turns."""
     drawn = figure(7.5, 5.2)
     axes = drawn.subplots()
     for family, (color, mark, label) in _LOOKS.items():
         for place, seed in enumerate(results.config["seeds"]):
-            rows = _of(results.tables["policies"], family=family, seed=seed)
+            rows = of(results.tables["policies"], family=family, seed=seed)
             axes.plot(
                 [row["r_env"] for row in rows],
                 [row["r_social"] for row in rows],
@@ -66,10 +52,8 @@ def _regret(results: Results) -> Figure:
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
     for family, (color, mark, label) in _LOOKS.items():
-        rows = _of(results.tables["policies"], family=family)
-        angles, mean, low, high = _by_angle(rows, "regret")
-        axes.fill_between(angles, low, high, color=color, alpha=0.15, linewidth=0)
-        axes.plot(angles, mean, color=color, marker=mark, markersize=4, label=label)
+        rows = of(results.tables["policies"], family=family)
+        band(axes, rows, "asked", "regret", color=color, marker=mark, label=label)
     axes.set(xlabel="angle asked for, degrees", ylabel="regret against the best of all")
     axes.set_title("Mean over seeds, band from least to largest", fontsize=10)
     axes.legend(frameon=False, fontsize=9)
@@ -81,11 +65,9 @@ def _turning(results: Results) -> Figure:
     """How the dial's episodes end at each angle."""
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
-    rows = _of(results.tables["policies"], family="dial")
+    rows = of(results.tables["policies"], family="dial")
     for name, color in _RATES.items():
-        angles, mean, low, high = _by_angle(rows, name)
-        axes.fill_between(angles, 100 * low, 100 * high, color=color, alpha=0.15, linewidth=0)
-        axes.plot(angles, 100 * mean, color=color, marker="o", markersize=4, label=name)
+        band(axes, rows, "asked", name, 100.0, color=color, marker="o", label=name)
     axes.set(xlabel="angle asked for, degrees", ylabel="episodes, %", ylim=(0, 100))
     axes.set_title("One dial, turned: mean over seeds, band from least to largest", fontsize=10)
     axes.legend(frameon=False, fontsize=9)

@@ -14,6 +14,7 @@ from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.thesis.claims import packaged_results
 
 
 @pytest.fixture(autouse=True)
@@ -196,6 +197,8 @@ def test_a_policy_for_another_world(capsys, tmp_path):
 
 def test_results_that_are_not_there(capsys, tmp_path):
     assert "is not a results folder" in refused(capsys, "reproduce", "poc", "--from", tmp_path)
+    poc = packaged_results() / "poc"
+    assert "holds poc: name that study" in refused(capsys, "reproduce", "grid", "--from", poc)
     assert "no such file" in refused(capsys, "claims", "--results", tmp_path)
 
 

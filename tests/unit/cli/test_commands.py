@@ -9,6 +9,7 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.q_policy import QPolicy
+from socialiq.thesis.claims import packaged_results
 
 TINY = ["--updates", "20", "--batch-size", "8", "--hidden", "8"]
 
@@ -131,6 +132,15 @@ def test_evaluate_takes_drivers_of_the_intersection_by_name(capsys):
     assert (go["entries"], wait["entries"]) == (30, 0)
     assert main([*command[:3], "--world", "intersection"]) == 2
     assert "add --episodes N" in capsys.readouterr().err
+
+
+def test_committed_results_are_shown_from_their_folder_or_the_one_above(capsys):
+    folder = packaged_results()
+    assert main(["reproduce", "poc", "--from", str(folder), "--json"]) == 0
+    above = capsys.readouterr().out
+    assert main(["reproduce", "poc", "--from", str(folder / "poc"), "--json"]) == 0
+    assert capsys.readouterr().out == above
+    assert json.loads(above)["study"] == "poc"
 
 
 def test_reproduce_intersection_world_in_small(tmp_path, capsys):

@@ -15,9 +15,10 @@ from socialiq.thesis.intersection import config as intersection_config
 from socialiq.thesis.jobs import fingerprints
 from socialiq.thesis.lanes import Ground
 from socialiq.thesis.priors import alignment, intersection, learners, study
+from socialiq.thesis.priors.budget import Lane, structure_of
 from socialiq.thesis.priors.config import Config
 from socialiq.thesis.priors.gridworlds import effective_share
-from socialiq.thesis.priors.learners import Arena, Lane
+from socialiq.thesis.priors.learners import Arena
 from socialiq.thesis.priors.methods import BY_NAME, IQ, LABELS, METHODS, nearest_mode
 
 TINY = Config(
@@ -66,7 +67,7 @@ def test_rows_of_a_table_have_labels_and_distinct_names() -> None:
 def test_every_method_of_iq_learn_has_a_structure_of_its_own() -> None:
     """But for the thesis' row, which differs from the running returns' by its λ alone."""
     own = {
-        method.name: learners.structure_of(method, TINY.structure)
+        method.name: structure_of(method, TINY.structure)
         for method in METHODS
         if method.learner == IQ
     }

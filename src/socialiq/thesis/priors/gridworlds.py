@@ -19,7 +19,8 @@ from socialiq.storage import write_atomically
 from socialiq.thesis.experts import MODES, trajectory_datasets
 from socialiq.thesis.jobs import Tell
 from socialiq.thesis.lanes import Ground, evaluate
-from socialiq.thesis.priors.learners import LEARNERS, Arena, Lane, of_mode
+from socialiq.thesis.priors.budget import Lane
+from socialiq.thesis.priors.learners import LEARNERS, Arena, of_mode
 from socialiq.thesis.priors.methods import Method
 from socialiq.thesis.store import Row, as_csv, rounded
 from socialiq.worlds.experts import expert_policy

@@ -14,7 +14,6 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
-from socialiq.learners.dqn import config as dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.outside import Outside
 from socialiq.nn.q_policy import QPolicy
@@ -35,18 +34,25 @@ from socialiq.thesis.intersection.stages import (
 )
 from socialiq.thesis.intersection_dial.stages import DialRun, Turned, train_dial, turn
 from socialiq.thesis.jobs import Job, Tell
-from socialiq.thesis.priors.config import Config
-from socialiq.thesis.priors.learners import (
+from socialiq.thesis.priors.budget import (
     Lane,
+    clone_numbers,
+    clone_structure,
+    cql_numbers,
+    cql_structure,
     dial_numbers,
     dial_structure,
     numbers_of,
+    rl_numbers,
+    rl_structure,
     structure_of,
 )
+from socialiq.thesis.priors.config import Config
 from socialiq.thesis.priors.methods import Method, nearest_mode
 from socialiq.thesis.store import Row
 
 WORLD = "intersection"
+RATES = presets.INTERSECTION_CALIBRATED_NUMBERS
 STUDY = study.Config()
 """Whose recordings and mixtures all methods learn from, made again of the atlas' experts."""
 COSTS = {"iq_learn": 80.0, "rl": 60.0, "cql": 40.0}
@@ -157,62 +163,25 @@ def _iq_learn(config: Config, method: Method, lane: Lane) -> Made:
     if method.target_kind == "advantage":  # no state is ever seen twice
         method = dataclasses.replace(method, target_kind="advantage_fitted")
     structure = structure_of(method, _base(config))
-    numbers = numbers_of(presets.INTERSECTION_CALIBRATED_NUMBERS, lane)
+    numbers = numbers_of(RATES, lane)
     return train_learner, LearnerRun(structure, numbers, STUDY.mixture, STUDY.size)
 
 
 def _clone(config: Config, method: Method, lane: Lane) -> Made:
-    base, rates = _base(config), presets.INTERSECTION_CALIBRATED_NUMBERS
-    structure = bc.Structure(
-        base.hidden,
-        base.activation,
-        base.batch_size,
-        base.updates,
-        method.learner == "clone_weighted",
-        base.view,
-    )
-    numbers = bc.Numbers(rates.learning_rate, lane.seed, 0, lane.angle, 1 / lane.strength)
+    structure = clone_structure(_base(config), method.learner == "clone_weighted")
     modes = (nearest_mode(lane.angle),) if method.learner == "clone_of_mode" else tuple(MODES)
+    numbers = clone_numbers(RATES, lane)
     return train_offline, OfflineRun(structure, numbers, modes, STUDY.mixture, STUDY.size)
 
 
 def _conservative(config: Config, _method: Method, lane: Lane) -> Made:
-    base, rates = _base(config), presets.INTERSECTION_CALIBRATED_NUMBERS
-    structure = cql.Structure(
-        base.endings, base.hidden, base.activation, base.view, base.batch_size, base.updates
-    )
-    numbers = cql.Numbers(
-        angle=lane.angle,
-        strength=lane.strength,
-        temperature=rates.temperature,
-        discount=rates.discount,
-        learning_rate=rates.learning_rate,
-        polyak=rates.polyak,
-        seed=lane.seed,
-    )
+    structure, numbers = cql_structure(_base(config)), cql_numbers(RATES, lane)
     return train_offline, OfflineRun(structure, numbers, tuple(MODES), STUDY.mixture, STUDY.size)
 
 
 def _reinforcement(config: Config, _method: Method, lane: Lane) -> Made:
-    """The experts' learner, with the updates and steps in the world of the other rows."""
-    base, rates = _base(config), presets.INTERSECTION_CALIBRATED_NUMBERS
-    structure = dqn.Structure(
-        base.view,
-        base.hidden,
-        base.activation,
-        batch_size=base.batch_size,
-        steps=base.updates * base.env_steps_per_update,
-        steps_per_update=base.env_steps_per_update,
-        replay_capacity=base.replay_capacity,
-    )
-    numbers = dqn.Numbers(
-        angle=lane.angle,
-        discount=rates.discount,
-        learning_rate=rates.learning_rate,
-        final_learning_rate=rates.learning_rate,
-        polyak=rates.polyak,
-        seed=lane.seed,
-    )
+    """The experts' learner, at the budget of the other rows."""
+    structure, numbers = rl_structure(_base(config)), rl_numbers(RATES, lane)
     return train_expert, ExpertRun(structure, numbers, checks=Checks(times=2))
 
 
@@ -222,7 +191,7 @@ def _dial(_config: Config, _method: Method, lane: Lane) -> Made:
 
 def _dial_run(config: Config, lane: Lane) -> DialRun:
     base = _base(config)
-    numbers = dial_numbers(presets.INTERSECTION_CALIBRATED_NUMBERS, lane)
+    numbers = dial_numbers(RATES, lane)
     return DialRun(
         dial_structure(base), numbers, STUDY.mixture, STUDY.size, base.env_steps_per_update
     )

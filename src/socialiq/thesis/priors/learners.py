@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,28 +12,30 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
 from socialiq.learners.collect import from_env
-from socialiq.learners.dial import config as dial
 from socialiq.learners.dial.train import train as train_dial
-from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn.train import train as train_dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.outside import Outside, Report
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.lanes import Ground, train_lanes
+from socialiq.thesis.priors.budget import (
+    Lane,
+    clone_numbers,
+    clone_structure,
+    cql_numbers,
+    cql_structure,
+    dial_numbers,
+    dial_structure,
+    numbers_of,
+    rl_numbers,
+    rl_structure,
+    structure_of,
+)
 from socialiq.thesis.priors.methods import Method, nearest_mode
 from socialiq.worlds.gym import GridWorldEnv
 
 CHUNK = 500  # updates between two reports, and between two rounds of acting in RL
-
-
-class Lane(NamedTuple):
-    """One training run: angle in degrees, λ (or 1/τ_w), seed, and the number of its data set."""
-
-    angle: float
-    strength: float
-    seed: int
-    dataset: int
 
 
 class Arena(NamedTuple):
@@ -68,40 +69,11 @@ def _iq_learn(arena: Arena, method: Method, lanes: Sequence[Lane]) -> list[QPoli
     return [trained.policy(lane) for lane in range(len(lanes))]
 
 
-def structure_of(method: Method, base: iq.Structure) -> iq.Structure:
-    """IQ-Learn's structure for a method."""
-    changes: dict[str, Any] = {"prior": method.prior, "target_kind": method.target_kind}
-    return dataclasses.replace(base, **changes, shift_term_3=method.shift_term_3)
-
-
-def numbers_of(base: iq.Numbers, lane: Lane) -> iq.Numbers:
-    """IQ-Learn's numbers for a lane; what multiplies R(α) is its strength, also in Eq B.2."""
-    return dataclasses.replace(
-        base,
-        angle=lane.angle,
-        strength=lane.strength,
-        reweight_temperature=1 / lane.strength,
-        seed=lane.seed,
-        dataset=lane.dataset,
-    )
-
-
 def _clone(
     arena: Arena, lanes: Sequence[Lane], datasets: Sequence[Demonstrations], weighted: bool
 ) -> list[QPolicy]:
-    structure = bc.Structure(
-        arena.structure.hidden,
-        arena.structure.activation,
-        arena.structure.batch_size,
-        arena.structure.updates,
-        weighted,
-    )
-    numbers = [
-        bc.Numbers(
-            arena.numbers.learning_rate, lane.seed, lane.dataset, lane.angle, 1 / lane.strength
-        )
-        for lane in lanes
-    ]
+    structure = clone_structure(arena.structure, weighted)
+    numbers = [clone_numbers(arena.numbers, lane) for lane in lanes]
     cloned = bc.clone(structure, numbers, datasets, Outside(arena.on_report), CHUNK)
     return [cloned.policy(lane) for lane in range(len(lanes))]
 
@@ -132,54 +104,23 @@ def of_mode(data: Demonstrations, angle: float) -> Demonstrations:
 
 
 def _conservative(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
-    base, rates = arena.structure, arena.numbers
-    structure = cql.Structure(
-        base.endings, base.hidden, base.activation, base.view, base.batch_size, base.updates
-    )
-    numbers = [
-        cql.Numbers(
-            angle=lane.angle,
-            strength=lane.strength,
-            temperature=rates.temperature,
-            discount=rates.discount,
-            learning_rate=rates.learning_rate,
-            polyak=rates.polyak,
-            seed=lane.seed,
-            dataset=lane.dataset,
-        )
-        for lane in lanes
-    ]
+    structure = cql_structure(arena.structure)
+    numbers = [cql_numbers(arena.numbers, lane) for lane in lanes]
     trained = cql.train(structure, numbers, arena.datasets, Outside(arena.on_report), CHUNK)
     return [trained.policy(lane) for lane in range(len(lanes))]
 
 
 def _reinforcement(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
     """Deep Q-learning on R(α) with as many steps in the world, and no demonstrations."""
-    base, rates, world = arena.structure, arena.numbers, arena.ground.table.world
-    structure = dqn.Structure(
-        hidden=base.hidden,
-        activation=base.activation,
-        batch_size=base.batch_size,
-        steps=base.updates * base.env_steps_per_update,
-        steps_per_update=base.env_steps_per_update,
-        replay_capacity=base.replay_capacity,
-    )
-    numbers = [
-        dqn.Numbers(
-            angle=lane.angle,
-            discount=rates.discount,
-            learning_rate=rates.learning_rate,
-            final_learning_rate=rates.learning_rate,
-            polyak=rates.polyak,
-            seed=lane.seed,
-        )
-        for lane in lanes
-    ]
+    base, world = arena.structure, arena.ground.table.world
+    numbers = [rl_numbers(arena.numbers, lane) for lane in lanes]
     chunk = min(CHUNK, base.updates)
     env = GridWorldEnv(world.name)  # a source resets it first, so the lanes can share it
     sources = [from_env(env, chunk * base.env_steps_per_update) for _ in lanes]
     sizes = (world.n_features, world.n_actions)
-    trained = train_dqn(structure, numbers, sources, sizes, Outside(arena.on_report), chunk)
+    trained = train_dqn(
+        rl_structure(base), numbers, sources, sizes, Outside(arena.on_report), chunk
+    )
     return [trained.policy(lane) for lane in range(len(lanes))]
 
 
@@ -197,35 +138,6 @@ def _dial(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]
     )
     place = {lane: number for number, lane in enumerate(own)}
     return [trained.dial(place[lane._replace(angle=0.0)]).at(lane.angle) for lane in lanes]
-
-
-def dial_structure(base: iq.Structure) -> dial.Structure:
-    """The dial's structure at the others' budget."""
-    return dial.Structure(
-        endings=base.endings,
-        hidden=base.hidden,
-        activation=base.activation,
-        view=base.view,
-        expert_batch=base.batch_size,
-        replay_batch=base.batch_size,
-        updates=base.updates,
-        environments=base.env_steps_per_update,
-        replay_capacity=base.replay_capacity,
-    )
-
-
-def dial_numbers(rates: iq.Numbers, lane: Lane) -> dial.Numbers:
-    """The dial's numbers for a lane, with the others' rates; the angle is asked for later."""
-    return dial.Numbers(
-        strength=lane.strength,
-        temperature=rates.temperature,
-        discount=rates.discount,
-        learning_rate=rates.learning_rate,
-        final_rate=1.0,
-        polyak=rates.polyak,
-        seed=lane.seed,
-        dataset=lane.dataset,
-    )
 
 
 LEARNERS: dict[str, Learner] = {
