@@ -83,7 +83,7 @@ def test_attribute_must_be_a_policy(spec, name, match):
 
 @pytest.mark.parametrize("place", ["no_such_module_here", "no/such/file.py", ""])
 def test_module_must_be_there(place):
-    with pytest.raises(UserError, match="ModuleNotFoundError|no such|is no"):
+    with pytest.raises(UserError, match=r"ModuleNotFoundError|no such|is no"):
         opened(f"python:{place}:policy")
 
 
