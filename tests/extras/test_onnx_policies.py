@@ -140,7 +140,9 @@ def test_of_several_outputs_the_one_named_actions_counts(read, refused):
 def test_torchs_own_export_is_read(read, tmp_path):
     torch = pytest.importorskip("torch", reason="extra `sb3` is not installed")
     pytest.importorskip("onnxscript", reason="torch's exporter needs it")
-    network = torch.nn.Sequential(torch.nn.Linear(6, 8), torch.nn.ReLU(), torch.nn.Linear(8, 3))
+    network = torch.nn.Sequential(
+        torch.nn.Linear(6, 8), torch.nn.ReLU(), torch.nn.Linear(8, 3)
+    ).eval()
     dynamic = {"input": {0: torch.export.Dim("batch")}}
     torch.onnx.export(
         network,
@@ -283,3 +285,20 @@ def test_an_audit_of_the_intersection_takes_less_than_a_minute():
     episodes = episodes_of(batch, policy, np.arange(5_000))
     assert time.monotonic() - began < 60
     assert len(episodes.ending) == 5_000 and (episodes.ending > 0).all()
+
+
+@pytest.mark.parametrize("part", range(5))
+def test_files_with_changed_bytes_are_read_or_refused(read, part):
+    content = model([*HIDDEN, Node("Identity", ["z"], ["y"])], **LAST).SerializeToString()
+    structure = [place for place in range(len(content)) if not 400 < place < len(content) - 400]
+    refused = 0
+    for seed in range(part * 60, part * 60 + 60):
+        random, made = np.random.default_rng(seed), bytearray(content)
+        for place in random.choice(structure, 2):
+            made[place] = random.integers(256)
+        try:
+            read(bytes(made)).policy.predict(OBSERVATIONS[:3])
+        except UserError as error:
+            refused += 1
+            assert "\n" not in str(error)
+    assert refused
