@@ -13,6 +13,7 @@ from jaxtyping import Float, Int64
 
 from socialiq.audit.outcomes import Outcomes
 
+_DECIMALS = 6  # of an angle: neighbouring intervals share their ends but for rounding
 _LEVEL = 1e-9  # degrees; α̂ that differ less are equal but for rounding
 
 
@@ -56,7 +57,7 @@ def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
     rows: list[tuple[float, float, int]] = []
     for number, one in enumerate(references):
         for turn in (-360.0, 0.0, 360.0) if one.angles else ():
-            low, high = one.angles[0] + turn, one.angles[-1] + turn
+            low, high = (round(end + turn, _DECIMALS) for end in (one.angles[0], one.angles[-1]))
             clipped = {max(low, first), min(high, first + 90.0)}
             if max(low, first) <= min(high, first + 90.0):
                 rows += [(angle, (low + high) / 2, number) for angle in sorted(clipped)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,20 @@ def deviating(values: Float[np.ndarray, " episode"], reach: float) -> int:
     return int((np.abs(values - np.median(values)) > _EQUAL * max(reach, 1e-300)).sum())
 
 
+def seldom(values: Float[np.ndarray, " episode"], reach: float) -> bool:
+    """Whether too few values differ for a bootstrap.
+
+    If enough of the first ones differ from their own median, enough of all do; that is quick.
+
+    Args:
+        values: Of a difference.
+        reach: As for `deviating`.
+    """
+    if deviating(values[: 4 * FEWEST], reach) >= FEWEST:
+        return False
+    return deviating(values, reach) < FEWEST
+
+
 def bounds(
     values: Float[np.ndarray, " episode"], reach: float, low_error: float, high_error: float
 ) -> Bounds:
@@ -48,6 +63,30 @@ def bounds(
     common, count = float(np.median(values)), deviating(values, reach)
     below, above = (_share(count, len(values), error) for error in (low_error, high_error))
     return Bounds(common - below * (reach + common), common + above * (reach - common))
+
+
+def episodes_needed(
+    distance: float, common: float, reach: float, count: int, error: float
+) -> int | None:
+    """How many episodes of the same kind leave a bound within a distance of the common value.
+
+    Args:
+        distance: From the mean to the limit.
+        common: Value of nearly all episodes.
+        reach: Largest absolute value.
+        count: Episodes so far that deviate; the number of those to come is taken to be the same.
+        error: One-sided.
+
+    Returns:
+        The number; None if the limit is the value.
+    """
+    from scipy.stats import chi2
+
+    if distance == 0.0:
+        return None
+    # The exact upper bound of a Poisson count.
+    most = float(chi2.isf(error, 2 * (count + 1))) / 2
+    return math.ceil(most * (reach + abs(common)) / abs(distance))
 
 
 def _share(count: int, trials: int, error: float) -> float:

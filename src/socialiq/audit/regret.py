@@ -118,10 +118,6 @@ class Regrets:
         """ρ at an angle."""
         return float(self.means(angle)[self.best(angle)])
 
-    def deviation(self, angle: float) -> float:
-        """σ of one episode's difference to the reference that looks best."""
-        return float(self.moments.at(angle).error[self.best(angle)]) * self.moments.episodes**0.5
-
     def highs(
         self, angle: float, error: float, rows: Rows | None = None
     ) -> Float[np.ndarray, " row"]:
@@ -153,12 +149,23 @@ class Regrets:
         share = error * float((~seen.rare).mean())
         return share > 0 and exceeds(seen.found.of(~seen.rare), margin, share)
 
+    def needed(self, angle: float, margin: float, error: float) -> int | None:
+        """Episodes that would decide between ρ and a margin, if the estimate is true."""
+        seen = self._at(angle, np.array([self.best(angle)]))
+        distance = margin - self.estimate(angle)
+        if seen.rare[0]:
+            common = float(np.median(seen.values[0]))
+            count = rare.deviating(seen.values[0], seen.reach)
+            return rare.episodes_needed(distance, common, seen.reach, count, error)
+        deviation = float(seen.found.error[0]) * self.moments.episodes**0.5
+        return episodes_needed(distance, deviation, error)
+
     def _at(self, angle: float, rows: Rows) -> _Seen:
         weights = exact_weights(angle)
         gains = np.moveaxis(self._gains[rows], 2, 0)
         values = np.asarray(score(weights, RewardPair(*gains)))
         reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
-        seldom = [rare.deviating(one, reach) < rare.FEWEST for one in values]
+        seldom = [rare.seldom(one, reach) for one in values]
         return _Seen(self.moments.at(angle).of(rows), values, reach, np.array(seldom))
 
 
@@ -220,5 +227,5 @@ def regret_test(
         best=evidence.references[regrets.best(angle)].name,
         references=tuple(AgainstReference(one.name, *rest) for one, *rest in rows),
         episodes=evidence.episodes,
-        needed=episodes_needed(margin - estimate, regrets.deviation(angle), error),
+        needed=regrets.needed(angle, margin, error),
     )

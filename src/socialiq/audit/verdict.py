@@ -9,10 +9,11 @@ from socialiq.audit.competence import FloorTest, decision_of, floor_tests
 from socialiq.audit.decision import Decision
 from socialiq.audit.identifiability import Ellipse, ellipse
 from socialiq.audit.outcomes import Evidence
-from socialiq.audit.profile import Profile
+from socialiq.audit.profile import Floor, Profile
 from socialiq.audit.rationalised import Rationalised, rationalised
 from socialiq.audit.reason import reason_of
 from socialiq.audit.regret import Regrets, RegretTest, regret_test
+from socialiq.errors import UserError
 from socialiq.social.estimate import AngleEstimate, estimate_angle
 
 
@@ -48,52 +49,83 @@ class Verdict:
     competence: tuple[FloorTest, ...]
 
 
+@dataclass(frozen=True)
+class Decisive:
+    """What decides: both tests, and their joined decision."""
+
+    decision: Decision
+    regret: RegretTest
+    competence: tuple[FloorTest, ...]
+
+
+def decide_on(
+    evidence: Evidence,
+    regrets: Regrets,
+    angle: float,
+    margin: float,
+    floor: Floor,
+    error: float,
+) -> Decisive:
+    """Test regret and competence, and join them.
+
+    A pass needs the regret test and all four criteria of competence to pass, each at the full
+    error: if any of them is truly broken, the chance that it passes all the same bounds the
+    chance of a wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs
+    only one, so the error is shared out: half to regret, an eighth to each criterion. So a wrong
+    pass and a wrong fail each have a chance of at most the error.
+
+    Args:
+        evidence: Policy and references.
+        regrets: Of the evidence.
+        angle: Declared, degrees.
+        margin: Of regret, reward per episode.
+        floor: Of competence.
+        error: Of a wrong pass, and of a wrong fail.
+    """
+    regret = regret_test(regrets, evidence, angle, margin, error, error / 2)
+    competence = floor_tests(evidence.policy, floor, error, error / 2)
+    return Decisive(_joined(regret.decision, decision_of(competence)), regret, competence)
+
+
 def judge(profile: Profile, evidence: Evidence, seed: int, resamples: int = 2000) -> Verdict:
     """Test a policy's evidence against its declaration.
 
-    Levels, with error = 1 - confidence. A pass needs the regret test and all four criteria of
-    competence to pass, each at the full error: if any of them is truly broken, the chance that it
-    passes all the same bounds the chance of a wrong pass, whatever the others do
-    (intersection-union, Berger 1982). A fail needs only one, so the error is shared out: half to
-    regret, an eighth to each criterion. So a wrong pass and a wrong fail each have a chance of at
-    most the error. α̂ and its calibration do not decide: their errors add nothing.
+    The whole has the level 1 - confidence either way (`decide_on`). α̂ and its calibration do not
+    decide: their errors add nothing.
 
     Args:
         profile: The declaration.
         evidence: Of `gather`, in the profile's world.
         seed: Of the resampling.
         resamples: How many.
+
+    Raises:
+        UserError: If the evidence is of another scenario.
     """
-    error = 1.0 - profile.confidence
+    if evidence.scenario != profile.world().description:
+        raise UserError("the evidence is of another scenario than the profile: gather it anew")
+    error = round(1.0 - profile.confidence, 9)  # 0.05, not 0.050000000000000044
+    angle, margin = profile.angle, profile.margin
     regrets = Regrets(evidence, seed, resamples)
-    shared = error / 2
-    regret = regret_test(regrets, evidence, profile.angle, profile.margin.regret, error, shared)
-    competence = floor_tests(evidence.policy, profile.competence, error, shared)
+    found = decide_on(evidence, regrets, angle, margin.regret, profile.competence, error)
+    undecided = found.decision is Decision.INCONCLUSIVE
     guard = ellipse(evidence.policy.totals, profile.confidence)
-    decision = _joined(regret.decision, decision_of(competence))
-    totals = evidence.policy.totals.T
+    identified = not guard.holds_origin
+    env, social = evidence.policy.totals.T.copy()
     return Verdict(
-        decision=decision,
-        reason=reason_of(decision, regret, competence),
+        decision=found.decision,
+        reason=reason_of(found.decision, found.regret, found.competence),
         episodes=evidence.episodes,
-        needed=_needed(regret, competence) if decision is Decision.INCONCLUSIVE else None,
+        needed=_needed(found.regret, found.competence) if undecided else None,
         error=error,
-        regret=regret,
-        rationalised=rationalised(regrets, profile.margin.regret, error, shared),
-        alpha_hat=None
-        if guard.holds_origin
-        else estimate_angle(totals[0], totals[1], seed, profile.confidence, resamples),
+        regret=found.regret,
+        rationalised=rationalised(regrets, margin.regret, error, error / 2),
+        alpha_hat=estimate_angle(env, social, seed, profile.confidence, resamples)
+        if identified
+        else None,
         identifiability=guard,
-        calibration=calibrate(
-            evidence,
-            profile.angle,
-            profile.margin.degrees,
-            not guard.holds_origin,
-            seed,
-            error,
-            resamples,
-        ),
-        competence=competence,
+        calibration=calibrate(evidence, angle, margin.degrees, identified, seed, error, resamples),
+        competence=found.competence,
     )
 
 
