@@ -71,8 +71,8 @@ FIELDS = (
         "format",
         "number",
         "Version of this file's format.",
-        low=FORMAT,
-        high=FORMAT,
+        low=float(FORMAT),
+        high=float(FORMAT),
     ),
     Field(
         "angle",

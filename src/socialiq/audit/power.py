@@ -21,6 +21,8 @@ from socialiq.audit.verdict import decide_on
 from socialiq.evaluation.statistics import Share, wilson
 from socialiq.social.estimate import estimate_angle
 
+_APART = 2**40  # resamples must not be drawn from the stream that drew the episodes
+
 ERROR = 0.05
 MARGIN = 0.25
 FLOOR = Floor(max_at_fault=0.08, max_struck=0.08, min_arrival=0.8, max_timeout=0.08)
@@ -131,6 +133,7 @@ _NOMINAL = {
 def _held(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, bool]:
     """Which intervals of one audit hold the truth."""
     evidence = drawn(truth, episodes, seed)
+    seed += _APART
     regrets = Regrets(evidence, seed, resamples)
     regret = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
     first = float((truth.references[1] - truth.policy) @ _weights(truth.declared))
@@ -159,7 +162,7 @@ def _held(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, b
 
 def _decision(truth: Truth, episodes: int, seed: int, resamples: int) -> Decision:
     evidence = drawn(truth, episodes, seed)
-    regrets = Regrets(evidence, seed, resamples)
+    regrets = Regrets(evidence, seed + _APART, resamples)
     return decide_on(evidence, regrets, truth.declared, MARGIN, FLOOR, ERROR).decision
 
 

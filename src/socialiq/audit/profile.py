@@ -19,6 +19,9 @@ from socialiq.errors import UserError
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
 
+_LONGEST_LINE = 1300  # characters: a text of the longest, all of it escaped
+_MOST_DOTS = 250
+
 
 @dataclass(frozen=True)
 class Margin:
@@ -152,6 +155,9 @@ class _Reader:
             # Without these, a line that looks like a field is one: `line_of` is exact.
             if '"""' in line or "'''" in line:
                 self._stop(number, "multi-line text is not used here: write it on one line")
+            # A dotted key takes `tomllib` time that grows with the square of its parts.
+            if len(line) > _LONGEST_LINE or line.count(".") > _MOST_DOTS:
+                self._stop(number, "this line is longer than any field's: break or shorten it")
         self._content = self._parsed()
 
     def profile(self, source: bytes) -> Profile:
@@ -192,7 +198,7 @@ class _Reader:
             reason = str(error).split(" (at ")[0]
             if not isinstance(error, tomllib.TOMLDecodeError):
                 line, reason = 1, "a number has too many digits"
-            self._stop(line, f"not TOML: {_shown(reason)}: mend this line")
+            self._stop(line, f"not TOML: {_shown(reason, quoted=False)}: mend this line")
 
     def _check_names(self) -> None:
         """Refuse what no field is called; tables are looked into one level deep."""
