@@ -56,10 +56,10 @@ def test_the_5x5_experts_by_hand(table5):
 
 def test_waiting_for_ever_runs_out_of_time(table5):
     part = table5.reachable_part()
-    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 2)), "waits")
-    assert waits.ending.tolist() == [Ending.TIMEOUT] * 2
-    assert waits.length.tolist() == [table5.world.horizon] * 2
-    assert waits.totals[:, 0].tolist() == [-20.0] * 2
+    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 3)), "waits")
+    assert waits.ending.tolist() == [Ending.TIMEOUT] * 3
+    assert waits.length.tolist() == [table5.world.horizon] * 3
+    assert waits.totals[:, 0].tolist() == [-20.0] * 3
 
 
 def test_exact_optima_do_what_they_are_expected_to(part7, fate):

@@ -95,13 +95,15 @@ def test_the_same_driver_has_no_regret_but_a_rest(outcomes, evidence):
     assert found.needed < 200
 
 
-def test_exceeding_and_the_lower_bound_agree(noisy, outcomes, evidence):
+def test_the_band_and_the_bounds_agree(noisy, outcomes, evidence):
     twin = evidence(noisy.policy, *noisy.references, outcomes("twin", noisy.policy.totals.copy()))
     regrets = Regrets(twin, 0, 1000)
     for angle in (0.0, 45.0, 200.0):
-        low = regrets.low(angle, 0.05)
-        assert regrets.exceeds(angle, low - 1e-4, 0.05)
-        assert not regrets.exceeds(angle, low + 1e-4, 0.05)
+        low, high = regrets.low(angle, 0.02), regrets.high(angle, 0.05)
+        expected = {low - 1e-4: (False, True), low + 1e-4: (False, False)}
+        expected |= {high - 1e-4: (False, False), high + 1e-4: (True, False)}
+        for margin, found in expected.items():
+            assert regrets.band(angle, margin, 0.05, 0.02) == found
 
 
 def test_it_is_seeded(noisy):
