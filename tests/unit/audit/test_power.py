@@ -9,7 +9,7 @@ from socialiq.audit.power import CASES, MARGIN, coverage, error_rates
 
 @pytest.fixture(scope="module")
 def rates():
-    return {one.case: one for one in error_rates(300, 30, 0, resamples=300)}
+    return {one.case: one for one in error_rates(300, 20, 0, resamples=200)}
 
 
 def test_the_truth_is_what_is_drawn():
@@ -28,10 +28,10 @@ def test_the_truth_is_what_is_drawn():
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    for one in coverage(300, 80, 0, resamples=300):
+    for one in coverage(300, 30, 0, resamples=200):
         # 99 % intervals of twelve counts.
         assert one.covered.high >= one.nominal - 0.02, one
-        assert one.covered.value >= one.nominal - 0.09, one
+        assert one.covered.value >= one.nominal - 0.15, one
 
 
 def test_known_policies_get_their_verdicts(rates):
