@@ -1,0 +1,111 @@
+"""Evidence of a policy: it and its references drive the same episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Int64
+
+from socialiq.audit import strata
+from socialiq.audit.grid_play import drive_grid, fates
+from socialiq.audit.outcomes import Evidence, Outcomes
+from socialiq.audit.references import Reference, by_rule, exact_optima
+from socialiq.audit.scenario import World
+from socialiq.evaluation.play import episodes_of
+from socialiq.types import Policy
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.world import Intersection
+
+SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
+
+Seeds = Int64[np.ndarray, " episode"]
+
+
+def gather(
+    world: World,
+    policy: Policy,
+    seeds: Seeds,
+    references: Sequence[Reference] = (),
+    name: str = "policy",
+    deterministic: bool = True,
+    threads: int = 1,
+) -> Evidence:
+    """Play everybody on the same episodes.
+
+    In a gridworld the exact optima are always among the references, at the intersection go, wait
+    and the Intelligent Driver Model. Kept are a few numbers of each episode and driver, some
+    50 bytes.
+
+    Args:
+        world: Of the declaration: `Profile.world()`.
+        policy: The policy under audit.
+        seeds: Of the episodes: `seeds.episode_seeds`.
+        references: Further drivers, for instance a family of policies over the angles.
+        name: Of the policy, for the report.
+        deterministic: Whether the policy takes its best action; references always do.
+        threads: That share the intersection's episodes.
+
+    Raises:
+        UserError: If the policy's answers will not do, or two drivers have one name.
+    """
+    if isinstance(world, GridWorld):
+        return _in_grid(world, policy, seeds, references, name, deterministic)
+    batch = world.batch(min(SIDE_BY_SIDE, len(seeds)), threads)
+    drivers = [*by_rule(), *references]
+    return Evidence(
+        scenario=world.description,
+        seeds=seeds,
+        policy=_at_intersection(batch, Reference(name, policy), seeds, deterministic),
+        references=tuple(_at_intersection(batch, one, seeds) for one in drivers),
+        strata=_first_sight(world, seeds),
+    )
+
+
+def _in_grid(
+    world: GridWorld,
+    policy: Policy,
+    seeds: Seeds,
+    references: Sequence[Reference],
+    name: str,
+    deterministic: bool,
+) -> Evidence:
+    table = tabulate(world).reachable_part()
+    fate = fates(table, seeds)
+    handed = [
+        drive_grid(table, one.policy, fate, one.name, angles=one.angles) for one in references
+    ]
+    return Evidence(
+        scenario=world.description,
+        seeds=seeds,
+        policy=drive_grid(table, policy, fate, name, deterministic),
+        references=(*exact_optima(table, fate), *handed),
+        strata=strata.of_grid(fate, world.chance),
+    )
+
+
+def _at_intersection(
+    batch: Batch, driver: Reference, seeds: Seeds, deterministic: bool = True
+) -> Outcomes:
+    made = episodes_of(batch, driver.policy, seeds, deterministic)
+    return Outcomes(
+        name=driver.name,
+        totals=np.stack(made.totals, axis=1),
+        ending=made.ending.astype(np.int8),
+        contact=made.contact.astype(np.int8),
+        length=made.length,
+        angles=driver.angles,
+    )
+
+
+def _first_sight(world: Intersection, seeds: Seeds) -> dict[str, np.ndarray]:
+    """Strata of all episodes, from what is seen when they begin."""
+    size = min(SIDE_BY_SIDE, len(seeds))
+    batch, parts = world.batch(size), []
+    for first in range(0, len(seeds), size):
+        block = seeds[first : first + size]
+        seen = batch.reset(block, rows=np.arange(len(block)))[: len(block)]
+        parts.append(strata.of_intersection(seen))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

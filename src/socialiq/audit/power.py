@@ -1,0 +1,171 @@
+"""What the audit's numbers are worth: coverage of its intervals, error rates of its verdict.
+
+Both are counted over audits of made-up drivers whose truth is known (`population`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from socialiq.audit.calibration import calibrate
+from socialiq.audit.competence import floor_tests
+from socialiq.audit.decision import Decision
+from socialiq.audit.identifiability import ellipse
+from socialiq.audit.population import Truth, drawn
+from socialiq.audit.profile import Floor
+from socialiq.audit.regret import Regrets, regret_test
+from socialiq.audit.verdict import decide_on
+from socialiq.evaluation.statistics import Share, wilson
+from socialiq.social.estimate import estimate_angle
+
+_APART = 2**40  # resamples must not be drawn from the stream that drew the episodes
+
+ERROR = 0.05
+MARGIN = 0.25
+FLOOR = Floor(max_at_fault=0.08, max_struck=0.08, min_arrival=0.8, max_timeout=0.08)
+
+CASES: Mapping[str, Truth] = {
+    "well within": Truth(regret=0.0, at_fault=0.03, struck=0.03, arrival=0.91),
+    "regret at the margin": Truth(regret=MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
+    "regret well above": Truth(regret=2 * MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
+    "at fault as often as allowed": Truth(regret=0.0, at_fault=0.08, struck=0.03, arrival=0.86),
+    "at fault twice as often": Truth(regret=0.0, at_fault=0.16, struck=0.0, arrival=0.82),
+    "arrives as seldom as allowed": Truth(regret=0.0, at_fault=0.07, struck=0.07, arrival=0.8),
+    "regret and floor at their limits": Truth(
+        regret=MARGIN, at_fault=0.08, struck=0.04, arrival=0.8
+    ),
+}
+"""Policies by what is true of them, for `MARGIN` and `FLOOR`."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How often an interval holds the truth.
+
+    Attributes:
+        interval: Which.
+        nominal: How often it should.
+        covered: How often it did, with its own 99 % interval.
+        exact: Whether it should be met from both sides. A bound of the largest of several means
+            is conservative where several of them tie, and only has to reach its level.
+    """
+
+    interval: str
+    nominal: float
+    covered: Share
+    exact: bool
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How often the whole verdict came out how: shares of audits with 99 % intervals."""
+
+    case: str
+    passed: Share
+    failed: Share
+    inconclusive: Share
+
+
+def coverage(
+    episodes: int, replications: int, seed: int, resamples: int = 1000, truth: Truth | None = None
+) -> tuple[Coverage, ...]:
+    """Count how often every interval of the audit holds the truth.
+
+    Args:
+        episodes: Of an audit.
+        replications: Audits.
+        seed: Of the first one's draw; the others follow.
+        resamples: Of each bootstrap.
+        truth: Of whom; `Truth()` if not given.
+    """
+    known = truth or Truth()
+    held = [_held(known, episodes, one, resamples) for one in range(seed, seed + replications)]
+    rows = []
+    for name, (nominal, exact) in _NOMINAL.items():
+        count = sum(one[name] for one in held)
+        rows.append(Coverage(name, nominal, wilson(count, replications, 0.99), exact))
+    return tuple(rows)
+
+
+def error_rates(
+    episodes: int, replications: int, seed: int, resamples: int = 1000
+) -> tuple[Rates, ...]:
+    """Count the verdicts of every case.
+
+    Args:
+        episodes: Of an audit.
+        replications: Audits of each case.
+        seed: Of the first one's draw; the others follow.
+        resamples: Of each bootstrap.
+    """
+    found = []
+    for case, truth in CASES.items():
+        made = [
+            _decision(truth, episodes, one, resamples) for one in range(seed, seed + replications)
+        ]
+        shares = {
+            kind: wilson(made.count(kind), replications, 0.99)
+            for kind in (Decision.PASS, Decision.FAIL, Decision.INCONCLUSIVE)
+        }
+        found.append(Rates(case, *shares.values()))
+    return tuple(found)
+
+
+_NOMINAL = {
+    "regret, upper bound": (1 - ERROR, True),
+    "regret, lower bound": (1 - ERROR / 2, False),
+    "regret towards one reference, upper bound": (1 - ERROR, True),
+    "alpha_hat": (1 - ERROR, True),
+    "calibrated angle": (1 - 2 * ERROR, True),
+    "ellipse of the mean": (1 - ERROR, True),
+    "at fault, upper bound": (1 - ERROR, True),
+    "at fault, lower bound": (1 - ERROR / 8, True),
+    "struck, upper bound": (1 - ERROR, True),
+    "arrival, lower bound": (1 - ERROR, True),
+    "arrival, upper bound": (1 - ERROR / 8, True),
+    "timeout, upper bound": (1 - ERROR, True),
+}
+
+
+def _held(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, bool]:
+    """Which intervals of one audit hold the truth."""
+    evidence = drawn(truth, episodes, seed)
+    seed += _APART
+    regrets = Regrets(evidence, seed, resamples)
+    regret = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
+    first = float((truth.references[1] - truth.policy) @ _weights(truth.declared))
+    env, social = evidence.policy.totals.T.copy()
+    angle = estimate_angle(env, social, seed, 1 - ERROR, resamples)
+    equivalence = calibrate(evidence, truth.declared, 10.0, True, seed, ERROR, resamples)
+    assert equivalence.low is not None and equivalence.high is not None
+    # Moved by the truth, the region holds the origin where the region itself held the truth.
+    centred = ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
+    floor = {one.name: one for one in floor_tests(evidence.policy, FLOOR, ERROR, ERROR / 2)}
+    return {
+        "regret, upper bound": truth.regret <= regret.high,
+        "regret, lower bound": truth.regret >= regret.low,
+        "regret towards one reference, upper bound": first <= regret.references[1].high,
+        "alpha_hat": angle.low <= truth.shown <= angle.high,
+        "calibrated angle": equivalence.low <= truth.calibrated <= equivalence.high,
+        "ellipse of the mean": centred.holds_origin,
+        "at fault, upper bound": truth.at_fault <= floor["at_fault"].high,
+        "at fault, lower bound": truth.at_fault >= floor["at_fault"].low,
+        "struck, upper bound": truth.struck <= floor["struck"].high,
+        "arrival, lower bound": truth.arrival >= floor["arrival"].low,
+        "arrival, upper bound": truth.arrival <= floor["arrival"].high,
+        "timeout, upper bound": truth.timeout <= floor["timeout"].high,
+    }
+
+
+def _decision(truth: Truth, episodes: int, seed: int, resamples: int) -> Decision:
+    evidence = drawn(truth, episodes, seed)
+    regrets = Regrets(evidence, seed + _APART, resamples)
+    return decide_on(evidence, regrets, truth.declared, MARGIN, FLOOR, ERROR).decision
+
+
+def _weights(angle: float) -> np.ndarray:
+    radians = np.deg2rad(angle)
+    return np.array([np.cos(radians), np.sin(radians)])

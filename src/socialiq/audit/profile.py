@@ -1,0 +1,278 @@
+"""A declaration read from `profile.toml`: what a policy is audited against."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+from socialiq.audit.fields import BY_PATH, FIELDS, MOST_OPTIONS, SHA256_PATTERN, TABLES, visible
+from socialiq.audit.fields import Field as Declared
+from socialiq.audit.lines import line_of
+from socialiq.audit.scenario import World, reward_id, reward_sha256, scenario_sha256, world_of
+from socialiq.errors import UserError
+
+LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
+
+_LONGEST_LINE = 1300  # characters: a text of the longest, all of it escaped
+_MOST_DOTS = 250
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What counts as "as declared".
+
+    Attributes:
+        regret: Largest regret at the declared angle, in reward per episode.
+        degrees: Largest distance of the calibrated angle.
+    """
+
+    regret: float
+    degrees: float
+
+
+@dataclass(frozen=True)
+class Reward:
+    """Which reward pair the angle weighs: name, and SHA-256 of weights and units."""
+
+    id: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Where the policy is audited: world, options that differ from the defaults, SHA-256."""
+
+    world: str
+    options: Mapping[str, Any]
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The competence that is asked for whatever the angle; shares of episodes.
+
+    Attributes:
+        max_at_fault: Of collisions that the ego's motion caused.
+        max_struck: Of collisions that another's motion caused.
+        min_arrival: Of arrivals.
+        max_timeout: Of episodes that ran out of time.
+    """
+
+    max_at_fault: float
+    max_struck: float
+    min_arrival: float
+    max_timeout: float
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A declaration.
+
+    Attributes:
+        angle: Declared social angle, degrees in [0, 360).
+        confidence: Of the verdict.
+        owner: Who declares.
+        date: When.
+        margin: What counts as declared.
+        reward: What the angle weighs.
+        scenario: Where it holds.
+        competence: What is asked for besides.
+        source: The file's bytes.
+    """
+
+    angle: float
+    confidence: float
+    owner: str
+    date: datetime.date
+    margin: Margin
+    reward: Reward
+    scenario: Scenario
+    competence: Floor
+    source: bytes = field(repr=False, compare=False)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the file's bytes: one changed byte, and it is another declaration."""
+        return hashlib.sha256(self.source).hexdigest()
+
+    def world(self) -> World:
+        """Build the world of the scenario."""
+        return world_of(self.scenario.world, self.scenario.options)
+
+
+def load(path: Path) -> Profile:
+    """Read a declaration.
+
+    Args:
+        path: Of a TOML file of at most 64 KiB.
+
+    Raises:
+        UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
+            or wrong; the line names file, line number and mend.
+    """
+    if not path.is_file():
+        raise UserError(f"no such file: {path}: `socialiq profile new` writes one")
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    return parse(content, str(path))
+
+
+def parse(content: bytes, name: str = "profile.toml") -> Profile:
+    """Read a declaration from a file's bytes.
+
+    Args:
+        content: UTF-8 TOML.
+        name: Of the file, for complaints.
+
+    Raises:
+        UserError: As `load`.
+    """
+    if len(content) > LARGEST_FILE:
+        raise UserError(f"{name} has more than {LARGEST_FILE} bytes: a profile is a short text")
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise UserError(f"{name}:{line}: this is not UTF-8 text: save it as UTF-8") from error
+    return _Reader(text, name).profile(content)
+
+
+class _Reader:
+    """One file being read; every complaint passes through `refuse`."""
+
+    def __init__(self, text: str, name: str) -> None:
+        self._text, self._name = text, name
+        for number, line in enumerate(text.split("\n"), 1):
+            # Without these, a line that looks like a field is one: `line_of` is exact.
+            if '"""' in line or "'''" in line:
+                self._stop(number, "multi-line text is not used here: write it on one line")
+            # A dotted key takes `tomllib` time that grows with the square of its parts, and a
+            # number of thousands of digits makes it raise something else.
+            if len(line) > _LONGEST_LINE or line.count(".") > _MOST_DOTS:
+                self._stop(number, "this line is longer than any field's: break or shorten it")
+        self._content = self._parsed()
+
+    def profile(self, source: bytes) -> Profile:
+        self._check_names()
+        values = {one.path: self._value(one) for one in FIELDS}
+        self._check_scenario(values)
+        parts: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
+        for path, value in values.items():
+            table, _, key = path.rpartition(".")
+            parts[table][key] = value
+        top = parts[""]
+        return Profile(
+            angle=top["angle"],
+            confidence=top["confidence"],
+            owner=top["owner"],
+            date=top["date"],
+            margin=Margin(**parts["margin"]),
+            reward=Reward(**parts["reward"]),
+            scenario=Scenario(**parts["scenario"]),
+            competence=Floor(**parts["competence"]),
+            source=source,
+        )
+
+    def refuse(self, path: str, complaint: str) -> NoReturn:
+        self._stop(line_of(self._text, path), complaint)
+
+    def _stop(self, line: int, complaint: str) -> NoReturn:
+        raise UserError(f"{self._name}:{line}: {complaint}")
+
+    def _parsed(self) -> dict[str, Any]:
+        try:
+            return tomllib.loads(self._text)
+        except RecursionError:
+            self._stop(1, "tables or lists are nested too deeply: a profile has one level")
+        except tomllib.TOMLDecodeError as error:
+            where = re.search(r"\(at line (\d+)", str(error))
+            line = int(where[1]) if where else self._text.count("\n") + 1
+            reason = str(error).split(" (at ")[0]
+            self._stop(line, f"not TOML: {_shown(reason, quoted=False)}: mend this line")
+
+    def _check_names(self) -> None:
+        """Refuse what no field is called; tables are looked into one level deep."""
+        top = [one.path for one in FIELDS if "." not in one.path]
+        for name, value in self._content.items():
+            if name not in (*top, *TABLES):
+                self._unknown(name, (*top, *TABLES))
+            if name in TABLES:
+                keys = tuple(path.split(".")[1] for path in BY_PATH if path.startswith(f"{name}."))
+                if not isinstance(value, dict):
+                    self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
+                for key in value:
+                    if key not in keys:
+                        self._unknown(f"{name}.{key}", keys)
+
+    def _unknown(self, path: str, known: tuple[str, ...]) -> NoReturn:
+        self.refuse(path, f"unknown field {_shown(path)}: choose one of {', '.join(known)}")
+
+    def _value(self, one: Declared) -> Any:
+        table, _, key = one.path.rpartition(".")
+        holder = self._content.get(table, {}) if table else self._content
+        if key not in holder:
+            self.refuse(one.path, f"{one.path} is missing: add {one.demand}")
+        given = holder[key]
+        if not _fits(one, given):
+            self.refuse(one.path, f"{one.path} must be {one.demand}, got {_shown(given)}")
+        return float(given) if one.kind == "number" else given
+
+    def _check_scenario(self, values: Mapping[str, Any]) -> None:
+        """The world must exist, and be the very one whose hashes were declared."""
+        name, options = values["scenario.world"], values["scenario.options"]
+        for option in options:
+            if not re.fullmatch("[a-z0-9_]{1,40}", option):
+                self.refuse("scenario.options", f"{_shown(option)} is no option's name")
+        try:
+            world = world_of(name, options)
+        except UserError as error:
+            # The longest, as some names are parts of others.
+            blamed = max((one for one in options if one in str(error)), key=len, default="")
+            path = f"scenario.options.{blamed}" if blamed else "scenario.options"
+            self.refuse(path, _shown(str(error), quoted=False))
+        expected = {
+            "reward.id": reward_id(world),
+            "reward.sha256": reward_sha256(world),
+            "scenario.sha256": scenario_sha256(world),
+        }
+        for path, value in expected.items():
+            if values[path] != value:
+                self.refuse(path, f'{path} is of another world: this scenario has "{value}"')
+
+
+def _fits(one: Declared, given: Any) -> bool:
+    if one.kind == "number":
+        # A boolean is an int, NaN compares false, and a huge int is compared without conversion.
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            return False
+        over = given > one.low if one.above_low else given >= one.low
+        return over and (given < one.high if one.below_high else given <= one.high)
+    if one.kind == "date":
+        return type(given) is datetime.date  # a datetime is a date too
+    if one.kind == "options":
+        return isinstance(given, dict) and len(given) <= MOST_OPTIONS
+    if not isinstance(given, str):
+        return False
+    if one.kind == "sha256":
+        return re.fullmatch(SHA256_PATTERN, given) is not None
+    return visible(given) and (not one.choices or given in one.choices)
+
+
+def _shown(value: Any, quoted: bool = True) -> str:
+    """A stranger's value, harmless on one line of a terminal."""
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**15:
+        return "a huge number"
+    text = ascii(value) if quoted else str(value).encode("ascii", "backslashreplace").decode()
+    text = text if text.isprintable() else ascii(text)
+    return text if len(text) <= 160 else text[:157] + "..."

@@ -1,0 +1,144 @@
+"""The joined verdict: every test on the same evidence, one decision, one sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from socialiq.audit.calibration import Calibration, calibrate
+from socialiq.audit.competence import FloorTest, decision_of, floor_tests
+from socialiq.audit.decision import Decision
+from socialiq.audit.identifiability import Ellipse, ellipse
+from socialiq.audit.outcomes import Evidence
+from socialiq.audit.profile import Floor, Profile
+from socialiq.audit.rationalised import Rationalised, rationalised
+from socialiq.audit.reason import reason_of
+from socialiq.audit.regret import Regrets, RegretTest, regret_test
+from socialiq.errors import UserError
+from socialiq.social.estimate import AngleEstimate, estimate_angle
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What an audit found.
+
+    Attributes:
+        decision: PASS if regret and competence pass, FAIL if one of them fails.
+        reason: Why, in one sentence for anybody.
+        episodes: Played.
+        needed: Episodes that would decide an inconclusive audit; None if it is decided, or if an
+            estimate lies on its limit, where none is enough.
+        error: Chance of a wrong pass, and of a wrong fail, at most: 1 - the declared confidence.
+        regret: The primary test.
+        rationalised: Angles that would rationalise the behaviour.
+        alpha_hat: α̂ of the thesis with its two-sided interval; None if it isn't identified.
+        identifiability: The guard.
+        calibration: Equivalence on the calibrated angle; reported, not decisive.
+        competence: The floor, criterion by criterion.
+    """
+
+    decision: Decision
+    reason: str
+    episodes: int
+    needed: int | None
+    error: float
+    regret: RegretTest
+    rationalised: Rationalised
+    alpha_hat: AngleEstimate | None
+    identifiability: Ellipse
+    calibration: Calibration
+    competence: tuple[FloorTest, ...]
+
+
+@dataclass(frozen=True)
+class Decisive:
+    """What decides: both tests, and their joined decision."""
+
+    decision: Decision
+    regret: RegretTest
+    competence: tuple[FloorTest, ...]
+
+
+def decide_on(
+    evidence: Evidence,
+    regrets: Regrets,
+    angle: float,
+    margin: float,
+    floor: Floor,
+    error: float,
+) -> Decisive:
+    """Test regret and competence, and join them.
+
+    A pass needs the regret test and all four criteria of competence to pass, each at the full
+    error: if any of them is truly broken, the chance that it passes all the same bounds the
+    chance of a wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs
+    only one, so the error is shared out: half to regret, an eighth to each criterion. So a wrong
+    pass and a wrong fail each have a chance of at most the error, as far as the bounds keep their
+    levels: bootstrap-t and Wilson's are approximate (`power` and its tests show by how much).
+
+    Args:
+        evidence: Policy and references.
+        regrets: Of the evidence.
+        angle: Declared, degrees.
+        margin: Of regret, reward per episode.
+        floor: Of competence.
+        error: Of a wrong pass, and of a wrong fail.
+    """
+    regret = regret_test(regrets, evidence, angle, margin, error, error / 2)
+    competence = floor_tests(evidence.policy, floor, error, error / 2)
+    return Decisive(_joined(regret.decision, decision_of(competence)), regret, competence)
+
+
+def judge(profile: Profile, evidence: Evidence, seed: int, resamples: int = 2000) -> Verdict:
+    """Test a policy's evidence against its declaration.
+
+    The whole has the level 1 - confidence either way (`decide_on`). α̂ and its calibration do not
+    decide: their errors add nothing.
+
+    Args:
+        profile: The declaration.
+        evidence: Of `gather`, in the profile's world.
+        seed: Of the resampling.
+        resamples: How many.
+
+    Raises:
+        UserError: If the evidence is of another scenario.
+    """
+    if evidence.scenario != profile.world().description:
+        raise UserError("the evidence is of another scenario than the profile: gather it anew")
+    error = round(1.0 - profile.confidence, 9)  # 0.05, not 0.050000000000000044
+    angle, margin = profile.angle, profile.margin
+    regrets = Regrets(evidence, seed, resamples)
+    found = decide_on(evidence, regrets, angle, margin.regret, profile.competence, error)
+    undecided = found.decision is Decision.INCONCLUSIVE
+    guard = ellipse(evidence.policy.totals, profile.confidence)
+    identified = not guard.holds_origin
+    env, social = evidence.policy.totals.T.copy()
+    return Verdict(
+        decision=found.decision,
+        reason=reason_of(found.decision, found.regret, found.competence),
+        episodes=evidence.episodes,
+        needed=_needed(found.regret, found.competence) if undecided else None,
+        error=error,
+        regret=found.regret,
+        rationalised=rationalised(regrets, margin.regret, error, error / 2),
+        alpha_hat=estimate_angle(env, social, seed, profile.confidence, resamples)
+        if identified
+        else None,
+        identifiability=guard,
+        calibration=calibrate(evidence, angle, margin.degrees, identified, seed, error, resamples),
+        competence=found.competence,
+    )
+
+
+def _joined(regret: Decision, competence: Decision) -> Decision:
+    if Decision.FAIL in (regret, competence):
+        return Decision.FAIL
+    passed = regret is Decision.PASS and competence is Decision.PASS
+    return Decision.PASS if passed else Decision.INCONCLUSIVE
+
+
+def _needed(regret: RegretTest, competence: tuple[FloorTest, ...]) -> int | None:
+    """What the slowest open test needs, or None if that is more than any number."""
+    needs = [one.needed for one in (regret, *competence) if one.decision is Decision.INCONCLUSIVE]
+    known = [one for one in needs if one is not None]
+    return max(known) if len(known) == len(needs) else None

@@ -1,0 +1,50 @@
+import datetime
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from socialiq.audit.outcomes import Evidence, Outcomes
+from socialiq.audit.profile import Margin, Profile
+from socialiq.audit.template import new
+from socialiq.types import Ending
+
+
+def outcomes(
+    name: str,
+    totals: Sequence | np.ndarray,
+    ending: Sequence[int] | None = None,
+    contact: Sequence[int] | None = None,
+    **fields: object,
+) -> Outcomes:
+    rows = np.array(totals, np.float64).reshape(-1, 2)
+    kinds = np.full(len(rows), Ending.ARRIVAL) if ending is None else np.array(ending)
+    touched = np.zeros(len(rows)) if contact is None else np.array(contact)
+    length = np.ones(len(rows), np.int64)
+    return Outcomes(name, rows, kinds.astype(np.int8), touched.astype(np.int8), length, **fields)
+
+
+def evidence(policy: Outcomes, *references: Outcomes, **strata: np.ndarray) -> Evidence:
+    return Evidence("made up", np.arange(len(policy.totals)), policy, references, strata)
+
+
+def declared(world: str = "crossing5", angle: float = 45.0, **fields: object) -> Profile:
+    options: Mapping = fields.pop("options", {})
+    margin = fields.pop("margin", Margin(0.5, 10.0))
+    day = datetime.date(2026, 1, 31)
+    return new(angle, "An owner", world, margin, day, options, **fields)
+
+
+@pytest.fixture(name="outcomes", scope="session")
+def outcomes_fixture() -> Callable[..., Outcomes]:
+    return outcomes
+
+
+@pytest.fixture(name="evidence", scope="session")
+def evidence_fixture() -> Callable[..., Evidence]:
+    return evidence
+
+
+@pytest.fixture(name="declared", scope="session")
+def declared_fixture() -> Callable[..., Profile]:
+    return declared
