@@ -5,7 +5,7 @@ Both are counted over audits of made-up drivers whose truth is known (`populatio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ from socialiq.audit.regret import Regrets, regret_test
 from socialiq.audit.verdict import decide_on
 from socialiq.evaluation.statistics import Share, wilson
 from socialiq.social.estimate import estimate_angle
+
+Tell = Callable[[int], None]
 
 _APART = 2**40  # resamples must not be drawn from the stream that drew the episodes
 
@@ -70,7 +72,12 @@ class Rates:
 
 
 def coverage(
-    episodes: int, replications: int, seed: int, resamples: int = 1000, truth: Truth | None = None
+    episodes: int,
+    replications: int,
+    seed: int,
+    resamples: int = 1000,
+    truth: Truth | None = None,
+    tell: Tell | None = None,
 ) -> tuple[Coverage, ...]:
     """Count how often every interval of the audit holds the truth.
 
@@ -80,9 +87,14 @@ def coverage(
         seed: Of the first one's draw; the others follow.
         resamples: Of each bootstrap.
         truth: Of whom; `Truth()` if not given.
+        tell: Given the number of audits done.
     """
     known = truth or Truth()
-    held = [_held(known, episodes, one, resamples) for one in range(seed, seed + replications)]
+    held = []
+    for done, one in enumerate(range(seed, seed + replications), start=1):
+        held.append(_held(known, episodes, one, resamples))
+        if tell:
+            tell(done)
     rows = []
     for name, (nominal, exact) in _NOMINAL.items():
         count = sum(one[name] for one in held)
@@ -91,7 +103,11 @@ def coverage(
 
 
 def error_rates(
-    episodes: int, replications: int, seed: int, resamples: int = 1000
+    episodes: int,
+    replications: int,
+    seed: int,
+    resamples: int = 1000,
+    tell: Tell | None = None,
 ) -> tuple[Rates, ...]:
     """Count the verdicts of every case.
 
@@ -100,18 +116,20 @@ def error_rates(
         replications: Audits of each case.
         seed: Of the first one's draw; the others follow.
         resamples: Of each bootstrap.
+        tell: Given the number of audits done of every case.
     """
-    found = []
-    for case, truth in CASES.items():
-        made = [
-            _decision(truth, episodes, one, resamples) for one in range(seed, seed + replications)
-        ]
-        shares = {
-            kind: wilson(made.count(kind), replications, 0.99)
-            for kind in (Decision.PASS, Decision.FAIL, Decision.INCONCLUSIVE)
-        }
-        found.append(Rates(case, *shares.values()))
-    return tuple(found)
+    made: dict[str, list[Decision]] = {case: [] for case in CASES}
+    for done, one in enumerate(range(seed, seed + replications), start=1):
+        for case, truth in CASES.items():
+            made[case].append(_decision(truth, episodes, one, resamples))
+        if tell:
+            tell(done)
+    return tuple(_rates(case, found) for case, found in made.items())
+
+
+def _rates(case: str, found: list[Decision]) -> Rates:
+    kinds = (Decision.PASS, Decision.FAIL, Decision.INCONCLUSIVE)
+    return Rates(case, *(wilson(found.count(kind), len(found), 0.99) for kind in kinds))
 
 
 _NOMINAL = {

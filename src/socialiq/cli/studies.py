@@ -16,6 +16,7 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.figures import alternatives as alternatives_figures
+from socialiq.figures import audit_power as audit_power_figures
 from socialiq.figures import classic_control as classic_control_figures
 from socialiq.figures import competence as competence_figures
 from socialiq.figures import dial as dial_figures
@@ -31,6 +32,7 @@ from socialiq.figures import worlds as worlds_figures
 from socialiq.figures.style import png
 from socialiq.thesis import (
     alternatives,
+    audit_power,
     classic_control,
     grid,
     intersection_world,
@@ -76,6 +78,7 @@ STUDIES = {
         intersection_networks, intersection_networks_figures.draw, "policies", True
     ),
     "intersection-dial": Study(intersection_dial, intersection_dial_figures.draw, "families", True),
+    "audit-power": Study(audit_power, audit_power_figures.draw, "verdicts"),
     "theory": Study(theory, theory_figures.draw, "predicted"),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
@@ -94,7 +97,8 @@ class Reproduce:
     study: Annotated[str, tyro.conf.Positional]
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
     (D); theory, its predictions held against training; dial, competence, intersection-dial and
-    intersection-networks, which go beyond it; or classic-control, an outside check."""
+    intersection-networks, which go beyond it; audit-power, what an audit is worth; or
+    classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()

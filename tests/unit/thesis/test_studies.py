@@ -56,6 +56,7 @@ TINY = {
         "grid": 45,
         "tolerance": 1e-2,
     },
+    "audit-power": {"episodes": 60, "replications": 4, "resamples": 100},
     "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
 }
 
