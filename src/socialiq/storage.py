@@ -126,6 +126,20 @@ def save_arrays(
     return sha256
 
 
+def kind_of(path: Path) -> str:
+    """What a file of `save_arrays` says it holds; "" where it says nothing that can be read.
+
+    Nothing is checked: `load_arrays` does that, and tells what is wrong.
+    """
+    try:
+        with safetensors.safe_open(path, framework="numpy") as file:
+            wrapper = json.loads((file.metadata() or {}).get(_HEADER, "null"))
+        kind = wrapper["header"]["kind"]
+    except (safetensors.SafetensorError, OSError, ValueError, RecursionError, KeyError, TypeError):
+        return ""
+    return kind if isinstance(kind, str) else ""
+
+
 def load_arrays(
     path: Path, kind: str, version: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

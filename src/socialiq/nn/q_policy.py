@@ -22,7 +22,11 @@ SCHEMA_VERSION = 2
 _ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "relu": lambda x: np.maximum(x, 0.0),
     "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+    "tanh": np.tanh,  # of imported policies; our own networks are trained with the others
 }
+
+ACTIVATIONS = tuple(_ACTIVATIONS)
+"""Names of the activations that a policy may have."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class QPolicy:
     Attributes:
         weights: Weight matrix of each layer, (outputs, inputs).
         biases: Bias of each layer.
-        activation: "relu" or "elu", between the layers.
+        activation: One of `ACTIVATIONS`, between the layers.
         temperature: τ of the soft policy softmax(Q/τ).
         provenance: JSON-able record of how the policy was made.
         rng: Source of the soft policy's draws.

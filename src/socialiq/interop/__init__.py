@@ -1,0 +1,1 @@
+"""Policies that were made elsewhere, brought under audit without trust (docs/policies.md)."""

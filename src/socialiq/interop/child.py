@@ -1,0 +1,152 @@
+"""A child process that exchanges lines with us, each within a time limit; POSIX only."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from socialiq.errors import UserError
+from socialiq.interop import guard
+from socialiq.interop.plain_text import one_line
+
+_CHUNK = 65_536
+_KEPT = 4_096  # bytes of what the child says on its standard error
+
+
+class Child:
+    """A running command. No shell reads it; it runs with the rights of its caller.
+
+    Args:
+        command: Program and arguments.
+        source: How messages call it.
+
+    Raises:
+        UserError: If it can't be started.
+    """
+
+    def __init__(self, command: Sequence[str], source: str) -> None:
+        if os.name != "posix":
+            raise UserError("a policy in a process of its own needs Linux or macOS: use ONNX")
+        self.source = source
+        self._ended = ""
+        self._complaint = b""
+        watched, self._lifeline = os.pipe()
+        # A group of its own, so that all it starts can be ended with it.
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-S", str(Path(guard.__file__)), str(watched), *command],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            pass_fds=(watched,),
+            start_new_session=True,
+            bufsize=0,
+        )
+        os.close(watched)
+        assert self._process.stdin and self._process.stdout and self._process.stderr
+        self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
+        self._err = self._process.stderr.fileno()
+        for stream in (self._in, self._out, self._err):
+            os.set_blocking(stream, False)
+
+    def exchange(self, line: bytes, seconds: float, most: int) -> bytes:
+        """Send a line and wait for the one that answers it.
+
+        Args:
+            line: Ended by a newline.
+            seconds: Until the child is killed.
+            most: Bytes that the answer may have.
+
+        Raises:
+            UserError: If the child answers late, too much or not at all; it is killed then.
+        """
+        if self._ended:
+            raise UserError(f"{self.source} {self._ended}")
+        until, answer = time.monotonic() + seconds, b""
+        with selectors.DefaultSelector() as waiting:
+            waiting.register(self._in, selectors.EVENT_WRITE)
+            waiting.register(self._out, selectors.EVENT_READ)
+            waiting.register(self._err, selectors.EVENT_READ)
+            while b"\n" not in answer:
+                ready = waiting.select(max(until - time.monotonic(), 0.0))
+                if time.monotonic() > until:
+                    raise self.failure(f"did not answer within {seconds:g} s and was ended")
+                for key, _ in ready:
+                    if key.fd == self._in:
+                        line = self._write(line)
+                        if not line:
+                            waiting.unregister(self._in)
+                    elif key.fd == self._err:
+                        self._listen(waiting)
+                    else:
+                        answer += self._read()
+                if len(answer) > most:
+                    raise self.failure(f"answered more than {most:,} bytes and was ended")
+        if line or answer.index(b"\n") < len(answer) - 1:
+            raise self.failure("must answer each line by one, after it has read it; it was ended")
+        return answer
+
+    def failure(self, fault: str) -> UserError:
+        """End the child, and make the error that says why, with its own last words."""
+        self._hear()
+        said = one_line(self._complaint.strip().rsplit(b"\n", 1)[-1])
+        self._ended = f"{fault}; it says: {said}" if said else fault
+        self.close()
+        return UserError(f"{self.source} {self._ended}")
+
+    def close(self) -> None:
+        """End the child and all of its group."""
+        self._ended = self._ended or "was ended"
+        if self._process.returncode is not None:
+            return
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        os.close(self._lifeline)
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if stream:
+                stream.close()
+
+    def _write(self, line: bytes) -> bytes:
+        """Write what fits into the pipe; return the rest."""
+        try:
+            return line[os.write(self._in, line[:_CHUNK]) :]
+        except BlockingIOError:
+            return line
+        except BrokenPipeError:
+            raise self.failure("ended before it answered") from None
+
+    def _read(self) -> bytes:
+        try:
+            found = os.read(self._out, _CHUNK)
+        except BlockingIOError:
+            return b""
+        if not found:
+            raise self.failure("ended before it answered")
+        return found
+
+    def _listen(self, waiting: selectors.BaseSelector) -> None:
+        """Keep the end of what the child says, so that it never waits for a reader."""
+        try:
+            found = os.read(self._err, _CHUNK)
+        except BlockingIOError:
+            return
+        if not found:
+            waiting.unregister(self._err)
+        self._complaint = (self._complaint + found)[-_KEPT:]
+
+    def _hear(self) -> None:
+        """What it said until now, and, of a child that is ending, what it still says."""
+        with selectors.DefaultSelector() as waiting:
+            waiting.register(self._err, selectors.EVENT_READ)
+            until = time.monotonic() + 0.2
+            while waiting.get_map() and waiting.select(max(until - time.monotonic(), 0.0)):
+                self._listen(waiting)
+                if time.monotonic() > until:
+                    return
