@@ -10,6 +10,7 @@ from typing import Annotated, Any, cast
 
 import tyro
 
+from socialiq.cli.audit import Audit
 from socialiq.cli.bench import Bench
 from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
@@ -26,6 +27,7 @@ from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
 from socialiq.cli.train import Train
 from socialiq.cli.train_dial import TrainDial
+from socialiq.cli.verify import Verify
 from socialiq.errors import UserError
 from socialiq.learners.outside import Stopped
 
@@ -49,14 +51,17 @@ Command = (
     | Annotated[Bench, _name("bench")]
     | Annotated[New, _name("profile-new")]
     | Annotated[Check, _name("profile-check")]
+    | Annotated[Audit, _name("audit")]
+    | Annotated[Verify, _name("audit-verify")]
 )
 
-TWO_WORDS = (("profile", "new"), ("profile", "check"))
+TWO_WORDS = (("profile", "new"), ("profile", "check"), ("audit", "verify"))
 """Commands of two words; the parser knows them joined by a hyphen."""
 
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
-    "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 130 stopped by Ctrl-C."
+    "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "
+    "nothing, 130 stopped by Ctrl-C."
 )
 
 _BOX = re.compile(r"[│╭╮╰╯─]+")
