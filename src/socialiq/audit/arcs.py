@@ -34,14 +34,12 @@ def outside(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...
     )
     if not spans:
         return (Arc(0.0, 360.0),)
-    first = spans[0][0]
-    free, reached = [], first
+    free = []
+    reached = max(low + width for low, width in spans) - 360.0  # what wraps round to the start
     for low, width in spans:
-        if low > reached:
+        if low >= reached:
             free.append((reached, low))
         reached = max(reached, low + width)
-    if reached < first + 360.0:
-        free.append((reached, first + 360.0))
     arcs = [Arc(low % 360.0, low % 360.0 + high - low) for low, high in free]
     return tuple(sorted(arcs, key=lambda arc: arc.low))
 

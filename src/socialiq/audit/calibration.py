@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from socialiq.audit.curve import points_of, preimage
 from socialiq.audit.decision import Decision
 from socialiq.audit.moments import resampled_means
 from socialiq.audit.outcomes import Evidence
+from socialiq.social.angle import angle_difference
 
 Status = Literal["calibrated", "no curve", "beyond the curve", "no direction"]
 
@@ -105,8 +107,8 @@ def calibrate(
             monotone,
             curve,
         )
-    middle = (shown.min() + shown.max()) / 2
-    centre = np.append(shown, middle + _wrapped(angles[-1] - middle))
+    middle = float(shown.min() + shown.max()) / 2
+    centre = np.append(shown, middle + angle_difference(float(angles[-1]), middle))
     means = resampled_means(np.stack([one.totals for one in drivers]), seed, resamples)
     drawn = np.degrees(np.arctan2(means[..., 1], means[..., 0]))
     drawn = centre + _wrapped(drawn - angles)
@@ -138,6 +140,6 @@ def _tost(low: float, high: float, declared: float, margin: float) -> Decision:
     return Decision.FAIL if outside else Decision.INCONCLUSIVE
 
 
-def _wrapped(degrees: np.ndarray | float) -> np.ndarray:
-    """A difference of angles in [-180, 180)."""
-    return (np.asarray(degrees) + 180.0) % 360.0 - 180.0
+def _wrapped(degrees: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Differences of angles in [-180, 180)."""
+    return (degrees + 180.0) % 360.0 - 180.0

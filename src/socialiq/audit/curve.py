@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +54,7 @@ def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
         references: Those without an angle are left out.
         declared: Angle in degrees.
     """
-    first = 90.0 * (declared // 90.0)
+    first = 90.0 * max(0, math.ceil(declared / 90.0) - 1)  # 90 is the end of the first
     rows: list[tuple[float, float, int]] = []
     for number, one in enumerate(references):
         for turn in (-360.0, 0.0, 360.0) if one.angles else ():

@@ -87,7 +87,7 @@ FIELDS = (
         "number",
         "Confidence of the verdict: 0.95 means that a wrong pass, and a wrong fail, each come "
         "in at most 5 % of audits.",
-        low=0.5,
+        low=0.8,
         high=0.9999,
     ),
     Field("owner", "text", "Who declares this: a person or an organisation."),

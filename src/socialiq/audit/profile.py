@@ -155,7 +155,8 @@ class _Reader:
             # Without these, a line that looks like a field is one: `line_of` is exact.
             if '"""' in line or "'''" in line:
                 self._stop(number, "multi-line text is not used here: write it on one line")
-            # A dotted key takes `tomllib` time that grows with the square of its parts.
+            # A dotted key takes `tomllib` time that grows with the square of its parts, and a
+            # number of thousands of digits makes it raise something else.
             if len(line) > _LONGEST_LINE or line.count(".") > _MOST_DOTS:
                 self._stop(number, "this line is longer than any field's: break or shorten it")
         self._content = self._parsed()
@@ -192,12 +193,10 @@ class _Reader:
             return tomllib.loads(self._text)
         except RecursionError:
             self._stop(1, "tables or lists are nested too deeply: a profile has one level")
-        except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
+        except tomllib.TOMLDecodeError as error:
             where = re.search(r"\(at line (\d+)", str(error))
             line = int(where[1]) if where else self._text.count("\n") + 1
             reason = str(error).split(" (at ")[0]
-            if not isinstance(error, tomllib.TOMLDecodeError):
-                line, reason = 1, "a number has too many digits"
             self._stop(line, f"not TOML: {_shown(reason, quoted=False)}: mend this line")
 
     def _check_names(self) -> None:

@@ -60,14 +60,14 @@ def rationalised(
     centres = np.degrees(np.arctan2(social[beyond], env[beyond]))
     halves = np.degrees(np.arccos(margin / length[beyond]))
     grid = np.arange(0.0, 360.0, _STEP).tolist()
-    surely = np.array([regrets.high(angle, pass_error) <= margin for angle in grid])
-    possibly = np.array([not regrets.exceeds(angle, margin, fail_error) for angle in grid])
+    band = [regrets.band(angle, margin, pass_error, fail_error) for angle in grid]
+    within, beyond_it = np.array(band).T
     fine = np.deg2rad(np.arange(0.0, 360.0, _FINE))
     by_angle = np.max(env[:, None] * np.cos(fine) + social[:, None] * np.sin(fine), axis=0)
     return Rationalised(
         arcs=outside(centres.tolist(), halves.tolist()),
-        surely=runs(surely, _STEP),
-        possibly=runs(possibly, _STEP),
+        surely=runs(within, _STEP),
+        possibly=runs(~beyond_it, _STEP),
         least_angle=round(int(by_angle.argmin()) * _FINE, 6),
         least=float(by_angle.min()),
         margin=margin,

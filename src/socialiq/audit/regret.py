@@ -123,11 +123,7 @@ class Regrets:
     ) -> Float[np.ndarray, " row"]:
         """Upper bound of the regret towards each reference, or some of them, by itself."""
         rows = np.arange(len(self._gains)) if rows is None else rows
-        seen = self._at(angle, rows)
-        highs = upper(seen.found, error)
-        for place in np.flatnonzero(seen.rare):
-            highs[place] = rare.bounds(seen.values[place], seen.reach, error, error).high
-        return highs
+        return self._at(angle, rows).highs(error)
 
     def high(self, angle: float, error: float) -> float:
         """Upper bound of ρ; `bounds.upper` says why it needs no correction."""
@@ -141,13 +137,19 @@ class Regrets:
             lows.append(lower(seen.found.of(~seen.rare), error * float((~seen.rare).mean())))
         return max(lows)
 
-    def exceeds(self, angle: float, margin: float, error: float) -> bool:
-        """Whether ρ is shown to exceed a margin: whether `low` lies above it, but faster."""
+    def band(
+        self, angle: float, margin: float, pass_error: float, fail_error: float
+    ) -> tuple[bool, bool]:
+        """Whether ρ is shown to be within a margin, and whether it is shown not to be.
+
+        The same as `high` <= margin and `low` > margin, but fast enough for every degree.
+        """
         seen = self._at(angle, np.flatnonzero(self.compared(angle)))
-        if max(seen.rare_lows(error), default=-np.inf) > margin:
-            return True
-        share = error * float((~seen.rare).mean())
-        return share > 0 and exceeds(seen.found.of(~seen.rare), margin, share)
+        within = bool((seen.highs(pass_error) <= margin).all())
+        if max(seen.rare_lows(fail_error), default=-np.inf) > margin:
+            return within, True
+        share = fail_error * float((~seen.rare).mean())
+        return within, share > 0 and exceeds(seen.found.of(~seen.rare), margin, share)
 
     def needed(self, angle: float, margin: float, error: float) -> int | None:
         """Episodes that would decide between ρ and a margin, if the estimate is true."""
@@ -183,6 +185,13 @@ class _Seen(NamedTuple):
     values: Float[np.ndarray, "reference episode"]
     reach: float
     rare: Bool[np.ndarray, " reference"]
+
+    def highs(self, error: float) -> Float[np.ndarray, " reference"]:
+        """Upper bound of each."""
+        highs = upper(self.found, error)
+        for row in np.flatnonzero(self.rare):
+            highs[row] = rare.bounds(self.values[row], self.reach, error, error).high
+        return highs
 
     def rare_lows(self, error: float) -> list[float]:
         """Lower bounds of the rare ones, each at its share of an error (Bonferroni)."""

@@ -8,6 +8,7 @@ from jaxtyping import Int64
 from socialiq.errors import UserError
 
 _AUDIT = 7212  # what is drawn by a seed for this purpose is independent of all else drawn by it
+FEWEST_EPISODES = 3  # an ellipse needs as many
 MOST_EPISODES = 1_000_000
 
 
@@ -25,8 +26,10 @@ def episode_seeds(seed: int, episodes: int) -> Int64[np.ndarray, " episode"]:
     """
     if seed < 0:
         raise UserError(f"seed must be at least 0, got {seed}")
-    if not 2 <= episodes <= MOST_EPISODES:
-        raise UserError(f"episodes must be from 2 to {MOST_EPISODES}, got {episodes}")
+    if not FEWEST_EPISODES <= episodes <= MOST_EPISODES:
+        raise UserError(
+            f"episodes must be from {FEWEST_EPISODES} to {MOST_EPISODES}, got {episodes}"
+        )
     rng = np.random.default_rng([_AUDIT, seed])
     drawn = np.unique(rng.integers(2**62, size=episodes + 16))  # so many that none need repeat
     return rng.permutation(drawn)[:episodes]

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.audit.gather import gather
 from socialiq.audit.grid_play import drive_grid, fates
-from socialiq.audit.references import Reference, exact_optima
+from socialiq.audit.references import Reference, exact_optima, family
 from socialiq.audit.seeds import episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import Ending
@@ -56,10 +56,10 @@ def test_the_5x5_experts_by_hand(table5):
 
 def test_waiting_for_ever_runs_out_of_time(table5):
     part = table5.reachable_part()
-    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 2)), "waits")
-    assert waits.ending.tolist() == [Ending.TIMEOUT] * 2
-    assert waits.length.tolist() == [table5.world.horizon] * 2
-    assert waits.totals[:, 0].tolist() == [-20.0] * 2
+    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 3)), "waits")
+    assert waits.ending.tolist() == [Ending.TIMEOUT] * 3
+    assert waits.length.tolist() == [table5.world.horizon] * 3
+    assert waits.totals[:, 0].tolist() == [-20.0] * 3
 
 
 def test_exact_optima_do_what_they_are_expected_to(part7, fate):
@@ -117,3 +117,10 @@ def test_evidence_of_a_gridworld(declared, table7):
     part = found.part(found.strata["density"] == "1")
     assert part.episodes == (found.strata["density"] == "1").sum()
     assert all(one.expected is None for one in part.references)
+
+
+def test_a_family_is_queried_at_its_angles():
+    made = family("dial", Constant, [0.0, 22.5])
+    assert [one.name for one in made] == ["dial at 0", "dial at 22.5"]
+    assert [one.angles for one in made] == [(0.0,), (22.5,)]
+    assert [one.policy.action for one in made] == [0.0, 22.5]

@@ -1,0 +1,73 @@
+"""The competence floor by Wilson bounds."""
+
+import pytest
+from scipy.stats import binomtest
+
+from socialiq.audit.competence import decision_of, floor_tests
+from socialiq.audit.decision import Decision
+from socialiq.audit.profile import Floor
+from socialiq.types import Ending
+
+FLOOR = Floor(max_at_fault=0.1, max_struck=0.1, min_arrival=0.8, max_timeout=0.1)
+
+
+def driver(outcomes, at_fault=0, struck=0, timeout=0, episodes=200):
+    collided = [Ending.COLLISION] * (at_fault + struck) + [Ending.TIMEOUT] * timeout
+    kinds = collided + [Ending.ARRIVAL] * (episodes - len(collided))
+    contact = [1] * at_fault + [2] * struck + [0] * (episodes - at_fault - struck)
+    return outcomes("driver", [[0.0, 0.0]] * episodes, kinds, contact)
+
+
+def by_name(outcomes, floor=FLOOR, **events):
+    return {one.name: one for one in floor_tests(driver(outcomes, **events), floor)}
+
+
+def test_bounds_are_wilsons_at_their_levels(outcomes):
+    found = by_name(outcomes, at_fault=10)
+    # Passing at 5 % one-sided, failing at 5 % / 4.
+    upper = binomtest(10, 200).proportion_ci(0.9, "wilson").high
+    lower = binomtest(10, 200).proportion_ci(0.975, "wilson").low
+    assert (found["at_fault"].low, found["at_fault"].high) == pytest.approx((lower, upper))
+    arrived = binomtest(190, 200)
+    assert found["arrival"].low == pytest.approx(arrived.proportion_ci(0.9, "wilson").low)
+    assert found["arrival"].high == pytest.approx(arrived.proportion_ci(0.975, "wilson").high)
+    assert found["arrival"].share == 0.95 and found["arrival"].count == 190
+
+
+@pytest.mark.parametrize(
+    ("events", "name", "decision"),
+    [
+        ({}, "at_fault", Decision.PASS),
+        ({"at_fault": 10}, "at_fault", Decision.PASS),
+        ({"at_fault": 20}, "at_fault", Decision.INCONCLUSIVE),
+        ({"at_fault": 40}, "at_fault", Decision.FAIL),
+        ({"at_fault": 40}, "struck", Decision.PASS),
+        ({"struck": 40}, "struck", Decision.FAIL),
+        ({"struck": 40}, "at_fault", Decision.PASS),
+        ({"timeout": 40}, "timeout", Decision.FAIL),
+        ({"timeout": 40}, "arrival", Decision.INCONCLUSIVE),
+        ({"timeout": 80}, "arrival", Decision.FAIL),
+        ({"timeout": 10}, "arrival", Decision.PASS),
+    ],
+)
+def test_each_criterion_by_itself(outcomes, events, name, decision):
+    assert by_name(outcomes, **events)[name].decision is decision
+
+
+def test_one_that_fails_fails_all(outcomes):
+    assert decision_of(tuple(by_name(outcomes).values())) is Decision.PASS
+    assert decision_of(tuple(by_name(outcomes, struck=20).values())) is Decision.INCONCLUSIVE
+    assert decision_of(tuple(by_name(outcomes, struck=20, timeout=90).values())) is Decision.FAIL
+
+
+def test_nothing_seen_is_not_nothing(outcomes):
+    floor = Floor(max_at_fault=0.0, max_struck=1.0, min_arrival=0.0, max_timeout=1.0)
+    found = by_name(outcomes, floor)
+    assert found["at_fault"].decision is Decision.INCONCLUSIVE  # never is beyond any sample
+    assert found["at_fault"].needed is None
+    assert {found[name].decision for name in ("struck", "arrival", "timeout")} == {Decision.PASS}
+
+
+def test_episodes_needed(outcomes):
+    # 0.05 against 0.1 with σ² = 0.09: (2.926 * 0.3 / 0.05)² = 309
+    assert by_name(outcomes, at_fault=10)["at_fault"].needed == pytest.approx(309, abs=1)
