@@ -22,6 +22,7 @@ import safetensors.numpy
 from socialiq.errors import UserError
 
 _HEADER = "socialiq"
+_UNREADABLE = (safetensors.SafetensorError, OSError, ValueError, RecursionError)
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
@@ -135,7 +136,7 @@ def kind_of(path: Path) -> str:
         with safetensors.safe_open(path, framework="numpy") as file:
             wrapper = json.loads((file.metadata() or {}).get(_HEADER, "null"))
         kind = wrapper["header"]["kind"]
-    except (safetensors.SafetensorError, OSError, ValueError, RecursionError, KeyError, TypeError):
+    except (*_UNREADABLE, KeyError, TypeError):
         return ""
     return kind if isinstance(kind, str) else ""
 
@@ -158,7 +159,8 @@ def load_arrays(
             text = (file.metadata() or {}).get(_HEADER, "null")
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         wrapper = json.loads(text)
-    except (safetensors.SafetensorError, OSError, ValueError, RecursionError) as error:
+    # The last two are what safetensors raises of numbers that NumPy doesn't have.
+    except (*_UNREADABLE, AttributeError, TypeError) as error:
         raise UserError(
             f"{path} is damaged or not a {kind} file: restore it or make it again"
         ) from error

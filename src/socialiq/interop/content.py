@@ -21,7 +21,8 @@ def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
         raise UserError(f"no such file: {path}")
     try:
         with path.open("rb") as file:
-            content = file.read(most + 1)
+            # Not more than it has: the buffer is made at once.
+            content = file.read(min(path.stat().st_size, most) + 1)
     except OSError as error:
         raise UserError(f"cannot read {path}: {error.strerror}") from error
     if len(content) > most:

@@ -1,0 +1,304 @@
+"""ONNX policies act as onnxruntime has them act; crafted ones are refused before it sees them."""
+
+import runpy
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("onnx", reason="extra `onnx` is not installed")
+pytest.importorskip("onnxruntime", reason="extra `onnx` is not installed")
+
+import onnxruntime
+from onnx import TensorProto, helper, numpy_helper
+
+from socialiq.errors import UserError
+from socialiq.evaluation.play import episodes_of
+from socialiq.interop.door import load
+from socialiq.interop.onnx_model import ROWS
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "policies"
+RANDOM = np.random.default_rng(0)
+OBSERVATIONS = RANDOM.normal(size=(10_000, 6)).astype(np.float32)
+W, B = RANDOM.normal(size=(6, 3)).astype(np.float32), RANDOM.normal(size=3).astype(np.float32)
+BIG = RANDOM.normal(size=(6, 256)).astype(np.float32)
+
+Node = helper.make_node
+
+
+def model(
+    nodes, shape=("batch", 6), outputs=(("y", TensorProto.FLOAT, ["batch", 3]),), **constants
+):
+    arrays = {"w": W, "b": B} | constants
+    return helper.make_model(
+        helper.make_graph(
+            nodes,
+            "policy",
+            [helper.make_tensor_value_info("x", TensorProto.FLOAT, shape)],
+            [helper.make_tensor_value_info(*one) for one in outputs],
+            [numpy_helper.from_array(array, name) for name, array in arrays.items()],
+        ),
+        opset_imports=[helper.make_opsetid("", 17)],
+        ir_version=8,
+    )
+
+
+GEMM = Node("Gemm", ["x", "w", "b"], ["y"])
+INT64, FLOAT = TensorProto.INT64, TensorProto.FLOAT
+TARGET = numpy_helper.from_array(np.array([-1, 6]))
+ACTIONS = (("y", INT64, ["batch"]),)
+
+
+@pytest.fixture
+def read(tmp_path):
+    def loaded(made, n_features=6, n_actions=3):
+        path = tmp_path / "p.onnx"
+        path.write_bytes(made if isinstance(made, bytes) else made.SerializeToString())
+        return load(str(path), n_features, n_actions)
+
+    return loaded
+
+
+@pytest.fixture
+def refused(read):
+    def check(made, match, **world):
+        with pytest.raises(UserError, match=match) as caught:
+            read(made, **world)
+        assert "\n" not in str(caught.value) and len(str(caught.value)) < 500
+
+    return check
+
+
+def outputs(made, observations):
+    session = onnxruntime.InferenceSession(
+        made.SerializeToString(), providers=["CPUExecutionProvider"]
+    )
+    return session.run(["y"], {"x": observations})[0]
+
+
+HIDDEN = [
+    Node("MatMul", ["x", "big"], ["h"]),
+    Node("Tanh", ["h"], ["a"]),
+    Node("Gemm", ["a", "last", "b"], ["z"], transB=1, alpha=0.5),
+]
+LAST = {"big": BIG, "last": RANDOM.normal(size=(3, 256)).astype(np.float32)}
+
+
+@pytest.mark.parametrize("end", ["Identity", "Softmax", "LogSoftmax", "Elu", "LeakyRelu"])
+def test_actions_are_the_best_of_onnxruntimes_scores(read, end):
+    made = model([*HIDDEN, Node(end, ["z"], ["y"])], **LAST)
+    found, _ = read(made).policy.predict(OBSERVATIONS)
+    np.testing.assert_array_equal(found, outputs(made, OBSERVATIONS).argmax(axis=1))
+    assert len(np.unique(found)) == 3
+
+
+@pytest.mark.parametrize("keepdims", [0, 1])
+def test_network_may_answer_actions(read, keepdims):
+    end = Node("ArgMax", ["z"], ["y"], axis=1, keepdims=keepdims)
+    shape = ["batch", 1] if keepdims else ["batch"]
+    made = model([*HIDDEN, end], outputs=(("y", INT64, shape),), **LAST)
+    loaded = read(made)
+    np.testing.assert_array_equal(
+        loaded.policy.predict(OBSERVATIONS)[0], outputs(made, OBSERVATIONS).reshape(-1)
+    )
+    assert loaded.record.details["answers"] == "actions"
+
+
+def test_tables_of_vehicles_are_flattened_by_the_graph(read):
+    for nodes in (
+        [Node("Flatten", ["x"], ["f"])],
+        [Node("Constant", [], ["s"], value=TARGET), Node("Reshape", ["x", "s"], ["f"])],
+    ):
+        made = model([*nodes, Node("Gemm", ["f", "w", "b"], ["y"])], shape=("batch", 2, 3))
+        np.testing.assert_array_equal(
+            read(made).policy.predict(OBSERVATIONS)[0],
+            outputs(made, OBSERVATIONS.reshape(-1, 2, 3)).argmax(axis=1),
+        )
+
+
+def test_answer_does_not_depend_on_the_batch(read):
+    policy = read(model([GEMM])).policy
+    whole, _ = policy.predict(OBSERVATIONS[: 2 * ROWS + 1])
+    single = [int(policy.predict(one)[0]) for one in OBSERVATIONS[:50]]
+    assert whole[:50].tolist() == single and len(whole) == 2 * ROWS + 1
+
+
+def test_of_several_outputs_the_one_named_actions_counts(read, refused):
+    nodes = [GEMM, Node("ArgMax", ["y"], ["actions"], axis=1, keepdims=0)]
+    both = (("y", FLOAT, ["batch", 3]), ("actions", INT64, ["batch"]))
+    found, _ = read(model(nodes, outputs=both)).policy.predict(OBSERVATIONS)
+    np.testing.assert_array_equal(found, outputs(model([GEMM]), OBSERVATIONS).argmax(axis=1))
+    other = [GEMM, Node("Relu", ["y"], ["value"])]
+    twice = (both[0], ("value", FLOAT, ["batch", 3]))
+    refused(model(other, outputs=twice), "has 2 outputs and none is named actions")
+
+
+def test_torchs_own_export_is_read(read, tmp_path):
+    torch = pytest.importorskip("torch", reason="extra `sb3` is not installed")
+    pytest.importorskip("onnxscript", reason="torch's exporter needs it")
+    network = torch.nn.Sequential(
+        torch.nn.Linear(6, 8), torch.nn.ReLU(), torch.nn.Linear(8, 3)
+    ).eval()
+    dynamic = {"input": {0: torch.export.Dim("batch")}}
+    torch.onnx.export(
+        network,
+        (torch.zeros(2, 6),),
+        tmp_path / "t.onnx",
+        dynamic_shapes=dynamic,
+        external_data=False,
+    )
+    found, _ = load(str(tmp_path / "t.onnx"), 6, 3).policy.predict(OBSERVATIONS)
+    with torch.no_grad():
+        expected = network(torch.as_tensor(OBSERVATIONS)).argmax(dim=1).numpy()
+    np.testing.assert_array_equal(found, expected)
+
+
+def external(made, location):
+    tensor = made.graph.initializer[0]
+    tensor.ClearField("raw_data")
+    tensor.data_location = TensorProto.EXTERNAL
+    entry = tensor.external_data.add()
+    entry.key, entry.value = "location", str(location)
+    return made
+
+
+def test_external_data_is_never_read(refused, tmp_path):
+    (tmp_path / "weights").write_bytes(W.tobytes())
+    for location in ("weights", tmp_path / "weights", "../../etc/passwd"):
+        refused(external(model([GEMM]), location), "has external data")
+
+
+def test_sparse_initialisers_and_functions_are_refused(refused):
+    made = model([GEMM])
+    made.graph.sparse_initializer.add().dims.append(3)
+    refused(made, "sparse initialisers")
+    made = model([GEMM])
+    made.functions.add().name = "f"
+    refused(made, "functions")
+
+
+def test_sub_graphs_and_custom_domains_are_refused(refused):
+    inner = helper.make_graph([], "inner", [], [])
+    refused(model([Node("If", ["x"], ["y"], then_branch=inner, else_branch=inner)]), "sub-graphs")
+    refused(model([Node("Gemm", ["x", "w"], ["y"], domain="evil")]), "domain 'evil'")
+    made = model([GEMM])
+    made.opset_import.append(helper.make_opsetid("com.microsoft", 1))
+    refused(made, "domain 'com.microsoft'")
+
+
+def test_other_operators_and_wrong_uses_are_refused(refused):
+    refused(model([Node("Gather", ["x", "w"], ["y"])]), "uses the operator Gather")
+    refused(model([Node("ArgMax", ["x"], ["y"], axis=0)], outputs=ACTIONS), "across the obs")
+    refused(model([GEMM, GEMM]), "defines y twice")
+    refused(model([Node("Relu", ["x"], ["<script>"])]), "strange characters")
+    refused(model([Node("Split", ["x"], ["y", "z"])]), "several outputs")
+    refused(model([Node("Constant", [], ["y"], value_float=1.0)]), "Constant that is no tensor")
+    refused(model([]), "reads 'y'")
+
+
+def test_sizes_must_fit_the_world(refused):
+    refused(model([GEMM]), "takes 6 features and 3 actions, the world has 70 and 3", n_features=70)
+    refused(model([GEMM]), "the world has 6 and 4", n_actions=4)
+    refused(model([Node("Gemm", ["x", "w"], ["y"])], w=W.T.copy()), "multiplies 6 numbers")
+    narrow = model([Node("ArgMax", ["x"], ["z"], axis=1), Node("Cast", ["z"], ["y"], to=FLOAT)])
+    refused(narrow, "the world has 6 and 3")
+    grid = model([Node("Relu", ["x"], ["y"])], shape=("batch", 2, 3))
+    refused(grid, r"scores of shape \(2, 3\)")
+    vector = model([Node("Cast", ["x"], ["y"], to=INT64)], outputs=(("y", INT64, ["batch", 6]),))
+    refused(vector, r"whole numbers of shape \(6,\)")
+
+
+def test_inputs_must_be_observations(refused):
+    refused(model([GEMM], shape=(1, 6)), "takes 1 observations at a time")
+    refused(model([GEMM], shape=(6,)), "not float32 of shape")
+    refused(model([GEMM], shape=("batch", "features")), "takes observations of shape")
+    refused(model([GEMM], shape=("batch", -6)), "takes observations of shape")
+    refused(model([GEMM], shape=("batch", 2**40)), "takes observations of shape")
+    made = model([GEMM])
+    made.graph.input.append(helper.make_tensor_value_info("z", FLOAT, ["batch", 6]))
+    refused(made, "has 2 inputs")
+    made = model([GEMM])
+    made.graph.input[0].type.tensor_type.elem_type = TensorProto.STRING
+    refused(made, "not float32 of shape")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_weights_must_be_finite(refused, value):
+    refused(model([GEMM], b=np.array([0, value, 0], np.float32)), "NaN or infinity")
+
+
+def test_scores_must_be_finite(read):
+    made = model([Node("Gemm", ["x", "w", "b"], ["z"]), Node("Mul", ["z", "z"], ["y"])])
+    with pytest.raises(UserError, match="answered NaN or infinity"):
+        read(made).policy.predict(np.full(6, 1e30, np.float32))
+
+
+def test_absurd_dimensions_cost_nothing(refused):
+    for dims in ([2**40, 2**40], [-6, 3], [2**31, 3], [6, 3, 1]):
+        made = model([GEMM])
+        made.graph.initializer[0].dims[:] = dims
+        refused(made, "has a constant of shape")
+    made = model([GEMM])
+    made.graph.initializer[0].dims[:] = [6, 4_000]
+    refused(made, "is damaged")
+
+
+def test_truncated_and_foreign_files_are_refused(refused):
+    whole = model([GEMM]).SerializeToString()
+    for content in (b"", whole[:-1], whole[:40], b"\x00" * 100, b"ORTM" * 10):
+        refused(content, "damaged|has field|inputs")
+
+
+def test_types_that_do_not_go_together_are_refused_by_onnxruntime(refused):
+    refused(model([GEMM], b=np.array([1, 2, 3], np.int64)), "can't be run by onnxruntime")
+
+
+def test_what_a_file_claims_about_its_values_is_not_believed(read):
+    made = model([*HIDDEN, Node("Identity", ["z"], ["y"])], **LAST)
+    made.graph.value_info.append(helper.make_tensor_value_info("h", FLOAT, [1, 2**40]))
+    made.metadata_props.add(key="ort_config", value='{"session_options": {"enable_profiling": 1}}')
+    found, _ = read(made).policy.predict(OBSERVATIONS[:20])
+    assert found.shape == (20,)
+
+
+def test_example_is_the_network_of_the_other_example(tmp_path, monkeypatch):
+    onnx_policy = load(str(EXAMPLES / "dqn_intersection.onnx"), 70, 3).policy
+    zip_policy = load(str(EXAMPLES / "dqn_intersection.zip"), 70, 3).policy
+    seen = RANDOM.normal(size=(10_000, 70)).astype(np.float32)
+    np.testing.assert_array_equal(onnx_policy.predict(seen)[0], zip_policy.predict(seen)[0])
+    paths = [str(EXAMPLES / "dqn_intersection.zip"), str(tmp_path / "p.onnx")]
+    monkeypatch.setattr(sys, "argv", ["to_onnx.py", *paths])
+    runpy.run_path(str(EXAMPLES / "to_onnx.py"), run_name="__main__")
+    made = load(paths[1], 70, 3).policy
+    np.testing.assert_array_equal(made.predict(seen)[0], onnx_policy.predict(seen)[0])
+
+
+def test_an_audit_of_the_intersection_takes_less_than_a_minute():
+    policy = load(str(EXAMPLES / "dqn_intersection.onnx"), 70, 3).policy
+    batch = Batch(Options(), 512)
+    episodes_of(batch, policy, np.arange(2))  # compiles
+    began = time.monotonic()
+    episodes = episodes_of(batch, policy, np.arange(5_000))
+    assert time.monotonic() - began < 60
+    assert len(episodes.ending) == 5_000 and (episodes.ending > 0).all()
+
+
+@pytest.mark.parametrize("part", range(5))
+def test_files_with_changed_bytes_are_read_or_refused(read, part):
+    content = model([*HIDDEN, Node("Identity", ["z"], ["y"])], **LAST).SerializeToString()
+    structure = [place for place in range(len(content)) if not 400 < place < len(content) - 400]
+    refused = 0
+    for seed in range(part * 60, part * 60 + 60):
+        random, made = np.random.default_rng(seed), bytearray(content)
+        for place in random.choice(structure, 2):
+            made[place] = random.integers(256)
+        try:
+            read(bytes(made)).policy.predict(OBSERVATIONS[:3])
+        except UserError as error:
+            refused += 1
+            assert "\n" not in str(error)
+    assert refused
