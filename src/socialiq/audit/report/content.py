@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from socialiq.audit.by_stratum import by_stratum
 from socialiq.audit.decision import Decision
 from socialiq.audit.outcomes import Evidence
 from socialiq.audit.plain import as_json
@@ -15,7 +16,6 @@ from socialiq.audit.report.commitment import Draw
 from socialiq.audit.report.drivers import driver_row
 from socialiq.audit.report.limits import limits
 from socialiq.audit.report.selected import selected
-from socialiq.audit.report.strata_table import strata_rows
 from socialiq.audit.report.surroundings import machine, package_sha256, versions
 from socialiq.audit.verdict import Verdict
 
@@ -65,8 +65,7 @@ class Audited:
 def content(audited: Audited) -> dict[str, Any]:
     """The report as one JSON-able object; `report.schema.json` describes it."""
     profile, evidence, verdict = audited.profile, audited.evidence, audited.verdict
-    angle, error = profile.angle, verdict.error
-    resampling = audited.drawn.derived("strata")
+    angle, best = profile.angle, verdict.regret.best
     return as_json(
         {
             "format": FORMAT,
@@ -84,7 +83,7 @@ def content(audited: Audited) -> dict[str, Any]:
             ],
             "reference_files": list(audited.reference_files),
             "left_out": list(audited.left_out),
-            "strata": strata_rows(evidence, angle, profile.margin.regret, error, resampling),
+            "strata": by_stratum(evidence, angle, best, profile.confidence),
             "episodes": selected(evidence, angle),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.world()),

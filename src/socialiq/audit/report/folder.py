@@ -30,8 +30,11 @@ def check_target(folder: Path, replace: bool) -> None:
         return
     if not replace:
         raise UserError(f"{folder} exists already: name a new folder, or add --replace")
-    if not ((folder / REPORT).is_file() and (folder / MANIFEST).is_file()):
-        raise UserError(f"{folder} holds no report of an audit: it is not replaced; name another")
+    strange = _strange(folder)
+    if strange:
+        raise UserError(
+            f"{folder} holds {strange}, which no audit wrote: it is not replaced; name another"
+        )
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> None:
@@ -55,6 +58,17 @@ def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> Non
         _swap(part, folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def _strange(folder: Path) -> str:
+    """A file that its manifest doesn't list, so that nothing of the user's is lost; or ""."""
+    written = {MANIFEST}
+    if (folder / MANIFEST).is_file():
+        text = (folder / MANIFEST).read_text(errors="replace")
+        written |= {line.partition("  ")[2] for line in text.splitlines()}
+    files = (path for path in sorted(folder.rglob("*")) if not path.is_dir())
+    names = (path.relative_to(folder).as_posix() for path in files)
+    return next((name for name in names if name not in written), "")
 
 
 def _part(folder: Path) -> Path:

@@ -198,12 +198,8 @@ def _stratum() -> Schema:
         stratification=TEXT,
         label=TEXT,
         episodes=COUNT,
-        value=NUMBER,
-        regret=_or_null(NUMBER),
-        low=_or_null(NUMBER),
-        high=_or_null(NUMBER),
-        over_margin=FLAG,
-        **_shares(),
+        regret=_or_null(_table(mean=NUMBER, low=NUMBER, high=NUMBER, p=_or_null(NUMBER))),
+        shares=_table(**dict.fromkeys(CRITERIA, _table(value=SHARE, low=NUMBER, high=NUMBER))),
     )
 
 

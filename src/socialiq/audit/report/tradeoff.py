@@ -103,7 +103,7 @@ def _panel(scale: Scale, mean: Point, **parts: Any) -> Panel:
     seen = box.left <= x <= box.right and box.top <= y <= box.bottom
     return Panel(
         box=box,
-        x_ticks=scale.ticks(0, 6),
+        x_ticks=scale.ticks(0, 7),
         y_ticks=scale.ticks(1, 5),
         zero=zero if seen else None,
         mean=scale.at(*mean),
