@@ -1,5 +1,6 @@
 """`audit` and `audit verify`: statuses, order of commitment, mistakes, what is left on disk."""
 
+import datetime
 import json
 import shutil
 
@@ -167,13 +168,15 @@ def test_an_existing_folder_stays(place, passed, capsys):
     assert before == {path.name: path.read_bytes() for path in passed.iterdir()}
 
 
-def test_a_policy_that_is_tuned_to_default_seeds_fails(tmp_path, capsys, declared):
+def test_a_policy_that_is_tuned_to_default_seeds_fails(tmp_path):
     """It knows every observation that a good driver meets on the seeds 0, 1, 2, ..., by heart."""
     from socialiq.audit.profile import Floor, Margin
+    from socialiq.audit.template import new
     from socialiq.worlds.intersection.policies import policy
 
     floor = Floor(max_at_fault=0.1, max_struck=0.2, min_arrival=0.0, max_timeout=1.0)
-    declaration = declared("intersection", 90.0, margin=Margin(2.0, 90.0), competence=floor)
+    day, margin = datetime.date(2026, 1, 31), Margin(2.0, 90.0)
+    declaration = new(90.0, "Owner", "intersection", margin, day, competence=floor)
     known, seeds = {}, np.arange(100)
 
     class Recorded:
@@ -193,13 +196,13 @@ def test_a_policy_that_is_tuned_to_default_seeds_fails(tmp_path, capsys, declare
 
     profile, code, data = (tmp_path / name for name in ("profile.toml", "tuned.py", "known.npz"))
     profile.write_bytes(declaration.source)
-    sizes = {len(one) for one in known}
-    assert len(sizes) == 1
-    np.savez(data, keys=np.array(list(known)).astype("V"), values=np.array(list(known.values())))
+    keys = np.frombuffer(b"".join(known), np.uint8).reshape(len(known), -1)
+    np.savez(data, keys=keys, values=np.array(list(known.values())))
     code.write_text(
         "import numpy as np\n"
         f"with np.load({str(data)!r}) as found:\n"
-        "    KNOWN = {key.tobytes(): int(one) for key, one in zip(found['keys'], found['values'])}\n"
+        "    pairs = zip(found['keys'], found['values'].tolist())\n"
+        "    KNOWN = {key.tobytes(): one for key, one in pairs}\n"
         "def drive(observations):\n"
         "    return np.array([KNOWN.get(one.tobytes(), 2) for one in observations])\n"
     )

@@ -8,10 +8,11 @@ from typing import Any
 
 from socialiq.audit.outcomes import Evidence
 from socialiq.audit.profile import Profile
+from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
 from socialiq.audit.report.evidence_csv import evidence_csv
 from socialiq.audit.report.folder import REPORT
 from socialiq.audit.report.seals import sealed
-from socialiq.audit.report.views import html, markdown
+from socialiq.audit.report.views import Ready, html, markdown
 
 EVIDENCE, PROFILE = "episodes.csv", "profile.toml"
 
@@ -43,7 +44,15 @@ def files_of(
 
 def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
     """What is made from the report alone, and can be made again by anybody who has it."""
+    tree = claims(report)
+    diagram = Ready(mermaid(tree))
     return {
         "report.html": html(report).encode(),
         "report.md": markdown(report).encode(),
+        "annex-iv.md": markdown(report, "annex-iv.md.j2").encode(),
+        "nist-ai-rmf.md": markdown(report, "nist-ai-rmf.md.j2").encode(),
+        "safety-case.md": markdown(
+            report, "safety-case.md.j2", claims=tree, diagram=diagram
+        ).encode(),
+        "claims.json": (json.dumps(as_objects(tree), indent=2) + "\n").encode(),
     }

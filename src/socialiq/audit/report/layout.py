@@ -32,9 +32,9 @@ def schema() -> Schema:
             format={"const": 1},
             verdict=_verdict(),
             declaration=_declaration(),
-            policy=_table(record=ANYTHING, deterministic=FLAG, means=_driver()),
+            policy=_table(record=_record(), deterministic=FLAG, means=_driver()),
             tests=_tests(),
-            references=_list(_driver(record=_or_null(ANYTHING))),
+            references=_list(_driver(record=_or_null(_record()))),
             reference_files=_list(TEXT),
             left_out=_list(TEXT),
             strata=_list(_stratum()),
@@ -60,6 +60,13 @@ def _table(**properties: Schema) -> Schema:
         "required": list(properties),
         "additionalProperties": False,
     }
+
+
+def _record() -> Schema:
+    """What a policy is; its kind adds more."""
+    named = dict.fromkeys(("kind", "source", "covers"), TEXT)
+    sizes = dict.fromkeys(("n_features", "n_actions"), COUNT)
+    return _table(**named, sha256=HASH, **sizes, soft=FLAG) | {"additionalProperties": True}
 
 
 def _list(of: Schema) -> Schema:

@@ -47,7 +47,9 @@ def _web() -> Environment:
 
 @cache
 def _text() -> Environment:
-    return _environment(autoescape=False, finalize=_plain)
+    made = _environment(autoescape=False, finalize=_plain)
+    made.globals["blank"] = _blank
+    return made
 
 
 def _environment(**settings: Any) -> Environment:
@@ -63,18 +65,23 @@ def _environment(**settings: Any) -> Environment:
     return made
 
 
-class _Ready(str):
+class Ready(str):
     """Text that needs no more escaping."""
 
 
-def _code(text: str) -> _Ready:
+def _code(text: str) -> Ready:
     """An indented block of code, in which Markdown reads no markup."""
-    return _Ready(f"    {_one_line(text)}")
+    return Ready(f"    {_one_line(text)}")
+
+
+def _blank(who: str) -> Ready:
+    """A place that people have to fill, and that nobody overlooks."""
+    return Ready(f"> **[ blank ]** to be filled by {who}")
 
 
 def _plain(value: Any) -> Any:
     """A value that is filled into Markdown: one line, no markup."""
-    if not isinstance(value, str) or isinstance(value, _Ready):
+    if not isinstance(value, str) or isinstance(value, Ready):
         return value
     return _one_line(value).translate(_MARKED)
 

@@ -29,7 +29,15 @@ def audited(declared):
     evidence = gather(profile.world(), Always(), episode_seeds(drawn.derived("episodes"), 60))
     return Audited(
         profile=profile,
-        policy={"kind": "table", "source": HOSTILE, "sha256": "ab" * 32, "covers": "its bytes"},
+        policy={
+            "kind": "table",
+            "source": HOSTILE,
+            "sha256": "ab" * 32,
+            "covers": "its bytes",
+            "n_features": 5,
+            "n_actions": 3,
+            "soft": False,
+        },
         deterministic=True,
         drawn=drawn,
         handed={},

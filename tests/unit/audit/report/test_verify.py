@@ -72,7 +72,7 @@ def resealed(folder, files, **changed):
 
 
 def test_a_page_that_says_other_than_the_report_is_found_though_hashed_anew(folder, files):
-    better = files["report.html"].replace(b"Does not behave", b"Does behave")
+    better = files["report.html"].replace(b"Not decided", b"Behaves as declared")
     assert better != files["report.html"]
     found = resealed(folder, files, report_html=better)
     assert found == ["report.html is not what report.json gives"]
