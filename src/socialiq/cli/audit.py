@@ -51,6 +51,8 @@ class Audit:
     """Seconds that a process may take for an answer."""
     threads: int = 1
     """That share the episodes."""
+    films: bool = False
+    """Draw three median and three worst episodes as GIF files; takes a while."""
     replace: bool = False
     """Replace an earlier report in the folder."""
     json: bool = False
@@ -60,7 +62,8 @@ class Audit:
         """Audit, write the report, print the verdict."""
         check_target(self.out, self.replace)
         done = conduct(self.request(), _say)
-        write_folder(self.out, files_of(done.report, done.profile, done.evidence), self.replace)
+        files = files_of(done.report, done.profile, done.evidence, done.films)
+        write_folder(self.out, files, self.replace)
         if self.json:
             sys.stdout.write(json.dumps(done.report, allow_nan=False) + "\n")
         else:
@@ -78,6 +81,7 @@ class Audit:
             soft=self.soft,
             trust=Trust(self.allow_code, Limits(step=self.step_seconds)),
             threads=self.threads,
+            films=self.films,
         )
 
 

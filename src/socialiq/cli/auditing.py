@@ -16,11 +16,14 @@ from socialiq.audit.outcomes import Evidence
 from socialiq.audit.profile import Profile, load
 from socialiq.audit.report.commitment import Commitment, Draw, check_seed, draw
 from socialiq.audit.report.content import Audited, content
+from socialiq.audit.report.films import check_filmed, films_of
+from socialiq.audit.report.selected import selected
 from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
 from socialiq.audit.verdict import Verdict, judge
 from socialiq.cli.entrants import Trust, drivers, entrant, itself_by_rule
 from socialiq.errors import UserError
 from socialiq.interop.record import Loaded
+from socialiq.worlds.intersection.world import Intersection
 
 FEWEST_EPISODES = 20
 """Below, no bound of the audit says anything."""
@@ -39,6 +42,7 @@ class Request:
         soft: Whether the policy draws its actions.
         trust: What the policy may do.
         threads: That share the intersection's episodes.
+        films: Whether to draw six episodes.
     """
 
     policy: str
@@ -49,6 +53,7 @@ class Request:
     soft: bool = False
     trust: Trust = dataclasses.field(default_factory=Trust)
     threads: int = 1
+    films: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,11 +64,13 @@ class Conducted:
         report: Content of `report.json`.
         evidence: Every episode.
         profile: The declaration.
+        films: By path in the report's folder.
     """
 
     report: dict[str, Any]
     evidence: Evidence
     profile: Profile
+    films: dict[str, bytes]
 
 
 def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "") -> Conducted:
@@ -81,6 +88,8 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
     started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
     profile = load(request.profile)
     world = profile.world()
+    if request.films:
+        check_filmed(world)
     with entrant(request.policy, world, profile.angle, request.trust) as loaded:
         if wanted_sha256 and loaded.record.sha256 != wanted_sha256:
             raise UserError(
@@ -91,6 +100,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         drawn = draw(commitment, request.seed)
         say(f"seed {drawn.seed}, chosen by the {drawn.chosen_by}")
         evidence, handed, out = _played(request, profile, loaded, drawn)
+        films = _filmed(request, profile, loaded, evidence)
     compared = _without(evidence, out)
     verdict = _judged(profile, compared, evidence, drawn.derived("resampling"))
     audited = Audited(
@@ -103,11 +113,12 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         left_out=out,
         evidence=compared,
         verdict=verdict,
+        films=films,
         command=command_of(request, drawn.seed),
         started=started,
         seconds=round(time.monotonic() - clock, 3),
     )
-    return Conducted(content(audited), compared, profile)
+    return Conducted(content(audited), compared, profile, films)
 
 
 def command_of(request: Request, seed: int) -> str:
@@ -115,6 +126,7 @@ def command_of(request: Request, seed: int) -> str:
     words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
     words += [word for path in request.references for word in ("--reference", str(path))]
+    words += ["--films"] if request.films else []
     words += ["--soft"] if request.soft else []
     words += ["--allow-code"] if request.trust.allow_code else []
     return shlex.join(words)
@@ -127,6 +139,8 @@ def _check(request: Request) -> None:
         )
     if request.seed is not None:
         check_seed(request.seed)  # before anything is read; it is used only after the commitment
+    if request.films and request.soft:
+        raise UserError("films show a policy's best actions: leave out --films or --soft")
     if request.threads < 1:
         raise UserError(f"threads must be at least 1, got {request.threads}")
 
@@ -146,6 +160,15 @@ def _played(
         threads=request.threads,
     )
     return evidence, handed, [*itself_by_rule(loaded.record.sha256, world), *out]
+
+
+def _filmed(
+    request: Request, profile: Profile, loaded: Loaded, evidence: Evidence
+) -> dict[str, bytes]:
+    world = profile.world()
+    if not (request.films and isinstance(world, Intersection)):
+        return {}
+    return films_of(world, loaded.policy, selected(evidence, profile.angle))
 
 
 def _without(evidence: Evidence, names: list[str]) -> Evidence:

@@ -20,6 +20,8 @@ from socialiq.audit.report.verify import content_of, differences, faults
 from socialiq.cli.auditing import Request, conduct
 from socialiq.cli.entrants import Trust
 from socialiq.cli.output import complain, print_json
+from socialiq.errors import UserError
+from socialiq.interop.plain_text import one_line
 
 
 @dataclass(frozen=True)
@@ -75,10 +77,19 @@ class Verify:
             found.append(f"{EVIDENCE} differs in the rerun")
         return found
 
+    def _source(self, report: dict[str, Any]) -> str:
+        """The policy. A report may come from anybody, so it doesn't name what is run."""
+        source = str(report["policy"]["record"]["source"])
+        if not self.policy and source.startswith(("process:", "python:")):
+            raise UserError(
+                f"this report asks to run '{one_line(source)}': if you trust that, give it as "
+                "--policy yourself"
+            )
+        return self.policy or source
+
     def _request(self, report: dict[str, Any], profile: Path) -> Request:
-        record = report["policy"]["record"]
         return Request(
-            policy=self.policy or str(record["source"]),
+            policy=self._source(report),
             profile=profile,
             episodes=report["seeds"]["episodes"],
             seed=report["seeds"]["seed"],

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from socialiq.audit.gather import gather
+from socialiq.audit.report.assemble import views_of
+from socialiq.audit.report.seals import MANIFEST, STATEMENT, sealed
 from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict import judge
 from socialiq.cli.main import main
@@ -90,8 +92,11 @@ def test_another_fails_and_one_json_object_is_printed(place, tmp_path, capsys):
 
 
 def test_too_few_episodes_decide_nothing(place, tmp_path, capsys):
-    out = tmp_path / "a"
-    assert audit(place, "egoist.safetensors", out, "--episodes", "20", "--seed", "7") == 3
+    text = (place / "profile.toml").read_text()
+    strict = tmp_path / "strict.toml"
+    strict.write_text(text.replace("max_at_fault = 0.9", "max_at_fault = 0.05"))
+    more = ["--episodes", "20", "--seed", "7"]
+    assert audit(place, "egoist.safetensors", tmp_path / "a", *more, profile=strict) == 3
     assert "too few to tell" in capsys.readouterr().out
 
 
@@ -109,25 +114,36 @@ def test_verify_finds_a_changed_byte_and_a_rerun_repeats(passed, place, tmp_path
     assert "is not the policy that was audited" in capsys.readouterr().err
 
 
-def test_a_rerun_finds_numbers_that_were_made_up(passed, tmp_path, capsys):
-    from socialiq.audit.profile import load
-    from socialiq.audit.report.assemble import views_of
-    from socialiq.audit.report.seals import MANIFEST, STATEMENT, sealed
-
-    copy = tmp_path / "copy"
-    shutil.copytree(passed, copy)
-    report = report_of(copy)
-    report["tests"]["regret"]["high"] /= 2
-    files = {path.name: path.read_bytes() for path in copy.iterdir()}
+def forged(folder, copy, report):
+    """A folder with another report, its pages made and everything hashed anew."""
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
     files = {name: one for name, one in files.items() if name not in (MANIFEST, STATEMENT)}
     files |= {"report.json": (json.dumps(report, indent=2) + "\n").encode(), **views_of(report)}
+    copy.mkdir()
     for name, content in sealed(files, report).items():
         (copy / name).write_bytes(content)
-    assert load(copy / "profile.toml").sha256 == report["hashes"]["profile"]
+
+
+def test_a_rerun_finds_numbers_that_were_made_up(passed, tmp_path, capsys):
+    report, copy = report_of(passed), tmp_path / "copy"
+    report["tests"]["regret"]["high"] /= 2
+    forged(passed, copy, report)
     assert main(["audit", "verify", str(copy)]) == 0
     capsys.readouterr()
     assert main(["audit", "verify", str(copy), "--rerun"]) == 1
     assert "report.tests.regret.high differs in the rerun" in capsys.readouterr().err
+
+
+def test_a_strangers_report_runs_no_command_of_its_own(passed, tmp_path, capsys):
+    report = report_of(passed)
+    report["policy"]["record"]["source"] = f"process:touch {tmp_path / 'touched'}"
+    copy = tmp_path / "copy"
+    forged(passed, copy, report)
+    assert main(["audit", "verify", str(copy)]) == 0
+    capsys.readouterr()
+    assert main(["audit", "verify", str(copy), "--rerun"]) == 2
+    assert "give it as --policy yourself" in capsys.readouterr().err
+    assert not (tmp_path / "touched").exists()
 
 
 @pytest.mark.parametrize(
@@ -139,6 +155,8 @@ def test_a_rerun_finds_numbers_that_were_made_up(passed, tmp_path, capsys):
         ("egoist.safetensors", ["--episodes", "many"], "--episodes"),
         ("egoist.safetensors", ["--seed", "-1"], "seed must be from 0"),
         ("egoist.safetensors", ["--threads", "0"], "threads must be at least 1"),
+        ("egoist.safetensors", ["--films"], "films are drawn of the intersection alone"),
+        ("egoist.safetensors", ["--films", "--soft"], "leave out --films or --soft"),
         ("egoist.safetensors", ["--reference", "none.safetensors"], "no such file"),
     ],
 )

@@ -14,6 +14,7 @@ from socialiq.audit.plain import as_json
 from socialiq.audit.profile import Profile
 from socialiq.audit.report.commitment import Draw
 from socialiq.audit.report.drivers import driver_row
+from socialiq.audit.report.films import path_of
 from socialiq.audit.report.limits import limits
 from socialiq.audit.report.selected import selected
 from socialiq.audit.report.surroundings import machine, package_sha256, versions
@@ -22,6 +23,8 @@ from socialiq.audit.verdict import Verdict
 FORMAT = 1
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 CLOUD = 300  # episodes drawn as points; all of them stand in episodes.csv
+
+Episodes = dict[str, list[dict[str, Any]]]
 
 _STATEMENT = (
     "Policy and declaration were read and hashed first. Only then was the seed drawn or "
@@ -43,6 +46,7 @@ class Audited:
         left_out: Names of references that are the policy itself.
         evidence: Of `gather`.
         verdict: Of `judge`.
+        films: Films by path in the folder: `films.path_of`.
         command: That repeats the audit.
         started: When.
         seconds: That it took.
@@ -57,6 +61,7 @@ class Audited:
     left_out: Sequence[str]
     evidence: Evidence
     verdict: Verdict
+    films: Mapping[str, bytes]
     command: str
     started: datetime.datetime
     seconds: float
@@ -84,7 +89,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "reference_files": list(audited.reference_files),
             "left_out": list(audited.left_out),
             "strata": by_stratum(evidence, angle, best, profile.confidence),
-            "episodes": selected(evidence, angle),
+            "episodes": _with_films(selected(evidence, angle), audited.films),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.world()),
             "seeds": _seeds(audited.drawn, evidence.episodes),
@@ -98,6 +103,16 @@ def content(audited: Audited) -> dict[str, Any]:
             "command": audited.command,
         }
     )
+
+
+def _with_films(chosen: Episodes, films: Mapping[str, bytes]) -> Episodes:
+    return {
+        kind: [
+            {**row, "film": path if (path := path_of(kind, number)) in films else None}
+            for number, row in enumerate(rows, 1)
+        ]
+        for kind, rows in chosen.items()
+    }
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:

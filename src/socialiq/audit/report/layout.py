@@ -6,17 +6,20 @@ from typing import Any
 
 from socialiq.audit.competence import CRITERIA
 from socialiq.audit.fields import SHA256_PATTERN
+from socialiq.audit.report.commitment import LARGEST_SEED
 
 Schema = dict[str, Any]
 
-NUMBER: Schema = {"type": "number"}
+LARGEST = 1e12  # of a number; none of an audit comes near, and pages can be drawn up to it
+NUMBER: Schema = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
 TEXT: Schema = {"type": "string"}
 FLAG: Schema = {"type": "boolean"}
-COUNT: Schema = {"type": "integer", "minimum": 0}
+COUNT: Schema = {"type": "integer", "minimum": 0, "maximum": LARGEST_SEED}
 SHARE: Schema = {"type": "number", "minimum": 0, "maximum": 1}
 HASH: Schema = {"type": "string", "pattern": SHA256_PATTERN}
 SEED: Schema = {"type": "string", "pattern": "^[0-9]{1,20}$"}
 DECISION: Schema = {"enum": ["pass", "fail", "inconclusive"]}
+FILM = r"^episodes/(median|worst)-[123]\.gif$"
 ANYTHING: Schema = {"type": "object"}
 REWARDS: Schema = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
 
@@ -34,7 +37,7 @@ def schema() -> Schema:
             declaration=_declaration(),
             policy=_table(record=_record(), deterministic=FLAG, means=_driver()),
             tests=_tests(),
-            references=_list(_driver(record=_or_null(_record()))),
+            references=_list(_driver(record=_or_null(_record()))) | {"minItems": 1},
             reference_files=_list(TEXT),
             left_out=_list(TEXT),
             strata=_list(_stratum()),
@@ -219,6 +222,7 @@ def _episode() -> Schema:
         value=NUMBER,
         ending=TEXT,
         decisions=COUNT,
+        film=_or_null({"type": "string", "pattern": FILM}),
     )
 
 

@@ -31,7 +31,7 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
     first = (len(order) - count) // 2
     places = {"median": order[first : first + count], "worst": order[:count]}
     return {
-        name: [_row(evidence, int(place), float(values[place])) for place in chosen]
+        name: [_row(evidence, int(place), float(values[place])) for place in chosen.tolist()]
         for name, chosen in places.items()
     }
 

@@ -113,12 +113,12 @@ def _of_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str
 
 
 def differences(old: Any, new: Any, place: str = "report") -> list[str]:
-    """Where two reports differ; times and versions are not compared.
+    """Where two reports differ; times, versions and films are not compared.
 
     Numbers must agree to the last digit: the same machine and the same versions promise that.
     """
     if isinstance(old, dict) and isinstance(new, dict):
-        names = sorted((old.keys() | new.keys()) - _NOT_COMPARED.get(place, frozenset()))
+        names = sorted((old.keys() | new.keys()) - _NOT_COMPARED.get(place, frozenset({"film"})))
         missing = object()
         return [
             one

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+Real = int | float
+"""A number as JSON gives it: a whole one may come as an int."""
+
 CRITERIA = {
     "at_fault": "drives into somebody",
     "struck": "is driven into by somebody",
@@ -18,38 +21,38 @@ VERDICTS = {
 }
 
 
-def number(value: float | None) -> str:
-    """Three significant digits; a true minus."""
+def number(value: Real | None) -> str:
+    """Three significant digits, no more than three decimals; a true minus."""
     if value is None:
         return "–"
-    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
+    text = f"{round(value, 3):.3g}" if abs(value) < 1000 else f"{value:,.0f}"
     return (text if float(text.replace(",", "")) else "0").replace("-", "−")
 
 
-def percent(share: float | None) -> str:
+def percent(share: Real | None) -> str:
     """A share as a percentage to one decimal."""
     return "–" if share is None else f"{100 * share:.1f} %".replace("-", "−")
 
 
-def degrees(angle: float | None) -> str:
+def degrees(angle: Real | None) -> str:
     """An angle to one decimal, without a decimal that is 0."""
     return "–" if angle is None else f"{round(angle, 1) + 0.0:g}°".replace("-", "−")
 
 
-def arc(low: float, high: float) -> str:
-    """An arc of angles; ends as angles in (-180, 180]."""
+def arc(low: Real, high: Real) -> str:
+    """An arc of angles, from its low end in (-180, 180] to at most 360 degrees further."""
     if high - low >= 360.0:
         return "every angle"
-    ends = [-((180.0 - end) % 360.0 - 180.0) for end in (low, high)]
-    return f"{degrees(ends[0])} to {degrees(ends[1])}"
+    first = -((180.0 - low) % 360.0 - 180.0)
+    return f"{degrees(first)} to {degrees(first + high - low)}"
 
 
-def arcs(found: Sequence[dict[str, float]]) -> str:
+def arcs(found: Sequence[dict[str, Real]]) -> str:
     """Arcs in one line."""
     return ", ".join(arc(one["low"], one["high"]) for one in found) or "none"
 
 
-def meaning(angle: float) -> str:
+def meaning(angle: Real) -> str:
     """What an angle asks of a driver."""
     own, others = "its own progress", "the ease of the others"
     exact = {

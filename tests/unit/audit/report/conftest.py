@@ -45,6 +45,7 @@ def audited(declared):
         left_out=[],
         evidence=evidence,
         verdict=judge(profile, evidence, drawn.derived("resampling")),
+        films={},
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",
         started=datetime.datetime(2026, 1, 31, 12, 0, tzinfo=datetime.UTC),
         seconds=1.5,

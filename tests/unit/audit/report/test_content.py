@@ -44,6 +44,10 @@ def test_a_report_follows_the_schema(report):
 
 
 def test_no_field_may_be_missing_or_added(plain):
+    for rows in (plain, plain["episodes"], plain["tests"]["regret"]):
+        for name in ("cloud", "strata", "references", "median", "worst"):
+            if name in rows:
+                rows[name] = rows[name][:1]
     for path in [one for one in places(plain) if one[:2] != FREE[0] and one not in FREE]:
         spot = at(plain, path)
         for name in list(spot):
@@ -70,6 +74,9 @@ def test_no_field_may_be_missing_or_added(plain):
         (("episodes", "worst"), {}),
         (("episodes", "worst", 0, "seed"), 5),
         (("limits",), [1]),
+        (("references",), []),
+        (("policy", "means", "r_env"), 1e300),
+        (("seeds", "seed"), 2**53),
         (("seeds",), None),
         (("versions", "python"), 3),
     ],

@@ -102,6 +102,7 @@ def test_words():
     assert number(-0.12345) == "−0.123" and number(12345.6) == "12,346" and number(-0.0) == "0"
     assert number(None) == "–" and percent(0.125) == "12.5 %" and degrees(141.52) == "141.5°"
     assert arcs([{"low": 281.0, "high": 406.0}]) == "−79° to 46°"
+    assert arcs([{"low": 110.0, "high": 260.5}]) == "110° to 260.5°"
     assert arcs([{"low": 0.0, "high": 360.0}]) == "every angle" and arcs([]) == "none"
     assert meaning(0.0) == "only its own progress counts"
     assert meaning(30.0).startswith("its own progress counts more")
