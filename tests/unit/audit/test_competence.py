@@ -1,11 +1,13 @@
 """The competence floor by Wilson bounds."""
 
+import numpy as np
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import binom, binomtest
 
 from socialiq.audit.competence import decision_of, floor_tests
 from socialiq.audit.decision import Decision
 from socialiq.audit.profile import Floor
+from socialiq.evaluation.statistics import wilson
 from socialiq.types import Ending
 
 FLOOR = Floor(max_at_fault=0.1, max_struck=0.1, min_arrival=0.8, max_timeout=0.1)
@@ -71,3 +73,11 @@ def test_nothing_seen_is_not_nothing(outcomes):
 def test_episodes_needed(outcomes):
     # 0.05 against 0.1 with σ² = 0.09: (2.926 * 0.3 / 0.05)² = 309
     assert by_name(outcomes, at_fault=10)["at_fault"].needed == pytest.approx(309, abs=1)
+
+
+def test_a_wrong_pass_at_the_limit_has_its_level():
+    """Exactly, by the binomial distribution: 500 episodes, truly at the limit."""
+    upper = np.array([wilson(count, 500, 0.9).high for count in range(130)])
+    for limit in (0.01, 0.02, 0.05, 0.08, 0.1, 0.2):
+        wrong = binom.pmf(np.flatnonzero(upper <= limit), 500, limit).sum()
+        assert 0.025 < wrong < 0.056, limit
