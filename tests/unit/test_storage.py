@@ -248,3 +248,11 @@ def test_a_header_that_is_not_json_is_refused(tmp_path: Path, wrapper: str) -> N
     path = tmp_path / "file"
     path.write_bytes(safetensors.numpy.save(ARRAYS, metadata={"socialiq": wrapper}))
     assert "damaged or not a demo file" in refusal(path)
+
+
+def test_kind_is_told_without_a_check(tmp_path):
+    path = tmp_path / "a.safetensors"
+    storage.save_arrays(path, "policy", 1, {"a": np.zeros(2)}, {})
+    assert storage.kind_of(path) == "policy"
+    path.write_bytes(b"\xff" * 50)
+    assert storage.kind_of(path) == storage.kind_of(tmp_path / "missing") == ""

@@ -189,8 +189,11 @@ def _flatten(values: Values, inputs: Sequence[str], attributes: Attributes) -> S
 def _reshape(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
     row, target = values.row(inputs[0]), values.constant(inputs[1])
     rest = tuple(target.ravel().tolist()[1:])
-    free = target.ndim == 1 and len(target) > 0 and target[0] in (-1, 0)
-    if not free or attributes.get("allowzero", 0) or any(one < 1 for one in rest):
+    # A 0 stands for the batch only where zeros aren't meant as such; -1 always does, since the
+    # other dimensions are checked to hold one observation.
+    known = (-1,) if attributes.get("allowzero", 0) else (-1, 0)
+    free = target.ndim == 1 and len(target) > 0 and target[0] in known
+    if not free or any(one < 1 for one in rest):
         raise GraphFault("reshapes the batch: its first new dimension must be -1 or 0")
     if len(rest) > 3 or math.prod(rest) != math.prod(row):
         raise GraphFault(f"reshapes {row} to {rest}")

@@ -77,12 +77,12 @@ def test_unknown_fields_are_refused():
 @pytest.mark.parametrize(
     "field", [inside(1, b""), inside(5, b""), inside(11, b""), inside(5, b"\x08\x01")]
 )
-def test_huge_counts_cost_nothing(crafted, field):
+def test_huge_counts_cost_nothing(crafted, without_shape_checker, field):
     content = inside(7, field * 2_000_000)
-    began = time.monotonic()
+    began = time.process_time()
     with crafted.bounded(20_000_000):
         refused(content, f"more than {MOST_FIELDS} fields")
-    assert time.monotonic() - began < 10
+    assert time.process_time() - began < 10
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,7 @@ def values():
         ("Gemm", ["x", "wt"], {"transB": 1}, (4,)),
         ("Flatten", ["image"], {}, (6,)),
         ("Reshape", ["image", "flat"], {}, (6,)),
+        ("Reshape", ["image", "flat"], {"allowzero": 1}, (6,)),
         ("Reshape", ["x", "pair"], {}, (3, 2)),
     ],
 )
@@ -66,7 +67,7 @@ def test_shapes_are_followed(values, operator, inputs, attributes, shape):
         ("Flatten", ["x"], {"axis": 0}, "flattens the batch"),
         ("Flatten", ["x"], {"axis": 2}, "flattens the batch"),
         ("Reshape", ["x", "one"], {}, "reshapes the batch"),
-        ("Reshape", ["x", "flat"], {"allowzero": 1}, "reshapes the batch"),
+        ("Reshape", ["x", "pair"], {"allowzero": 1}, "reshapes the batch"),
         ("Reshape", ["x", "tall"], {}, "reshapes"),
         ("Reshape", ["x", "c"], {}, "reshapes the batch"),
         ("Add", ["x", "many"], {}, "combines a constant of shape"),
