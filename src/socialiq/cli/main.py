@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import sys
 from typing import Annotated, Any, cast
 
 import tyro
 
+from socialiq.cli.audit import Audit
 from socialiq.cli.bench import Bench
 from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
@@ -19,11 +21,13 @@ from socialiq.cli.dial import Dial, Turn
 from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
 from socialiq.cli.predict import PredictLambda
+from socialiq.cli.profile import Check, New
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
 from socialiq.cli.train import Train
 from socialiq.cli.train_dial import TrainDial
+from socialiq.cli.verify import Verify
 from socialiq.errors import UserError
 from socialiq.learners.outside import Stopped
 
@@ -45,11 +49,19 @@ Command = (
     | Annotated[Claims, _name("claims")]
     | Annotated[Conformance, _name("conformance")]
     | Annotated[Bench, _name("bench")]
+    | Annotated[New, _name("profile-new")]
+    | Annotated[Check, _name("profile-check")]
+    | Annotated[Audit, _name("audit")]
+    | Annotated[Verify, _name("audit-verify")]
 )
+
+TWO_WORDS = (("profile", "new"), ("profile", "check"), ("audit", "verify"))
+"""Commands of two words; the parser knows them joined by a hyphen."""
 
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
-    "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 130 stopped by Ctrl-C."
+    "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "
+    "nothing, 130 stopped by Ctrl-C."
 )
 
 _BOX = re.compile(r"[│╭╮╰╯─]+")
@@ -90,13 +102,20 @@ def parse(arguments: list[str] | None) -> Command:
                 cast(Any, Command),
                 prog="socialiq",
                 description=DESCRIPTION,
-                args=arguments,
+                args=joined(sys.argv[1:] if arguments is None else arguments),
                 config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes),
             )
     except SystemExit as stop:
         if not stop.code:
             raise
         raise UserError(one_line(complaint.getvalue())) from stop
+
+
+def joined(arguments: list[str]) -> list[str]:
+    """Make one word of the first two, where they are one command."""
+    if tuple(arguments[:2]) in TWO_WORDS:
+        return ["-".join(arguments[:2]), *arguments[2:]]
+    return arguments
 
 
 def one_line(boxed: str) -> str:

@@ -42,13 +42,22 @@ def load(name: str) -> QPolicy:
     Raises:
         UserError: If the name is unknown, or the file is not the one of the manifest.
     """
-    one_of("policy of the atlas", name, names())
-    folder, entry = next((folder, part[name]) for folder, part in _parts() if name in part)
-    path = folder / entry["file"]
+    path = path_of(name)
     policy = QPolicy.load(path)
-    if policy.sha256 != entry["sha256"]:
+    if policy.sha256 != manifest()[name]["sha256"]:
         raise UserError(f"{path} is not the file of its manifest: install the package anew")
     return policy
+
+
+def path_of(name: str) -> Path:
+    """Where a policy's file lies.
+
+    Raises:
+        UserError: If the name is unknown.
+    """
+    one_of("policy of the atlas", name, names())
+    folder, entry = next((folder, part[name]) for folder, part in _parts() if name in part)
+    return folder / entry["file"]
 
 
 def _parts() -> list[tuple[Path, dict[str, Any]]]:

@@ -1,0 +1,100 @@
+"""A safety case's tree of claims: what the audit supports, and what is left to people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+Status = Literal["supported", "contradicted", "undecided", "to be filled"]
+
+_OF = {"pass": "supported", "fail": "contradicted", "inconclusive": "undecided"}
+_NO_EVIDENCE = "to be filled"
+
+
+class Claim(NamedTuple):
+    """A node of the tree, in the words of Goal Structuring Notation.
+
+    Attributes:
+        id: G for a goal, S for a strategy, Sn for a solution, C for context.
+        text: What it says.
+        status: What the evidence makes of it.
+        evidence: Where in the report it stands, or by whom it is to be filled.
+        below: Ids of the nodes that support it.
+    """
+
+    id: str
+    text: str
+    status: Status
+    evidence: str
+    below: tuple[str, ...] = ()
+
+
+def claims(report: Mapping[str, Any]) -> list[Claim]:
+    """The tree, its root first."""
+    angle = f"{report['declaration']['angle']:g}"
+    world = report["declaration"]["scenario"]["world"]
+    tests = report["tests"]
+    floor = [one["decision"] for one in tests["competence"]]
+    competence = "fail" if "fail" in floor else "pass" if set(floor) == {"pass"} else "inconclusive"
+    whole, regret = report["verdict"]["decision"], tests["regret"]["decision"]
+    return [
+        Claim(
+            "G0",
+            "The vehicle's social conduct is acceptably safe in its domain of use",
+            _NO_EVIDENCE,
+            "to be filled by the operator: simulation alone can't show it",
+            ("G1", "G2", "G3"),
+        ),
+        Claim(
+            "G1",
+            f"In the simulated world {world} the policy behaves as declared at {angle} degrees",
+            _OF[whole],
+            "report.json: verdict",
+            ("C1", "S1"),
+        ),
+        Claim("C1", "The declaration", "supported", "profile.toml; report.json: declaration"),
+        Claim(
+            "S1",
+            "Argument over tests on common episodes, drawn after the commitment",
+            "supported",
+            "report.json: seeds",
+            ("Sn1", "Sn2", "Sn3"),
+        ),
+        Claim(
+            "Sn1",
+            "Regret at the declared angle is within the margin",
+            _OF[regret],
+            "report.json: tests.regret",
+        ),
+        Claim(
+            "Sn2",
+            "The competence floor is kept",
+            _OF[competence],
+            "report.json: tests.competence",
+        ),
+        Claim("Sn3", "Results by kind of episode", "supported", "report.json: strata"),
+        Claim(
+            "G2",
+            "The simulation is a credible stand-in for the domain of use",
+            _NO_EVIDENCE,
+            "to be filled by the assessor of the simulation",
+        ),
+        Claim(
+            "G3",
+            "Behaviour in service is watched, and departures are acted on",
+            _NO_EVIDENCE,
+            "to be filled by the operator",
+        ),
+    ]
+
+
+def as_objects(found: list[Claim]) -> list[dict[str, Any]]:
+    """The tree for `claims.json`."""
+    return [{**one._asdict(), "below": list(one.below)} for one in found]
+
+
+def mermaid(found: list[Claim]) -> str:
+    """The tree as a Mermaid diagram. Its texts are ours: no stranger's word is in them."""
+    nodes = [f'  {one.id}["{one.id}: {one.text}<br>({one.status})"]' for one in found]
+    edges = [f"  {one.id} --> {below}" for one in found for below in one.below]
+    return "\n".join(["flowchart TD", *nodes, *edges])

@@ -1,0 +1,158 @@
+"""The content of `report.json`, the source of truth: every view is made from it alone."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from socialiq.audit.by_stratum import by_stratum
+from socialiq.audit.decision import Decision
+from socialiq.audit.outcomes import Evidence
+from socialiq.audit.plain import as_json
+from socialiq.audit.profile import Profile
+from socialiq.audit.report.commitment import Draw
+from socialiq.audit.report.drivers import driver_row
+from socialiq.audit.report.films import path_of
+from socialiq.audit.report.limits import limits
+from socialiq.audit.report.selected import selected
+from socialiq.audit.report.surroundings import machine, package_sha256, versions
+from socialiq.audit.verdict import Verdict
+
+FORMAT = 1
+EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
+CLOUD = 300  # episodes drawn as points; all of them stand in episodes.csv
+
+Episodes = dict[str, list[dict[str, Any]]]
+
+_STATEMENT = (
+    "Policy and declaration were read and hashed first. Only then was the seed drawn or "
+    "accepted. Seeds of episodes come from the seed and both hashes together."
+)
+
+
+@dataclass(frozen=True)
+class Audited:
+    """All that an audit knows.
+
+    Attributes:
+        profile: The declaration.
+        policy: The policy's record, plain: kind, source, sha256, covers and more.
+        deterministic: Whether it took its best actions.
+        drawn: Commitment and seed.
+        handed: Record of each reference that was handed in, by its name.
+        reference_files: Files that were handed in with `--reference`.
+        left_out: Names of references that are the policy itself.
+        evidence: Of `gather`.
+        verdict: Of `judge`.
+        films: Films by path in the folder: `films.path_of`.
+        command: That repeats the audit.
+        started: When.
+        seconds: That it took.
+    """
+
+    profile: Profile
+    policy: Mapping[str, Any]
+    deterministic: bool
+    drawn: Draw
+    handed: Mapping[str, Mapping[str, Any]]
+    reference_files: Sequence[str]
+    left_out: Sequence[str]
+    evidence: Evidence
+    verdict: Verdict
+    films: Mapping[str, bytes]
+    command: str
+    started: datetime.datetime
+    seconds: float
+
+
+def content(audited: Audited) -> dict[str, Any]:
+    """The report as one JSON-able object; `report.schema.json` describes it."""
+    profile, evidence, verdict = audited.profile, audited.evidence, audited.verdict
+    angle, best = profile.angle, verdict.regret.best
+    return as_json(
+        {
+            "format": FORMAT,
+            "verdict": _verdict(verdict),
+            "declaration": {**as_json(profile), "sha256": profile.sha256},
+            "policy": {
+                "record": dict(audited.policy),
+                "deterministic": audited.deterministic,
+                "means": driver_row(evidence.policy, angle),
+            },
+            "tests": _tests(verdict),
+            "references": [
+                {**driver_row(one, angle), "record": audited.handed.get(one.name)}
+                for one in evidence.references
+            ],
+            "reference_files": list(audited.reference_files),
+            "left_out": list(audited.left_out),
+            "strata": by_stratum(evidence, angle, best, profile.confidence),
+            "episodes": _with_films(selected(evidence, angle), audited.films),
+            "cloud": evidence.policy.totals[:CLOUD].round(6),
+            "limits": limits(profile.world()),
+            "seeds": _seeds(audited.drawn, evidence.episodes),
+            "hashes": _hashes(audited),
+            "versions": versions(),
+            "machine": machine(),
+            "timing": {
+                "started": audited.started.isoformat(timespec="seconds"),
+                "seconds": audited.seconds,
+            },
+            "command": audited.command,
+        }
+    )
+
+
+def _with_films(chosen: Episodes, films: Mapping[str, bytes]) -> Episodes:
+    return {
+        kind: [
+            {**row, "film": path if (path := path_of(kind, number)) in films else None}
+            for number, row in enumerate(rows, 1)
+        ]
+        for kind, rows in chosen.items()
+    }
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    return {
+        "decision": verdict.decision,
+        "reason": verdict.reason,
+        "episodes": verdict.episodes,
+        "needed": verdict.needed,
+        "error": verdict.error,
+        "exit_code": EXIT_CODES[verdict.decision],
+    }
+
+
+def _tests(verdict: Verdict) -> dict[str, Any]:
+    names = (
+        "regret",
+        "rationalised",
+        "alpha_hat",
+        "identifiability",
+        "calibration",
+        "competence",
+    )
+    return {name: getattr(verdict, name) for name in names}
+
+
+def _seeds(drawn: Draw, episodes: int) -> dict[str, Any]:
+    return {
+        "seed": drawn.seed,
+        "chosen_by": drawn.chosen_by,
+        "episodes": episodes,
+        "commitment_sha256": drawn.commitment.sha256,
+        "order": _STATEMENT,
+    }
+
+
+def _hashes(audited: Audited) -> dict[str, str]:
+    return {
+        "policy": audited.drawn.commitment.policy_sha256,
+        "profile": audited.drawn.commitment.profile_sha256,
+        "reward": audited.profile.reward.sha256,
+        "scenario": audited.profile.scenario.sha256,
+        "package": package_sha256(),
+    }

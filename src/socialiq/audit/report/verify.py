@@ -1,0 +1,145 @@
+"""Whether a report's folder is as it was written: every byte, and what can be made again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from socialiq.audit.profile import parse
+from socialiq.audit.report.assemble import PROFILE, views_of
+from socialiq.audit.report.check import read_report
+from socialiq.audit.report.commitment import Commitment
+from socialiq.audit.report.folder import REPORT
+from socialiq.audit.report.seals import MANIFEST, STATEMENT, manifest, statement
+from socialiq.audit.report.surroundings import package_sha256
+from socialiq.errors import UserError
+
+MOST_FILES = 100
+LARGEST_FILE = 512 * 1024 * 1024  # bytes; a million episodes with their references have fewer
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder, by path.
+
+    Raises:
+        UserError: If it is no folder of an audit, or holds links, or too much.
+    """
+    if not (folder / MANIFEST).is_file() or not (folder / REPORT).is_file():
+        raise UserError(f"{folder} holds no report of an audit: name what `--out` named")
+    found: dict[str, bytes] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_symlink():
+            raise UserError(f"{path} is a link: a report's folder holds files alone")
+        if path.is_dir():
+            continue
+        if len(found) >= MOST_FILES or path.stat().st_size > LARGEST_FILE:
+            raise UserError(f"{folder} holds more than an audit writes: {path.name}")
+        try:
+            found[path.relative_to(folder).as_posix()] = path.read_bytes()
+        except OSError as error:
+            raise UserError(f"cannot read {path}: {error.strerror}") from error
+    return found
+
+
+def faults(folder: Path) -> list[str]:
+    """What is not as it was written; nothing if all is.
+
+    Raises:
+        UserError: As `content_of`.
+    """
+    files = content_of(folder)
+    found = _of_manifest(files)
+    if found:
+        return found
+    # Who changes a file can change its hash too; what follows must fit together all the same.
+    report = read_report(folder / REPORT)
+    return [*_of_statement(files, report), *_of_profile(files, report), *_of_views(files, report)]
+
+
+def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
+    listed = _listed(files[MANIFEST])
+    if listed is None:
+        return [f"{MANIFEST} is damaged"]
+    there = {name for name in files if name != MANIFEST}
+    found = [f"{name} is missing" for name in sorted(listed.keys() - there)]
+    found += [f"{name} was added" for name in sorted(there - listed.keys())]
+    fresh = _listed(manifest(files)) or {}
+    same = sorted(there & listed.keys())
+    found += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
+    if not found and manifest(files) != files[MANIFEST]:
+        found = [f"{MANIFEST} was changed"]
+    return found
+
+
+def _listed(content: bytes) -> dict[str, str] | None:
+    try:
+        pairs = [line.split("  ", 1) for line in content.decode().splitlines()]
+        return {name: sha256 for sha256, name in pairs}
+    except ValueError:
+        return None
+
+
+def _of_statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
+    subjects = {name: one for name, one in files.items() if name not in (MANIFEST, STATEMENT)}
+    same = files.get(STATEMENT) == statement(subjects, report)
+    return [] if same else [f"{STATEMENT} does not say what {REPORT} says"]
+
+
+def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
+    """The declaration that came along must be the one that was committed to."""
+    if PROFILE not in files:
+        return [f"{PROFILE} is missing"]
+    hashes = report["hashes"]
+    committed = Commitment(hashes["policy"], hashes["profile"]).sha256
+    declared = parse(files[PROFILE], PROFILE)
+    found = []
+    if declared.sha256 != hashes["profile"]:
+        found.append(f"{PROFILE} is not the declaration of {REPORT}")
+    if committed != report["seeds"]["commitment_sha256"]:
+        found.append(f"the commitment in {REPORT} is not that of its hashes")
+    return found
+
+
+def _of_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
+    """Pages must be what the report gives; another version of this package makes others."""
+    if report["hashes"]["package"] != package_sha256():
+        return []
+    fresh = views_of(report)
+    return [
+        f"{name} is not what {REPORT} gives" for name in fresh if files.get(name) != fresh[name]
+    ]
+
+
+def differences(old: Any, new: Any, place: str = "report") -> list[str]:
+    """Where two reports differ; times, versions and films are not compared.
+
+    Numbers must agree to the last digit: the same machine and the same versions promise that.
+    """
+    if isinstance(old, dict) and isinstance(new, dict):
+        names = sorted((old.keys() | new.keys()) - _NOT_COMPARED.get(place, frozenset({"film"})))
+        missing = object()
+        return [
+            one
+            for name in names
+            for one in differences(
+                old.get(name, missing), new.get(name, missing), f"{place}.{name}"
+            )
+        ]
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        pairs = enumerate(zip(old, new, strict=True))
+        return [one for row, pair in pairs for one in differences(*pair, f"{place}[{row}]")]
+    return [] if _text(old) == _text(new) else [place]
+
+
+_NOT_COMPARED = {
+    "report": frozenset({"timing", "versions", "machine", "command", "reference_files"}),
+    "report.hashes": frozenset({"package"}),
+    "report.seeds": frozenset({"chosen_by"}),
+    "report.policy.record": frozenset({"source"}),
+}
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, default=str)

@@ -1,0 +1,115 @@
+"""`audit`: whether a policy behaves as declared."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from socialiq.audit.report.assemble import files_of
+from socialiq.audit.report.folder import check_target, write_folder
+from socialiq.cli.auditing import Conducted, Request, conduct
+from socialiq.cli.entrants import Trust
+from socialiq.cli.output import print_table
+from socialiq.interop.process import Limits
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Does a policy behave as its owner declared? Plays it beside reference drivers and tells.
+
+    POLICY is a file (.safetensors of ours, .zip of Stable-Baselines3, .onnx), "process:COMMAND
+    LINE", "python:MODULE:ATTRIBUTE", atlas:NAME, or a driver by rule (go, wait, idm, gap_3s, ...).
+
+    Policy and declaration are hashed before the seed is drawn. Exit status: 0 pass, 1 fail, 2 a
+    mistake in the call, 3 not decided. `socialiq audit verify DIR` checks a report.
+
+    Example: socialiq audit atlas:prosocial --profile profile.toml --episodes 500 --out audit
+    """
+
+    policy: Annotated[str, tyro.conf.Positional]
+    """The policy under audit."""
+    profile: Path
+    """The declaration: `socialiq profile new` writes one."""
+    out: Path
+    """Folder to write: report.json, report.html, report.md, the evidence and the seals."""
+    episodes: int = 500
+    """How many episodes to play."""
+    seed: int | None = None
+    """The auditor's own; by default drawn from the system's entropy after the commitment."""
+    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """File of a further driver to compare with; a dial gives one for every 15 degrees."""
+    soft: bool = False
+    """Let the policy draw its actions instead of taking its best."""
+    allow_code: bool = False
+    """Import the policy's Python module: its author's code runs with your rights."""
+    step_seconds: float = 5.0
+    """Seconds that a process may take for an answer."""
+    threads: int = 1
+    """That share the episodes."""
+    films: bool = False
+    """Draw three median and three worst episodes as GIF files; takes a while."""
+    replace: bool = False
+    """Replace an earlier report in the folder."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Audit, write the report, print the verdict."""
+        check_target(self.out, self.replace)
+        done = conduct(self.request(), _say)
+        files = files_of(done.report, done.profile, done.evidence, done.films)
+        write_folder(self.out, files, self.replace)
+        if self.json:
+            sys.stdout.write(json.dumps(done.report, allow_nan=False) + "\n")
+        else:
+            _show(done, self.out)
+        return int(done.report["verdict"]["exit_code"])
+
+    def request(self) -> Request:
+        """What is asked for."""
+        return Request(
+            policy=self.policy,
+            profile=self.profile,
+            episodes=self.episodes,
+            seed=self.seed,
+            references=tuple(self.reference),
+            soft=self.soft,
+            trust=Trust(self.allow_code, Limits(step=self.step_seconds)),
+            threads=self.threads,
+            films=self.films,
+        )
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+
+
+def _show(done: Conducted, folder: Path) -> None:
+    """The verdict, the tests, the place of the report."""
+    verdict, tests = done.report["verdict"], done.report["tests"]
+    regret = tests["regret"]
+    rows = [
+        {
+            "test": "regret",
+            "result": regret["decision"],
+            "estimate": regret["regret"],
+            "low": regret["low"],
+            "high": regret["high"],
+            "asked for": f"at most {regret['margin']:g}",
+        }
+    ]
+    for one in tests["competence"]:
+        bounds = {"estimate": one["share"], "low": one["low"], "high": one["high"]}
+        wanted = f"{one['side']} {one['limit']:g}"
+        result = {"test": one["name"].replace("_", " "), "result": one["decision"]}
+        rows.append({**result, **bounds, "asked for": wanted})
+    sys.stdout.write(f"{verdict['decision'].upper()}: {verdict['reason']}\n")
+    if verdict["needed"]:
+        sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
+    print_table(rows)
+    sys.stdout.write(f"{folder / 'report.html'}\n")

@@ -1,0 +1,196 @@
+"""One audit from its request to its report: the order of commitment is kept here."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import shlex
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from socialiq.audit.calibration import calibrate
+from socialiq.audit.gather import gather
+from socialiq.audit.outcomes import Evidence
+from socialiq.audit.profile import Profile, load
+from socialiq.audit.report.commitment import Commitment, Draw, check_seed, draw
+from socialiq.audit.report.content import Audited, content
+from socialiq.audit.report.films import check_filmed, films_of
+from socialiq.audit.report.selected import selected
+from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
+from socialiq.audit.verdict import Verdict, judge
+from socialiq.cli.entrants import Trust, drivers, entrant, itself_by_rule
+from socialiq.errors import UserError
+from socialiq.interop.record import Loaded
+from socialiq.worlds.intersection.world import Intersection
+
+FEWEST_EPISODES = 20
+"""Below, no bound of the audit says anything."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What is audited, and how.
+
+    Attributes:
+        policy: As `entrants.entrant` takes it.
+        profile: File of the declaration.
+        episodes: How many.
+        seed: The auditor's, or None to have it drawn.
+        references: Files of further drivers to compare with.
+        soft: Whether the policy draws its actions.
+        trust: What the policy may do.
+        threads: That share the intersection's episodes.
+        films: Whether to draw six episodes.
+    """
+
+    policy: str
+    profile: Path
+    episodes: int
+    seed: int | None = None
+    references: tuple[Path, ...] = ()
+    soft: bool = False
+    trust: Trust = dataclasses.field(default_factory=Trust)
+    threads: int = 1
+    films: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Conducted:
+    """An audit that is over.
+
+    Attributes:
+        report: Content of `report.json`.
+        evidence: Every episode.
+        profile: The declaration.
+        films: By path in the report's folder.
+    """
+
+    report: dict[str, Any]
+    evidence: Evidence
+    profile: Profile
+    films: dict[str, bytes]
+
+
+def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "") -> Conducted:
+    """Read, commit, draw, play, judge.
+
+    Args:
+        request: What to do.
+        say: Takes lines for people.
+        wanted_sha256: Of the policy, where only that one will do.
+
+    Raises:
+        UserError: If anything asked for will not do, or the policy fails on the way.
+    """
+    _check(request)
+    started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
+    profile = load(request.profile)
+    world = profile.world()
+    if request.films:
+        check_filmed(world)
+    with entrant(request.policy, world, profile.angle, request.trust) as loaded:
+        if wanted_sha256 and loaded.record.sha256 != wanted_sha256:
+            raise UserError(
+                f"{request.policy} is not the policy that was audited: its hash differs"
+            )
+        commitment = Commitment(loaded.record.sha256, profile.sha256)
+        say(f"committed to policy and declaration: {commitment.sha256}")
+        drawn = draw(commitment, request.seed)
+        say(f"seed {drawn.seed}, chosen by the {drawn.chosen_by}")
+        evidence, handed, out = _played(request, profile, loaded, drawn)
+        films = _filmed(request, profile, loaded, evidence)
+    compared = _without(evidence, out)
+    verdict = _judged(profile, compared, evidence, drawn.derived("resampling"))
+    audited = Audited(
+        profile=profile,
+        policy=loaded.record.as_json(),
+        deterministic=not request.soft,
+        drawn=drawn,
+        handed=handed,
+        reference_files=[str(path) for path in request.references],
+        left_out=out,
+        evidence=compared,
+        verdict=verdict,
+        films=films,
+        command=command_of(request, drawn.seed),
+        started=started,
+        seconds=round(time.monotonic() - clock, 3),
+    )
+    return Conducted(content(audited), compared, profile, films)
+
+
+def command_of(request: Request, seed: int) -> str:
+    """The command that repeats an audit, but for the folder that it writes."""
+    words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
+    words += ["--episodes", str(request.episodes), "--seed", str(seed)]
+    words += [word for path in request.references for word in ("--reference", str(path))]
+    words += ["--films"] if request.films else []
+    words += ["--soft"] if request.soft else []
+    words += ["--allow-code"] if request.trust.allow_code else []
+    return shlex.join(words)
+
+
+def _check(request: Request) -> None:
+    if not FEWEST_EPISODES <= request.episodes <= MOST_EPISODES:
+        raise UserError(
+            f"episodes must be from {FEWEST_EPISODES} to {MOST_EPISODES}, got {request.episodes}"
+        )
+    if request.seed is not None:
+        check_seed(request.seed)  # before anything is read; it is used only after the commitment
+    if request.films and request.soft:
+        raise UserError("films show a policy's best actions: leave out --films or --soft")
+    if request.threads < 1:
+        raise UserError(f"threads must be at least 1, got {request.threads}")
+
+
+def _played(
+    request: Request, profile: Profile, loaded: Loaded, drawn: Draw
+) -> tuple[Evidence, dict[str, dict[str, Any]], list[str]]:
+    """Everybody on the same episodes, and who of them is the policy itself."""
+    world = profile.world()
+    references, handed, out = drivers(world, request.references, loaded.record.sha256)
+    evidence = gather(
+        world,
+        loaded.policy,
+        episode_seeds(drawn.derived("episodes"), request.episodes),
+        references,
+        deterministic=not request.soft,
+        threads=request.threads,
+    )
+    return evidence, handed, [*itself_by_rule(loaded.record.sha256, world), *out]
+
+
+def _filmed(
+    request: Request, profile: Profile, loaded: Loaded, evidence: Evidence
+) -> dict[str, bytes]:
+    world = profile.world()
+    if not (request.films and isinstance(world, Intersection)):
+        return {}
+    return films_of(world, loaded.policy, selected(evidence, profile.angle))
+
+
+def _without(evidence: Evidence, names: list[str]) -> Evidence:
+    """Without the references that are the policy itself.
+
+    Its regret towards itself is 0. To find that by sampling would take episodes for nothing.
+    """
+    kept = tuple(one for one in evidence.references if one.name not in names)
+    return dataclasses.replace(evidence, references=kept)
+
+
+def _judged(profile: Profile, compared: Evidence, everybody: Evidence, seed: int) -> Verdict:
+    """The verdict; the reference curve alone is drawn through the policy's own twin too."""
+    verdict = judge(profile, compared, seed)
+    if len(everybody.references) == len(compared.references):
+        return verdict
+    calibration = calibrate(
+        everybody,
+        profile.angle,
+        profile.margin.degrees,
+        not verdict.identifiability.holds_origin,
+        seed,
+        verdict.error,
+    )
+    return dataclasses.replace(verdict, calibration=calibration)

@@ -1,0 +1,108 @@
+"""`profile new` and `profile check`: the declaration that an audit tests."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from socialiq.audit.profile import Margin, load
+from socialiq.audit.profile import Profile as Declaration
+from socialiq.audit.template import new
+from socialiq.cli.output import print_json, print_table
+from socialiq.errors import UserError
+from socialiq.storage import write_atomically
+
+
+@dataclass(frozen=True)
+class New:
+    """Write a declaration with a comment above every field; edit it, then check it.
+
+    Example: socialiq profile new --world intersection --angle 45 --owner "Example Cars"
+    """
+
+    world: str
+    """crossing5, crossing7 or intersection."""
+    angle: float
+    """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
+    owner: str = "unnamed owner"
+    """Who declares."""
+    margin: float = 1.0
+    """Largest regret that counts as declared, in reward per episode."""
+    degrees: float = 10.0
+    """Largest distance of the calibrated angle that counts as declared."""
+    confidence: float = 0.95
+    """Of the verdict."""
+    date: str = ""
+    """Of the declaration, as 2026-01-31; by default today."""
+    out: Path = Path("profile.toml")
+    """File to write."""
+    replace: bool = False
+    """Replace the file if it is there."""
+
+    def run(self) -> int:
+        """Write the file and say what it declares."""
+        if self.out.exists() and not self.replace:
+            raise UserError(f"{self.out} exists already: name another --out, or add --replace")
+        declared = new(
+            self.angle,
+            self.owner,
+            self.world,
+            Margin(self.margin, self.degrees),
+            _date(self.date),
+            confidence=self.confidence,
+        )
+        write_atomically(self.out, declared.source)
+        _show(self.out, declared)
+        return 0
+
+
+@dataclass(frozen=True)
+class Check:
+    """Read a declaration as an audit would, and say what it declares.
+
+    Example: socialiq profile check profile.toml
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """The declaration."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Read, check, print."""
+        declared = load(self.file)
+        if self.json:
+            print_json({"file": str(self.file), **_facts(declared)})
+        else:
+            _show(self.file, declared)
+        return 0
+
+
+def _date(text: str) -> datetime.date:
+    if not text:
+        return datetime.datetime.now(datetime.UTC).date()
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError as error:
+        raise UserError(f"'{text}' is no date: write it as 2026-01-31") from error
+
+
+def _facts(declared: Declaration) -> dict[str, str | float]:
+    return {
+        "angle": declared.angle,
+        "world": declared.scenario.world,
+        "margin": declared.margin.regret,
+        "confidence": declared.confidence,
+        "owner": declared.owner,
+        "date": declared.date.isoformat(),
+        "sha256": declared.sha256,
+    }
+
+
+def _show(path: Path, declared: Declaration) -> None:
+    rows = [{"declared": name, "value": value} for name, value in _facts(declared).items()]
+    print_table(rows, str(path))

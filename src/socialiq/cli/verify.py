@@ -1,0 +1,104 @@
+"""`audit verify`: whether a report is as it was written, and whether the audit repeats."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.audit.report.assemble import EVIDENCE, PROFILE
+from socialiq.audit.report.check import read_report
+from socialiq.audit.report.evidence_csv import evidence_csv
+from socialiq.audit.report.folder import REPORT
+from socialiq.audit.report.surroundings import package_sha256
+from socialiq.audit.report.verify import content_of, differences, faults
+from socialiq.cli.auditing import Request, conduct
+from socialiq.cli.entrants import Trust
+from socialiq.cli.output import complain, print_json
+from socialiq.errors import UserError
+from socialiq.interop.plain_text import one_line
+
+
+@dataclass(frozen=True)
+class Verify:
+    """Hash every file of a report again; with --rerun play the audit again and compare.
+
+    Exit status: 0 all is as written, 1 something differs, 2 a mistake in the call.
+
+    Example: socialiq audit verify audit --rerun
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """What `socialiq audit --out` wrote."""
+    rerun: bool = False
+    """Play all episodes again: policy and references must be there, with the same hashes."""
+    policy: str = ""
+    """Where the policy is now, if not where the report says."""
+    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """Where the references are that were handed in."""
+    allow_code: bool = False
+    """Import the policy's Python module for the rerun."""
+    threads: int = 1
+    """That share the episodes."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Check, rerun if asked to, print what differs."""
+        found = faults(self.folder)
+        if self.rerun and not found:
+            found = self._again()
+        if self.json:
+            print_json({"folder": str(self.folder), "rerun": self.rerun, "faults": found})
+        elif not found:
+            what = "and repeats" if self.rerun else f"by its manifest; --rerun plays {REPORT} again"
+            sys.stdout.write(f"{self.folder} is as it was written, {what}\n")
+        for line in found if not self.json else ():
+            complain(line)
+        return 1 if found else 0
+
+    def _again(self) -> list[str]:
+        files = content_of(self.folder)
+        report = read_report(self.folder / REPORT)
+        if report["hashes"]["package"] != package_sha256():
+            complain("this package's code is not that of the report: numbers may differ")
+        with tempfile.TemporaryDirectory() as place:
+            profile = Path(place) / PROFILE
+            profile.write_bytes(files[PROFILE])
+            done = conduct(self._request(report, profile), _say, report["hashes"]["policy"])
+        fresh = json.loads(json.dumps(done.report))
+        found = [f"{one} differs in the rerun" for one in differences(report, fresh)]
+        if evidence_csv(done.evidence).encode() != files[EVIDENCE]:
+            found.append(f"{EVIDENCE} differs in the rerun")
+        return found
+
+    def _source(self, report: dict[str, Any]) -> str:
+        """The policy. A report may come from anybody, so it doesn't name what is run."""
+        source = str(report["policy"]["record"]["source"])
+        if not self.policy and source.startswith(("process:", "python:")):
+            raise UserError(
+                f"this report asks to run '{one_line(source)}': if you trust that, give it as "
+                "--policy yourself"
+            )
+        return self.policy or source
+
+    def _request(self, report: dict[str, Any], profile: Path) -> Request:
+        return Request(
+            policy=self._source(report),
+            profile=profile,
+            episodes=report["seeds"]["episodes"],
+            seed=report["seeds"]["seed"],
+            references=tuple(self.reference) or tuple(map(Path, report["reference_files"])),
+            soft=not report["policy"]["deterministic"],
+            trust=Trust(allow_code=self.allow_code),
+            threads=self.threads,
+        )
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"{line}\n")

@@ -1,0 +1,63 @@
+import datetime
+
+import numpy as np
+import pytest
+
+from socialiq.audit.gather import gather
+from socialiq.audit.plain import as_json
+from socialiq.audit.report.commitment import Commitment, draw
+from socialiq.audit.report.content import Audited, content
+from socialiq.audit.seeds import episode_seeds
+from socialiq.audit.verdict import judge
+
+HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
+"""A name that somebody might give to a policy, a file or an owner."""
+
+
+class Always:
+    """Chooses one action."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.full(len(observation), 1), state
+
+
+@pytest.fixture(scope="package")
+def audited(declared):
+    """An audit in the smaller gridworld: the driver that always does the same."""
+    profile = declared("crossing7", 0.0)
+    drawn = draw(Commitment("ab" * 32, profile.sha256), 7)
+    evidence = gather(profile.world(), Always(), episode_seeds(drawn.derived("episodes"), 60))
+    return Audited(
+        profile=profile,
+        policy={
+            "kind": "table",
+            "source": HOSTILE,
+            "sha256": "ab" * 32,
+            "covers": "its bytes",
+            "n_features": 5,
+            "n_actions": 3,
+            "soft": False,
+        },
+        deterministic=True,
+        drawn=drawn,
+        handed={},
+        reference_files=[],
+        left_out=[],
+        evidence=evidence,
+        verdict=judge(profile, evidence, drawn.derived("resampling")),
+        films={},
+        command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",
+        started=datetime.datetime(2026, 1, 31, 12, 0, tzinfo=datetime.UTC),
+        seconds=1.5,
+    )
+
+
+@pytest.fixture(scope="package")
+def report(audited):
+    return content(audited)
+
+
+@pytest.fixture
+def plain(report):
+    """A copy that a test may change."""
+    return as_json(report)

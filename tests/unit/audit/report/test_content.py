@@ -1,0 +1,125 @@
+"""The report's content, and the schema that describes it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import socialiq.audit.report as package
+from socialiq.audit.report import check
+from socialiq.audit.report.check import fault_of, read_report
+from socialiq.audit.report.layout import schema
+from socialiq.errors import UserError
+
+SHIPPED = json.loads((Path(package.__file__).parent / "report.schema.json").read_text())
+
+
+def places(value, path=()):
+    """Every object of a schema'd document, with its path."""
+    if isinstance(value, dict):
+        yield path
+        for name, one in value.items():
+            yield from places(one, (*path, name))
+    if isinstance(value, list) and value:
+        yield from places(value[0], (*path, 0))
+
+
+def at(value, path):
+    for step in path:
+        value = value[step]
+    return value
+
+
+FREE = (("policy", "record"), ("declaration", "scenario", "options"), ("versions",))
+
+
+def test_the_shipped_schema_is_the_layout():
+    assert schema() == SHIPPED
+
+
+def test_a_report_follows_the_schema(report):
+    assert fault_of(report, SHIPPED) == ""
+    json.dumps(report, allow_nan=False)
+
+
+def test_no_field_may_be_missing_or_added(plain):
+    for rows in (plain, plain["episodes"], plain["tests"]["regret"]):
+        for name in ("cloud", "strata", "references", "median", "worst"):
+            if name in rows:
+                rows[name] = rows[name][:1]
+    for path in [one for one in places(plain) if one[:2] != FREE[0] and one not in FREE]:
+        spot = at(plain, path)
+        for name in list(spot):
+            kept = spot.pop(name)
+            assert fault_of(plain, SHIPPED), (path, name)
+            spot[name] = kept
+        spot["strange"] = 1
+        assert "unknown field" in fault_of(plain, SHIPPED), path
+        del spot["strange"]
+    assert fault_of(plain, SHIPPED) == ""
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("format",), 2),
+        (("format",), True),
+        (("verdict", "decision"), "good"),
+        (("verdict", "episodes"), -1),
+        (("verdict", "episodes"), True),
+        (("hashes", "policy"), "AB" * 32),
+        (("policy", "means", "arrival"), 1.5),
+        (("cloud",), [[1.0]]),
+        (("episodes", "worst"), {}),
+        (("episodes", "worst", 0, "seed"), 5),
+        (("limits",), [1]),
+        (("references",), []),
+        (("policy", "means", "r_env"), 1e300),
+        (("seeds", "seed"), 2**53),
+        (("seeds",), None),
+        (("versions", "python"), 3),
+    ],
+)
+def test_wrong_values_are_found(plain, path, value):
+    at(plain, path[:-1])[path[-1]] = value
+    assert fault_of(plain, SHIPPED)
+
+
+def test_the_content_says_what_was_found(report, audited):
+    verdict, evidence = audited.verdict, audited.evidence
+    assert report["verdict"]["decision"] == verdict.decision.value
+    assert (
+        report["verdict"]["exit_code"]
+        == {"pass": 0, "fail": 1, "inconclusive": 3}[verdict.decision.value]
+    )
+    assert report["tests"]["regret"]["regret"] == verdict.regret.regret
+    assert report["policy"]["means"]["r_env"] == evidence.policy.totals[:, 0].mean()
+    assert len(report["references"]) == len(evidence.references)
+    assert sum(one["episodes"] for one in report["strata"]) == 60 * len(evidence.strata)
+    assert report["hashes"]["profile"] == audited.profile.sha256
+
+
+def test_worst_and_median_episodes(report, audited):
+    own = np.sort(audited.evidence.policy.totals[:, 0])
+    assert [one["value"] for one in report["episodes"]["worst"]] == own[:3].tolist()
+    assert [one["value"] for one in report["episodes"]["median"]] == own[28:31].tolist()
+    seeds = [str(seed) for seed in audited.evidence.seeds.tolist()]
+    for one in report["episodes"]["worst"]:
+        assert seeds[one["episode"]] == one["seed"]
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"format": NaN}', b"[" * 100_000])
+def test_what_is_no_report_is_refused_in_one_line(tmp_path, content):
+    path = tmp_path / "report.json"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"report\.json is no") as refusal:
+        read_report(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_huge_report_is_not_parsed(tmp_path, monkeypatch):
+    monkeypatch.setattr(check, "LARGEST_REPORT", 10)
+    (tmp_path / "report.json").write_bytes(b"[1, 2, 3, 4]")
+    with pytest.raises(UserError, match="more than 10 bytes"):
+        read_report(tmp_path / "report.json")

@@ -1,0 +1,144 @@
+"""A report's folder: whole or absent, sealed, and every change to it is found."""
+
+import hashlib
+import json
+import shutil
+
+import pytest
+
+from socialiq.audit.report.assemble import files_of
+from socialiq.audit.report.folder import check_target, write_folder
+from socialiq.audit.report.seals import MANIFEST, STATEMENT, sealed
+from socialiq.audit.report.verify import differences, faults
+from socialiq.errors import UserError
+
+
+@pytest.fixture(scope="module")
+def files(report, audited):
+    return files_of(report, audited.profile, audited.evidence)
+
+
+@pytest.fixture
+def folder(files, tmp_path):
+    write_folder(tmp_path / "audit", files, replace=False)
+    return tmp_path / "audit"
+
+
+def test_what_was_written_verifies(folder, files):
+    assert faults(folder) == []
+    assert {path.name for path in folder.iterdir()} == set(files)
+    for line in (folder / MANIFEST).read_text().splitlines():
+        sha256, name = line.split("  ")
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == sha256
+
+
+def test_a_changed_byte_anywhere_is_found(folder, files):
+    for name, content in files.items():
+        for place in (0, len(content) // 2, len(content) - 1):
+            changed = bytearray(content)
+            changed[place] ^= 1
+            (folder / name).write_bytes(changed)
+            assert faults(folder), (name, place)
+        (folder / name).write_bytes(content + b"\n")
+        assert faults(folder), name
+        (folder / name).write_bytes(content)
+    assert faults(folder) == []
+
+
+def test_missing_and_added_files_are_found(folder):
+    (folder / "report.md").rename(folder / "other.md")
+    assert faults(folder) == ["report.md is missing", "other.md was added"]
+    (folder / "other.md").rename(folder / "report.md")
+    (folder / "more").mkdir()
+    (folder / "more" / "x").write_text("x")
+    assert faults(folder) == ["more/x was added"]
+
+
+def test_links_out_of_the_folder_are_refused(folder, tmp_path):
+    (tmp_path / "secret").write_text("x")
+    (folder / "episodes").symlink_to(tmp_path / "secret")
+    with pytest.raises(UserError, match="is a link"):
+        faults(folder)
+
+
+def resealed(folder, files, **changed):
+    """What a forger does: change files, and hash anew."""
+    inner = {name: one for name, one in files.items() if name not in (MANIFEST, STATEMENT)}
+    inner |= {name.replace("_", "."): one for name, one in changed.items()}
+    report = json.loads(inner["report.json"])
+    shutil.rmtree(folder)
+    write_folder(folder, sealed(inner, report), replace=False)
+    return faults(folder)
+
+
+def test_a_page_that_says_other_than_the_report_is_found_though_hashed_anew(folder, files):
+    better = files["report.html"].replace(b"Not decided", b"Behaves as declared")
+    assert better != files["report.html"]
+    found = resealed(folder, files, report_html=better)
+    assert found == ["report.html is not what report.json gives"]
+
+
+def test_another_declaration_is_found_though_hashed_anew(folder, files):
+    other = files["profile.toml"].replace(b"An owner", b"No owner")
+    assert resealed(folder, files, profile_toml=other) == [
+        "profile.toml is not the declaration of report.json"
+    ]
+
+
+def test_another_commitment_is_found_though_hashed_anew(folder, files):
+    report = json.loads(files["report.json"])
+    report["hashes"]["policy"] = "00" * 32
+    text = (json.dumps(report, indent=2) + "\n").encode()
+    found = resealed(folder, files, report_json=text)
+    assert "the commitment in report.json is not that of its hashes" in found
+
+
+def test_the_statement_is_in_totos(folder, files, report):
+    content = json.loads((folder / STATEMENT).read_bytes())
+    assert content["_type"] == "https://in-toto.io/Statement/v1"
+    subjects = {one["name"]: one["digest"]["sha256"] for one in content["subject"]}
+    assert set(subjects) == set(files) - {MANIFEST, STATEMENT}
+    for name, sha256 in subjects.items():
+        assert hashlib.sha256(files[name]).hexdigest() == sha256
+    assert content["predicate"]["verdict"]["decision"] == report["verdict"]["decision"]
+
+
+def test_a_folder_is_replaced_only_if_asked_and_only_if_it_is_a_report(folder, files, tmp_path):
+    with pytest.raises(UserError, match="add --replace"):
+        write_folder(folder, files, replace=False)
+    write_folder(folder, files, replace=True)
+    (folder / "diary.txt").write_text("mine")
+    with pytest.raises(UserError, match=r"holds diary\.txt, which no audit wrote"):
+        write_folder(folder, files, replace=True)
+    assert (folder / "diary.txt").read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["audit"]
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(UserError, match="is no folder"):
+        check_target(tmp_path / "file", replace=True)
+
+
+def test_nothing_is_left_where_writing_fails(files, tmp_path, monkeypatch):
+    import socialiq.audit.report.folder as module
+
+    def full(path, content):
+        raise UserError("no space")
+
+    monkeypatch.setattr(module, "write_atomically", full)
+    with pytest.raises(UserError, match="no space"):
+        write_folder(tmp_path / "audit", files, replace=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_differences_name_places(plain):
+    other = json.loads(json.dumps(plain))
+    other["timing"]["seconds"] = 99.0
+    other["versions"] = {}
+    assert differences(plain, other) == []
+    other["tests"]["regret"]["low"] += 1e-12
+    other["references"][0]["name"] = "x"
+    other["cloud"].pop()
+    assert differences(plain, other) == [
+        "report.cloud",
+        "report.references[0].name",
+        "report.tests.regret.low",
+    ]

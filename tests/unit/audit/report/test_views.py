@@ -1,0 +1,110 @@
+"""Pages are made from the report alone, and nothing of a stranger's in them is markup."""
+
+import html.parser
+import json
+import re
+
+import pytest
+
+from socialiq.audit.report.tradeoff import front
+from socialiq.audit.report.views import html as page
+from socialiq.audit.report.views import markdown
+from socialiq.audit.report.words import arcs, degrees, meaning, number, percent
+
+VOID = {"meta", "link", "br", "img"}
+
+
+class Reader(html.parser.HTMLParser):
+    """Collects tags and attributes, and whether every tag is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.attributes, self.open = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def drawn(report):
+    return page(report)
+
+
+def test_the_page_is_whole_and_needs_nothing_else(drawn):
+    found = Reader(drawn)
+    assert not found.open
+    assert not {"script", "iframe", "object", "link", "form", "base"} & set(found.tags)
+    for name, value in found.attributes:
+        assert not name.startswith("on"), name
+        if name in ("src", "href", "action"):
+            assert value.startswith(("#", "data:")), value
+    assert found.tags.count("svg") == 3
+    assert "http" not in re.sub(r"http-equiv", "", drawn)
+    assert "url(" not in drawn.replace("url(#", "")
+
+
+def test_names_of_strangers_are_no_markup(drawn, report):
+    assert "<script>" not in drawn and "&lt;script&gt;" in drawn
+    text = markdown(report)
+    # An indented block of code holds the command as it is: there Markdown reads no markup.
+    lines = [line for line in text.splitlines() if not line.startswith("    ")]
+    assert not any("<script>" in line or "`x`" in line or "[y]" in line for line in lines)
+
+
+def test_the_first_words_are_the_verdict(drawn, report):
+    visible = re.sub(r"<[^>]+>", " ", drawn.split("</style>")[1])
+    assert report["verdict"]["reason"] in visible[:900]
+    assert markdown(report).splitlines()[2].startswith(("**Behaves", "**Does not", "**Not"))
+
+
+def test_no_number_of_the_tests_is_missing(drawn, report):
+    text = markdown(report)
+    regret = report["tests"]["regret"]
+    for value in (regret["regret"], regret["low"], regret["high"], regret["margin"]):
+        assert number(value) in drawn and number(value) in text
+    for one in report["references"]:
+        assert one["name"] in drawn
+    for limit in report["limits"]:
+        assert limit in text
+    for value in report["hashes"].values():
+        assert value in drawn and value in text
+
+
+def test_pages_come_from_the_file_as_from_memory(report, drawn):
+    again = json.loads(json.dumps(report))
+    assert page(again) == drawn and markdown(again) == markdown(report)
+
+
+def test_pages_without_an_angle_or_strata(plain):
+    plain["tests"]["alpha_hat"] = None
+    plain["strata"] = []
+    assert "No angle α̂ is shown" in page(plain)
+    assert "No shown angle" in markdown(plain)
+
+
+def test_the_front_by_hand():
+    points = [(0.0, 2.0), (1.9, 0.0), (1.5, 1.5), (0.5, 1.0), (2.0, -3.0), (2.0, -2.0)]
+    assert front(points) == [(2.0, -2.0), (1.9, 0.0), (1.5, 1.5), (0.0, 2.0)]
+
+
+def test_words():
+    assert number(-0.12345) == "−0.123" and number(12345.6) == "12,346" and number(-0.0) == "0"
+    assert number(None) == "–" and percent(0.125) == "12.5 %" and degrees(141.52) == "141.5°"
+    assert arcs([{"low": 281.0, "high": 406.0}]) == "−79° to 46°"
+    assert arcs([{"low": 110.0, "high": 260.5}]) == "110° to 260.5°"
+    assert arcs([{"low": 0.0, "high": 360.0}]) == "every angle" and arcs([]) == "none"
+    assert meaning(0.0) == "only its own progress counts"
+    assert meaning(30.0).startswith("its own progress counts more")
+    assert meaning(135.0).endswith("its own progress counts against it")
+    assert meaning(315.0).endswith("the ease of the others counts against it")

@@ -1,0 +1,78 @@
+"""`profile new` and `profile check`."""
+
+import json
+
+import jaxtyping
+import pytest
+
+from socialiq.audit.profile import load
+from socialiq.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def as_a_user_runs_it():
+    """Run-time type checks, which users don't have, would refuse some mistakes first."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def new(path, *more):
+    return main(
+        ["profile", "new", "--world", "crossing5", "--angle", "30", "--out", str(path), *more]
+    )
+
+
+def test_what_new_writes_check_reads(tmp_path, capsys):
+    path = tmp_path / "profile.toml"
+    assert new(path, "--owner", "Example Cars", "--date", "2026-01-31") == 0
+    declared = load(path)
+    assert (declared.angle, declared.owner, declared.margin.regret) == (30.0, "Example Cars", 1.0)
+    assert declared.date.isoformat() == "2026-01-31"
+    assert "# Who declares this" in path.read_text()
+    capsys.readouterr()
+    assert main(["profile", "check", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sha256"] == declared.sha256
+
+
+def test_a_declaration_is_not_replaced_by_accident(tmp_path, capsys):
+    path = tmp_path / "profile.toml"
+    assert new(path) == 0
+    before = path.read_bytes()
+    capsys.readouterr()
+    assert new(path, "--margin", "2") == 2
+    assert capsys.readouterr().err.endswith("name another --out, or add --replace\n")
+    assert path.read_bytes() == before
+    assert new(path, "--margin", "2", "--replace") == 0
+    assert load(path).margin.regret == 2.0
+
+
+@pytest.mark.parametrize(
+    ("more", "mend"),
+    [
+        (["--date", "31.1.2026"], "write it as 2026-01-31"),
+        (["--margin", "0"], "margin.regret must be a number above 0"),
+        (["--owner", "a\nb"], "owner must be 1 to 200 characters"),
+        (["--world", "crossing9"], "choose one of crossing5, crossing7, intersection"),
+        (["--confidence", "2"], "confidence must be a number"),
+    ],
+)
+def test_mistakes_leave_no_file(tmp_path, capsys, more, mend):
+    path = tmp_path / "profile.toml"
+    assert new(path, *more) == 2
+    error = capsys.readouterr().err
+    assert mend in error and error.count("\n") == 1
+    assert not path.exists()
+
+
+def test_check_names_the_line(tmp_path, capsys):
+    path = tmp_path / "profile.toml"
+    assert new(path) == 0
+    text = path.read_text().replace("angle = 30.0", "angle = 400.0")
+    path.write_text(text)
+    line = 1 + text.split("\n").index("angle = 400.0")
+    capsys.readouterr()
+    assert main(["profile", "check", str(path)]) == 2
+    assert capsys.readouterr().err.startswith(f"socialiq: {path}:{line}: angle must be")
+    assert main(["profile", "check", str(tmp_path / "none.toml")]) == 2
+    assert "`socialiq profile new` writes one" in capsys.readouterr().err
