@@ -7,8 +7,8 @@ from typing import Any, Literal, NamedTuple
 
 Status = Literal["supported", "contradicted", "undecided", "to be filled"]
 
-_OF = {"pass": "supported", "fail": "contradicted", "inconclusive": "undecided"}
-_NO_EVIDENCE = "to be filled"
+_OF: dict[str, Status] = {"pass": "supported", "fail": "contradicted", "inconclusive": "undecided"}
+_NO_EVIDENCE: Status = "to be filled"
 
 
 class Claim(NamedTuple):
