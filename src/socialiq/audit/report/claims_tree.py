@@ -7,11 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 Status = Literal["supported", "contradicted", "undecided", "to be filled"]
 
-_OF: Mapping[str, Status] = {
-    "pass": "supported",
-    "fail": "contradicted",
-    "inconclusive": "undecided",
-}
+_OF: dict[str, Status] = {"pass": "supported", "fail": "contradicted", "inconclusive": "undecided"}
 _NO_EVIDENCE: Status = "to be filled"
 
 
