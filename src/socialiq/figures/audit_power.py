@@ -33,7 +33,7 @@ def coverage(results: Results) -> Figure:
     axes.set_xlabel("percentage points above what is promised")
     audits, episodes = results.config["replications"], results.config["episodes"]
     title = f"{audits:,} audits of {episodes} episodes (grey: within 2 points; open: may be above)"
-    axes.set_title(title, fontsize=10)
+    drawn.suptitle(title, fontsize=10)
     plain(axes)
     return drawn
 
@@ -47,12 +47,12 @@ def verdicts(results: Results) -> Figure:
     for kind, color in _COLORS.items():
         widths = [100 * row[kind] for row in rows]
         bars = axes.barh([row["case"] for row in rows], widths, left=left, color=color, label=kind)
-        shown = [f"{width:.1f}" if width >= 1.5 else "" for width in widths]
+        shown = [f"{width:.1f}" if width >= 4 else "" for width in widths]
         axes.bar_label(bars, shown, label_type="center", fontsize=8)
         left = [a + b for a, b in zip(left, widths, strict=True)]
     axes.set(xlabel="% of audits", xlim=(0, 100))
     axes.invert_yaxis()
     drawn.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     audits, episodes = results.config["replications"], results.config["episodes"]
-    axes.set_title(f"{audits:,} audits of {episodes} episodes for each case", fontsize=10)
+    drawn.suptitle(f"{audits:,} audits of {episodes} episodes for each case", fontsize=10)
     return drawn
