@@ -104,7 +104,7 @@ def _panel(scale: Scale, mean: Point, **parts: Any) -> Panel:
     return Panel(
         box=box,
         x_ticks=scale.ticks(0, 7),
-        y_ticks=scale.ticks(1, 5),
+        y_ticks=scale.ticks(1, 7),
         zero=zero if seen else None,
         mean=scale.at(*mean),
         **parts,
