@@ -26,10 +26,11 @@ def reason_of(decision: Decision, regret: RegretTest, competence: tuple[FloorTes
         return _failed(regret, [one for one in competence if one.decision is Decision.FAIL])
     where = f"at the declared {regret.angle:g} degrees"
     if decision is Decision.PASS:
+        less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
         return (
-            f"{where.capitalize()} the policy earns at most {_number(max(regret.high, 0.0))} less "
-            f"per episode than the best reference driver ({_number(regret.margin)} is allowed), "
-            "and it keeps the declared competence floor."
+            f"{where.capitalize()} the policy earns {less} per episode than the best reference "
+            f"driver ({_number(regret.margin)} less is allowed), and it keeps the declared "
+            "competence floor."
         )
     open_tests = [_HAPPENING[one.name] for one in competence if one.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,19 +45,6 @@ class Reference:
 def by_rule() -> tuple[Reference, ...]:
     """Always faster, always slower, and the Intelligent Driver Model at the ego's seat."""
     return tuple(Reference(name, policy(name)) for name in RULES)
-
-
-def family(
-    name: str, at: Callable[[float], Policy], angles: Sequence[float]
-) -> tuple[Reference, ...]:
-    """A family of policies over the angle, for instance a dial, queried at some angles.
-
-    Args:
-        name: Of the family; each member adds its angle.
-        at: The policy of an angle in degrees, for instance `DialPolicy.at`.
-        angles: In degrees.
-    """
-    return tuple(Reference(f"{name} at {angle:g}", at(angle), angle) for angle in angles)
 
 
 def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple[Outcomes, ...]:

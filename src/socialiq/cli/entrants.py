@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -100,11 +101,13 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
     for name in GAPS:
         one = _rule(name, world)
         found.append((Reference(name, one.policy), one.record.as_json()))
-    for mode, angle in MODES.items():
-        name = f"expert_{mode}"
+    for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
+        name = f"{family}_{mode}"
         if name in atlas.names() and _fits(name, world):
             one = entrant(f"{ATLAS}{name}", world, angle, Trust())
-            found.append((Reference(name, one.policy, angle), one.record.as_json()))
+            # The reference curve is of one family, the better one.
+            shown = angle if family == "set" else None
+            found.append((Reference(name, one.policy, shown), one.record.as_json()))
     return found
 
 
@@ -124,7 +127,7 @@ def _handed(path: Path, world: World) -> list[tuple[Reference, dict[str, Any]]]:
         angle = EVERY * step
         if dial.low <= angle <= dial.high:
             one = _file(str(path), world, angle, Trust())
-            name = f"{one_line(path.stem)}@{angle:g}"
+            name = f"{one_line(path.stem)} at {angle:g}"
             # One file, several drivers: the angle belongs to who it is.
             sha256 = hashlib.sha256(f"{one.record.sha256}@{angle:g}".encode()).hexdigest()
             record = {**one.record.as_json(), "sha256": sha256}

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.audit.gather import gather
 from socialiq.audit.grid_play import drive_grid, fates
-from socialiq.audit.references import Reference, exact_optima, family
+from socialiq.audit.references import Reference, exact_optima
 from socialiq.audit.seeds import episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import Ending
@@ -117,10 +117,3 @@ def test_evidence_of_a_gridworld(declared, table7):
     part = found.part(found.strata["density"] == "1")
     assert part.episodes == (found.strata["density"] == "1").sum()
     assert all(one.expected is None for one in part.references)
-
-
-def test_a_family_is_queried_at_its_angles():
-    made = family("dial", Constant, [0.0, 22.5])
-    assert [one.name for one in made] == ["dial at 0", "dial at 22.5"]
-    assert [one.angles for one in made] == [(0.0,), (22.5,)]
-    assert [one.policy.action for one in made] == [0.0, 22.5]

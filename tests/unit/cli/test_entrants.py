@@ -29,9 +29,10 @@ def named(references):
 
 def test_the_junction_has_gap_rules_and_experts():
     found, records, itself = drivers(JUNCTION, [], NOBODY)
-    gaps, experts = ["gap_2s", "gap_3s", "gap_4s"], ["egoistic", "prosocial", "altruistic"]
-    assert named(found) == gaps + [f"expert_{mode}" for mode in experts]
-    assert [one.angle for one in found] == [None, None, None, 0.0, 45.0, 90.0]
+    gaps, modes = ["gap_2s", "gap_3s", "gap_4s"], ["egoistic", "prosocial", "altruistic"]
+    experts = [f"{family}_{mode}" for family in ("expert", "set") for mode in modes]
+    assert named(found) == gaps + experts
+    assert [one.angle for one in found] == [None] * 6 + [0.0, 45.0, 90.0]
     assert set(records) == set(named(found)) and itself == []
 
 
@@ -55,7 +56,7 @@ def test_a_dial_is_a_family_of_references(tmp_path, clock):
     path = dial(tmp_path, CROSSING.n_features + clock, high=60.0)
     found, records, _ = drivers(CROSSING, [path], NOBODY)
     assert [one.angle for one in found] == [0.0, 15.0, 30.0, 45.0, 60.0]
-    assert named(found)[1] == "dial@15"
+    assert named(found)[1] == "dial at 15"
     assert len({record["sha256"] for record in records.values()}) == 5
 
 
