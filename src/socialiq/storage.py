@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -187,3 +188,36 @@ def _padded_with_spaces(path: Path) -> bool:
     with path.open("rb") as file:
         length = int.from_bytes(file.read(8), "little")
         return file.read(length).rstrip(b" ").endswith(b"}")
+
+
+def part_beside(folder: Path) -> Path:
+    """An empty folder in which to write what shall become this one, whole (`swap_folder`).
+
+    Raises:
+        UserError: If it can't be made.
+    """
+    try:
+        return Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    except OSError as error:
+        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
+
+
+def swap_folder(part: Path, folder: Path) -> None:
+    """Put a finished folder in place; an old one goes only after that, and comes back on failure.
+
+    Raises:
+        UserError: If it can't be done; what was there is there again then.
+    """
+    old = part.with_name(f"{part.name}.old")
+    try:
+        if folder.exists():
+            folder.rename(old)
+        try:
+            part.rename(folder)
+        except OSError:
+            if old.exists():
+                old.rename(folder)
+            raise
+    except OSError as error:
+        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
+    shutil.rmtree(old, ignore_errors=True)

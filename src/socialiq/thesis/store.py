@@ -9,14 +9,20 @@ import io
 import math
 import platform
 import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError
-from socialiq.storage import new_folder, read_json, write_atomically, write_json
+from socialiq.storage import (
+    new_folder,
+    part_beside,
+    read_json,
+    swap_folder,
+    write_atomically,
+    write_json,
+)
 
 Row = dict[str, Any]
 
@@ -94,7 +100,7 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         UserError: If the folder exists and may not be replaced, or can't be written.
     """
     check_target(folder, replace)
-    part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    part = part_beside(folder)
     try:
         head = {"study": results.study, "versions": results.versions, "config": results.config}
         write_json(part / "config.json", head)
@@ -107,18 +113,9 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
             (part / name).parent.mkdir(exist_ok=True)
             write_atomically(part / name, content)
         part.chmod(0o755)
-        _swap(part, folder)
+        swap_folder(part, folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-
-
-def _swap(part: Path, folder: Path) -> None:
-    """Put the new folder in place; the old one goes only after that."""
-    old = part.with_name(f"{part.name}.old")
-    if folder.exists():
-        folder.rename(old)
-    part.rename(folder)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def check_target(folder: Path, replace: bool) -> None:
@@ -128,23 +125,15 @@ def check_target(folder: Path, replace: bool) -> None:
         UserError: If it exists with something in it and may not be replaced, would replace
             something that is no results folder, or can't be made there.
     """
-    _check_parent(folder)
+    if not folder.parent.is_dir():
+        new_folder(folder.parent)
+    part_beside(folder).rmdir()  # whether it can be written there
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
     if not replace:
         raise UserError(f"{folder} exists already: name a new folder, or add --replace")
     if not (folder / "summary.json").is_file():
         raise UserError(f"{folder} is not a results folder: it is not replaced; name another")
-
-
-def _check_parent(folder: Path) -> None:
-    """Make the folder that will hold `folder`, and try whether it can be written."""
-    if not folder.parent.is_dir():
-        new_folder(folder.parent)
-    try:
-        Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.")).rmdir()
-    except OSError as error:
-        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
 
 
 def load(folder: Path) -> Results:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from socialiq.audit.report.seals import MANIFEST
 from socialiq.errors import UserError
-from socialiq.storage import new_folder, write_atomically
+from socialiq.storage import new_folder, part_beside, swap_folder, write_atomically
 
 REPORT = "report.json"
 
@@ -23,7 +22,7 @@ def check_target(folder: Path, replace: bool) -> None:
     """
     if not folder.parent.is_dir():
         new_folder(folder.parent)
-    _part(folder).rmdir()
+    part_beside(folder).rmdir()  # whether it can be written there
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise UserError(f"{folder} is no folder: name another --out")
     if not folder.exists() or not any(folder.iterdir()):
@@ -49,13 +48,13 @@ def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> Non
         UserError: As `check_target`; what was there stays then.
     """
     check_target(folder, replace)
-    part = _part(folder)
+    part = part_beside(folder)
     try:
         for name, content in files.items():
             (part / name).parent.mkdir(parents=True, exist_ok=True)
             write_atomically(part / name, content)
         part.chmod(0o755)
-        _swap(part, folder)
+        swap_folder(part, folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
@@ -69,27 +68,3 @@ def _strange(folder: Path) -> str:
     files = (path for path in sorted(folder.rglob("*")) if not path.is_dir())
     names = (path.relative_to(folder).as_posix() for path in files)
     return next((name for name in names if name not in written), "")
-
-
-def _part(folder: Path) -> Path:
-    try:
-        return Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
-    except OSError as error:
-        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
-
-
-def _swap(part: Path, folder: Path) -> None:
-    """Put the new folder in place; the old one goes only after that, and comes back on failure."""
-    old = part.with_name(f"{part.name}.old")
-    try:
-        if folder.exists():
-            folder.rename(old)
-        try:
-            part.rename(folder)
-        except OSError:
-            if old.exists():
-                old.rename(folder)
-            raise
-    except OSError as error:
-        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
-    shutil.rmtree(old, ignore_errors=True)
