@@ -59,9 +59,8 @@ def peer_steps_per_second() -> float:
     from stable_baselines3 import DQN
     from stable_baselines3.common.vec_env import SubprocVecEnv
 
-    import socialiq  # noqa: F401  registers the worlds
-
     def make() -> Any:
+        import socialiq  # noqa: F401  registers the worlds, in a process that starts from nothing
 
         return gymnasium.make("socialiq/Intersection-v1", back_end="highway_env")
 

@@ -19,7 +19,8 @@ from socialiq.thesis import (
     store,
     worlds,
 )
-from socialiq.thesis.intersection.stages import BATCH, Evaluation, Recording
+from socialiq.thesis.intersection.pools import Recording
+from socialiq.thesis.intersection.stages import BATCH, Evaluation
 from socialiq.thesis.priors.config import EPISODES_EACH, Config
 from socialiq.thesis.priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS

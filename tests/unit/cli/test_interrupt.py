@@ -16,6 +16,8 @@ SETTINGS = ["--world", "crossing7", "--seed", "1", "2", "--updates", "4000", "--
 
 def start(*arguments):
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    # It has to compute as this process does, to the last bit.
+    environment.pop("JAX_DISABLE_MOST_OPTIMIZATIONS", None)
     command = [sys.executable, "-c", "from socialiq.cli.main import main; raise SystemExit(main())"]
     return subprocess.Popen(
         [*command, *map(str, arguments)],

@@ -62,7 +62,7 @@ class Config:
             one_of("part", part, PARTS)
         one_of("mixture", self.mixture, tuple(MIXTURES))
         for name, value in vars(self).items():
-            least = 0 if name == "highway_episodes" else 1
+            least = 0 if name in ("highway_episodes", "expert_seed") else 1
             if isinstance(value, int) and value < least:
                 raise UserError(f"{name} must be at least {least}, got {value}")
             if isinstance(value, tuple) and not value:

@@ -5,8 +5,9 @@ highway-env's classes are subclassed, never changed: an episode of the populatio
 draw for draw, the episode of a plain `IntersectionEnv` with the same configuration and seed.
 
 It doesn't repeat itself to the last bit between CPUs with and without AVX-512: there numpy takes
-other routines for arcsin, arctan, tan and power, an ulp apart, and stopping vehicles magnify that.
-Set NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512_ICL" before Python starts to get the portable routines.
+other routines for arcsin, arctan, tan and power, and OpenBLAS another order for sums, an ulp apart,
+and stopping vehicles magnify that. The variables of `conformance.PORTABLE`, set before Python
+starts, give the portable ones.
 """
 
 from __future__ import annotations
