@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.learners.outside import Clock
@@ -57,9 +58,10 @@ class Conformance:
             return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
         found = self.compare(options)
         if self.json:
-            print_json(found)
+            print(json.dumps(found))  # to the last bit, where other commands round
         else:
-            print_table([{"compared": name, "value": value} for name, value in found.items()])
+            rows = [{"compared": name, "value": str(value)} for name, value in found.items()]
+            print_table(rows)
         forgiven = {"episodes", "steps"} | (_DEVIATIONS if self.default_numpy else set())
         return int(any(value > 0 for name, value in found.items() if name not in forgiven))
 
