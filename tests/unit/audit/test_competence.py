@@ -81,3 +81,15 @@ def test_a_wrong_pass_at_the_limit_has_its_level():
     for limit in (0.01, 0.02, 0.05, 0.08, 0.1, 0.2):
         wrong = binom.pmf(np.flatnonzero(upper <= limit), 500, limit).sum()
         assert 0.025 < wrong < 0.056, limit
+
+
+def test_a_wrong_fail_of_a_rare_event_is_up_to_twice_as_likely_as_promised():
+    """Exactly, as above: Wilson's lower bound errs for rare events, and docs/audit.md says so."""
+    promised = 0.05 / 8
+    lower = np.array([wilson(count, 500, 1 - 2 * promised).low for count in range(501)])
+    wrong = {
+        limit: binom.pmf(np.flatnonzero(lower > limit), 500, limit).sum()
+        for limit in (0.005, 0.01, 0.02, 0.05, 0.1)
+    }
+    assert max(wrong.values()) == wrong[0.005] == pytest.approx(0.0139, abs=1e-4)
+    assert wrong[0.1] < 1.5 * promised
