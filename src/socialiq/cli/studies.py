@@ -22,6 +22,7 @@ from socialiq.figures import competence as competence_figures
 from socialiq.figures import dial as dial_figures
 from socialiq.figures import grid as grid_figures
 from socialiq.figures import intersection as intersection_figures
+from socialiq.figures import intersection_ahead as intersection_ahead_figures
 from socialiq.figures import intersection_dial as intersection_dial_figures
 from socialiq.figures import intersection_networks as intersection_networks_figures
 from socialiq.figures import intersection_world as intersection_world_figures
@@ -44,6 +45,7 @@ from socialiq.thesis import (
 from socialiq.thesis.competence import study as competence
 from socialiq.thesis.dial import study as dial
 from socialiq.thesis.experts import MODES
+from socialiq.thesis.intersection import ahead as intersection_ahead
 from socialiq.thesis.intersection import networks as intersection_networks
 from socialiq.thesis.intersection import study as intersection
 from socialiq.thesis.intersection_dial import study as intersection_dial
@@ -77,6 +79,9 @@ STUDIES = {
     "intersection-networks": Study(
         intersection_networks, intersection_networks_figures.draw, "policies", True
     ),
+    "intersection-ahead": Study(
+        intersection_ahead, intersection_ahead_figures.draw, "policies", True
+    ),
     "intersection-dial": Study(intersection_dial, intersection_dial_figures.draw, "families", True),
     "audit-power": Study(audit_power, audit_power_figures.draw, "verdicts"),
     "theory": Study(theory, theory_figures.draw, "predicted"),
@@ -96,9 +101,9 @@ class Reproduce:
 
     study: Annotated[str, tyro.conf.Positional]
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
-    (D); theory, its predictions held against training; dial, competence, intersection-dial and
-    intersection-networks, which go beyond it; audit-power, what an audit is worth; or
-    classic-control, an outside check."""
+    (D); theory, its predictions held against training; dial, competence, intersection-dial,
+    intersection-networks and intersection-ahead, which go beyond it; audit-power, what an audit is
+    worth; or classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()
@@ -204,7 +209,7 @@ def show(results: Results) -> None:
     elif results.study == "intersection":
         for rows, title in intersection_tables(results):
             print_table(rows, title)
-    elif results.study == "intersection-networks":
+    elif results.study in ("intersection-networks", "intersection-ahead"):
         shown = ("policy", *intersection_networks.SHARES)
         rows = [{key: row[key] for key in shown} for row in results.tables["policies"]]
         print_table(rows, "shares of episodes; foresight: with one look at the true future")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -29,7 +32,14 @@ def egoists(results: Results) -> Figure:
         if parts[1] == "egoistic"
     ]
     drawn, panels = dots(every, 3.0)
-    target = results.summary["target"]
+    with_target(panels, results.summary["target"])
+    title = "Intersection: the egoist by network (dashed: what a good one should reach)"
+    drawn.suptitle(f"{title}\n{described(every)} (dot: a seed, bar: mean)", fontsize=10)
+    return drawn
+
+
+def with_target(panels: Sequence[Axes], target: Mapping[str, float]) -> None:
+    """Draw what a good egoist should reach into a panel of collisions and one of arrivals."""
     for axes, metric in zip(panels, ("collision", "arrival"), strict=True):
         limit = 100 * target[metric]
         axes.axvline(limit, color="#333333", linestyle="--", linewidth=1)
@@ -37,9 +47,6 @@ def egoists(results: Results) -> Figure:
             f"{limit:g} %", (limit, 1), (3, 2), xycoords=("data", "axes fraction"),
             textcoords="offset points", fontsize=8,
         )  # fmt: skip
-    title = "Intersection: the egoist by network (dashed: what a good one should reach)"
-    drawn.suptitle(f"{title}\n{described(every)} (dot: a seed, bar: mean)", fontsize=10)
-    return drawn
 
 
 def learning(results: Results) -> Figure:

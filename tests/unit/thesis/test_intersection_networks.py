@@ -52,7 +52,7 @@ def test_the_summary_is_of_the_egoists_of_each_network(results):
     [(0.95, 0.04, True), (0.949, 0.04, False), (0.95, 0.041, False)],
 )
 def test_the_target_has_two_sides(arrival, collision, reaches):
-    assert networks._reaches({"arrival": arrival, "collision": collision}) is reaches
+    assert networks.reaches({"arrival": arrival, "collision": collision}) is reaches
 
 
 def test_networks_are_compared_in_pairs(results):

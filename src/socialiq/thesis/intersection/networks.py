@@ -152,7 +152,7 @@ def _summary(
     """Egoists over their seeds, how many reach the target, and the trio that sees a set."""
     found: dict[str, Any] = {"egoists": {}, "target": TARGET}
     for network, mine in egoists.items():
-        group: dict[str, Any] = {"seeds": len(mine), "reach_target": sum(map(_reaches, mine))}
+        group: dict[str, Any] = {"seeds": len(mine), "reach_target": sum(map(reaches, mine))}
         for name in SHARES:
             values = [row[name] for row in mine]
             group[name] = {
@@ -170,5 +170,7 @@ def _summary(
     return found
 
 
-def _reaches(row: Row) -> bool:
+def reaches(row: Row) -> bool:
+    """Whether a policy is as good as a good egoist should be."""
+    """Whether a policy is as good as a good egoist should be."""
     return row["arrival"] >= TARGET["arrival"] and row["collision"] <= TARGET["collision"]

@@ -57,7 +57,7 @@ def spawn(episode, vehicles, along, position_spread, speed_spread, probability, 
             return
     heading = heading_at(lane, along)
     vehicle = _enter(episode, vehicles, x, y, heading, speed, origin, destination, settings.tie)
-    _draw_driver(episode, vehicle, settings)
+    draw_driver(episode, vehicle, settings)
 
 
 @kernel
@@ -92,7 +92,7 @@ def _enter(episode, vehicles, x, y, heading, speed, origin, destination, tie):
 
 
 @kernel
-def _draw_driver(episode, vehicle, settings):
+def draw_driver(episode, vehicle, settings):
     """Draw the parameters that the population varies, in its fields' order."""
     vehicle.exponent = 3.5 + 1.0 * stream.uniform(episode)
     vehicle.desired_speed = _draw(episode, settings.population[0])

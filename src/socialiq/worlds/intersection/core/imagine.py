@@ -1,0 +1,169 @@
+"""A state that fits what the ego sees, with what it doesn't see drawn at random."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+
+from socialiq.worlds.intersection.core import stream
+from socialiq.worlds.intersection.core.angles import wrap_to_pi
+from socialiq.worlds.intersection.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.intersection.core.ego import route_coordinate, speed_index
+from socialiq.worlds.intersection.core.geometry import (
+    APPROACH,
+    EXIT,
+    LANES,
+    ROUTES,
+    SPEED_LIMIT,
+    closest_lane,
+    heading_at,
+    lateral,
+    longitudinal,
+)
+from socialiq.worlds.intersection.core.rules import enforce
+from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver
+from socialiq.worlds.intersection.core.traffic import clip, follow_road
+from socialiq.worlds.intersection.interface import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.state import Contact
+
+HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second
+ROUTE_SCALE = 0.2  # m or rad of misfit by which one way across becomes e times less likely
+
+_NO_CONTACT = int(Contact.NONE)
+
+
+@kernel
+def imagine(observation, episode, vehicles, settings):
+    """Write a state that would be seen so.
+
+    Drawn are the others' destinations and parameters, and the random numbers to come. Nobody is
+    imagined who isn't seen, nobody has crashed, and nobody's clock runs out.
+
+    Args:
+        observation: Rows of seven, the ego first.
+        episode: EPISODE record, its stream begun; the rest is overwritten.
+        vehicles: VEHICLE records, overwritten as far as there are rows with a vehicle.
+        settings: SETTINGS record.
+    """
+    count = 0
+    for row in range(len(observation)):
+        if observation[row, 0] < 0.5:
+            break
+        _place(observation[row], vehicles[row], settings.tie)
+        vehicles[row].identity = row
+        _route(episode, vehicles[row], settings.destination if row == 0 else 0)
+        if row == 0:
+            speed = vehicles[row].speed
+            vehicles[row].target_speed = settings.target_speeds[speed_index(speed, settings)]
+        else:
+            draw_driver(episode, vehicles[row], settings)
+            _wish(episode, vehicles[row])
+        follow_road(vehicles[row])
+        count += 1
+    episode.time = 0.0
+    episode.sub_steps = settings.warm_up
+    episode.vehicles = count
+    episode.ego = 0
+    episode.start = route_coordinate(vehicles[0])
+    episode.next_identity = count
+    episode.contact = _NO_CONTACT
+    episode.touched = -1
+    enforce(vehicles, count, 0, settings.tie)
+
+
+@kernel
+def _wish(episode, vehicle):
+    """Set the target speed: that of who rolls is what it drives, that of who is held is drawn.
+
+    Who hasn't yielded yet wants the speed it entered at; who has, wants the limit.
+    """
+    if vehicle.speed > HELD_BELOW:
+        vehicle.target_speed = min(vehicle.speed, SPEED_LIMIT)
+    elif stream.uniform(episode) < 0.5:
+        vehicle.target_speed = SPEED_LIMIT
+    else:
+        vehicle.target_speed = clip(ENTRY_SPEED + stream.normal(episode), 0.0, SPEED_LIMIT)
+    vehicle.target_speed = min(vehicle.target_speed, vehicle.desired_speed)
+
+
+@kernel
+def _place(row, vehicle, tie):
+    """Put a vehicle where it is seen, as nobody in particular."""
+    vehicle.x, vehicle.y = row[1] * POSITION_RANGE, row[2] * POSITION_RANGE
+    vehicle.heading = math.atan2(row[6], row[5])
+    vehicle.along_x, vehicle.along_y = math.cos(vehicle.heading), math.sin(vehicle.heading)
+    along = row[3] * vehicle.along_x + row[4] * vehicle.along_y
+    vehicle.speed = along * SPEED_RANGE
+    vehicle.steering = 0.0
+    vehicle.acceleration = 0.0
+    vehicle.desired_speed = math.inf
+    vehicle.push_x = 0.0
+    vehicle.push_y = 0.0
+    vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, 0, tie)
+    vehicle.yielding = False
+    vehicle.crashed = False
+    vehicle.pushed = False
+
+
+@kernel
+def _route(episode, vehicle, destination):
+    """Set origin, destination and leg by the lane; a destination that is open (0) is drawn."""
+    corner, kind = vehicle.lane // 5, vehicle.lane % 5
+    vehicle.target_lane = vehicle.lane
+    if kind == EXIT:
+        vehicle.destination = (corner + 3) % 4
+        vehicle.origin = (corner + 1) % 4
+        vehicle.leg = 2
+        return
+    vehicle.origin = corner
+    vehicle.leg = 0 if kind == APPROACH else 1
+    vehicle.destination = (corner + destination) % 4
+    if destination == 0:
+        vehicle.destination = (corner + _turn(episode, vehicle, corner, kind)) % 4
+    if kind != APPROACH:
+        vehicle.target_lane = ROUTES[vehicle.origin, vehicle.destination, 1]
+
+
+@kernel
+def _turn(episode, vehicle, corner, kind):
+    """Draw where a vehicle goes: 1 left, 2 straight on, 3 right, as arms are numbered."""
+    weights = np.ones(3)
+    if kind != APPROACH:
+        for place in range(3):
+            lane = LANES[ROUTES[corner, (corner + 1 + place) % 4, 1]]
+            along = longitudinal(lane, vehicle.x, vehicle.y)
+            misfit = abs(lateral(lane, vehicle.x, vehicle.y))
+            misfit += abs(wrap_to_pi(vehicle.heading - heading_at(lane, along)))
+            weights[place] = math.exp(-misfit / ROUTE_SCALE)
+    drawn = stream.uniform(episode) * weights.sum()
+    for place in range(2):
+        drawn -= weights[place]
+        if drawn < 0:
+            return 1 + place
+    return 3
+
+
+def _entry(sources: int):
+    @entry_point
+    def run(observations, entropy, episodes, vehicles, settings):
+        for row in numba.prange(len(observations)):
+            stream.seed(episodes[row], entropy[row])
+            imagine(observations[row], episodes[row], vehicles[row], settings[0])
+        return sources
+
+    return run
+
+
+run: Any = _entry(fingerprint())
+"""Write a state for each observation.
+
+Args:
+    observations: (rows, vehicles seen, 7), float32.
+    entropy: Seed of each row's stream, uint64.
+    episodes: EPISODE records, overwritten, (rows,).
+    vehicles: VEHICLE records, overwritten, (rows, capacity).
+    settings: SETTINGS record in an array of one.
+"""
