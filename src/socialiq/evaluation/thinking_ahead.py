@@ -9,6 +9,7 @@ Programming, section 6.1).
 
 from __future__ import annotations
 
+import zlib
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -44,6 +45,7 @@ class ThinkingAhead:
         angle: At which rewards are scored, in degrees: that of the network.
         draws: States drawn for each observation.
         decisions: Decisions played out in each, the first one included.
+        doubt: Standard errors, over the draws, by which an action must beat the network's own.
         discount: γ of the network.
 
     Raises:
@@ -55,15 +57,17 @@ class ThinkingAhead:
         policy: Valued,
         options: Options,
         angle: float,
-        draws: int = 8,
-        decisions: int = 4,
+        draws: int = 16,
+        decisions: int = 3,
+        doubt: float = 1.0,
         discount: float = 0.99,
     ) -> None:
         for name, value in (("draws", draws), ("decisions", decisions)):
             if value < 1:
                 raise UserError(f"{name} must be at least 1, got {value}")
         self._policy, self._options, self._weights = policy, options, exact_weights(angle)
-        self._draws, self._decisions, self._discount = draws, decisions, discount
+        self._draws, self._decisions = draws, decisions
+        self._doubt, self._discount = doubt, discount
         self._batch: Batch | None = None  # of the last call; the next has most often its size
 
     def predict(
@@ -73,22 +77,30 @@ class ThinkingAhead:
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[Int64[np.ndarray, ...], None]:
-        """The action that comes out best in the mean over the draws; the same for the same view."""
+        """The action that surely comes out best; the same for the same view."""
         seen = np.asarray(observation, np.float32)
-        best = self.values(np.atleast_2d(seen)).argmax(axis=1)
+        rows = np.atleast_2d(seen)
+        own = np.asarray(self._policy.q_values(rows)).argmax(axis=1)
+        gain = self.values(rows)
+        gain = gain - np.take_along_axis(gain, own[:, None, None], axis=2)
+        # The best of three noisy means is too good; the network's own action needs no proof.
+        error = gain.std(axis=1, ddof=min(1, self._draws - 1)) / np.sqrt(self._draws)
+        best = (gain.mean(axis=1) - self._doubt * error).argmax(axis=1)
         return best.reshape(seen.shape[:-1]), state
 
     def values(
         self, observations: Float[np.ndarray, "batch feature"]
-    ) -> Float[np.ndarray, "batch action"]:
-        """What each action is worth, in the mean over the draws."""
+    ) -> Float[np.ndarray, "batch draw action"]:
+        """What each action is worth in each draw."""
         size, copies = len(observations), self._draws * len(ACTIONS)
         seen = np.repeat(observations, copies, axis=0)
-        entropy = np.tile(np.repeat(np.arange(self._draws, dtype=np.uint64), len(ACTIONS)), size)
+        # By view, so that no draw is the lot of every decision; the same for all its actions.
+        first = np.array([zlib.crc32(one.tobytes()) for one in observations], np.uint64) << 20
+        entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
         batch = self._batch_of(len(seen))
-        batch.restore(imagined(self._options, seen, entropy))
-        first = np.tile(np.arange(len(ACTIONS)), size * self._draws)
-        return self._played(batch, first).reshape(size, self._draws, len(ACTIONS)).mean(axis=1)
+        batch.restore(imagined(self._options, seen, np.repeat(entropy.ravel(), len(ACTIONS))))
+        action = np.tile(np.arange(len(ACTIONS)), size * self._draws)
+        return self._played(batch, action).reshape(size, self._draws, len(ACTIONS))
 
     def _batch_of(self, size: int) -> Batch:
         if self._batch is None or self._batch.size != size:
