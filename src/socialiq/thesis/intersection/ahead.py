@@ -53,17 +53,20 @@ _DEFAULTS = IntersectionConfig()
 class Config:
     """What the study runs; the defaults are the committed results.
 
-    Draws and decisions were chosen on episodes 50,000,000 to 50,000,999 with the atlas' egoist.
+    Draws, decisions and doubt were chosen with the atlas' egoist on episodes 50,000,000 to
+    50,000,999 and 51,000,000 to 51,000,999.
     """
 
     seeds: tuple[int, ...] = (40, 41, 42, 43, 44)
     """Training seeds of the egoists."""
     set_steps: int = 2_400_000
     """Environment steps of an expert."""
-    draws: int = 8
+    draws: int = 16
     """States drawn for each observation."""
     decisions: int = 3
     """Decisions played out in each."""
+    doubt: float = 1.0
+    """Standard errors by which an action must beat the network's own."""
     episodes: int = _DEFAULTS.episodes
     """Evaluation episodes of each policy, the intersection study's own."""
 
@@ -84,6 +87,7 @@ class AheadRun:
     draws: int
     decisions: int
     """0 leaves the network alone."""
+    doubt: float
     driver: str = BEST
     """File in the input's folder, or without an input a name of the atlas."""
     readouts: tuple[str, ...] = ("greedy",)
@@ -100,7 +104,7 @@ def drive(config: AheadRun, folder: Path, inputs: Mapping[str, Path], tell: Tell
     policy: QPolicy | ThinkingAhead = atlas.load(config.driver) if not inputs else _input(inputs)
     if config.decisions and isinstance(policy, QPolicy):
         policy = ThinkingAhead(
-            policy, config.believed, config.angle, config.draws, config.decisions
+            policy, config.believed, config.angle, config.draws, config.decisions, config.doubt
         )
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
     episodes = episodes_of(Batch(config.options, 128), policy, seeds)
@@ -147,8 +151,9 @@ def _thinking(config: Config, experts: Sequence[Job]) -> Iterator[Job]:
     for job in experts:
         name = job.name.removeprefix("experts/")
         run = AheadRun(
-            job.config.numbers.angle, config.draws, config.decisions, episodes=config.episodes
-        )
+            job.config.numbers.angle, config.draws, config.decisions, config.doubt,
+            episodes=config.episodes,
+        )  # fmt: skip
         yield Job(f"evaluation/ahead/{name}", drive, run, (job.name,), cost=60.0)
 
 
@@ -160,7 +165,7 @@ def _elsewhere(config: Config) -> Iterator[Job]:
                 continue
             for kind, decisions in (("plain", 0), ("ahead", config.decisions)):
                 run = AheadRun(
-                    angle, config.draws, decisions, f"set_{mode}",
+                    angle, config.draws, decisions, config.doubt, f"set_{mode}",
                     episodes=config.episodes, options=options,
                 )  # fmt: skip
                 name = f"evaluation/atlas/{mode}/{traffic}/{kind}"
