@@ -111,15 +111,15 @@ class ThinkingAhead:
         self, batch: Batch, action: Int64[np.ndarray, " copy"]
     ) -> Float[np.ndarray, " copy"]:
         earned = np.zeros(batch.size)
-        running, factor = np.ones(batch.size, bool), 1.0
+        running, factor, worth = np.ones(batch.size, bool), 1.0, np.zeros(batch.size)
         for _ in range(self._decisions):
             made = batch.step(action, auto_reset=False, rows=running)
             earned[running] += factor * score(self._weights, made.rewards)[running]
             running &= made.ending == int(Ending.NONE)
             factor *= self._discount
-            values = np.asarray(self._policy.q_values(batch.observation))
-            action = values.argmax(axis=1)
             if not running.any():
-                break
-        earned[running] += factor * values.max(axis=1)[running]
+                return earned
+            values = np.asarray(self._policy.q_values(batch.observation))
+            action, worth = values.argmax(axis=1), values.max(axis=1)
+        earned[running] += factor * worth[running]
         return earned
