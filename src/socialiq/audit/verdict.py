@@ -73,7 +73,7 @@ def decide_on(
     chance of a wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs
     only one, so the error is shared out: half to regret, an eighth to each criterion. So a wrong
     pass and a wrong fail each have a chance of at most the error, as far as the bounds keep their
-    levels: bootstrap-t and Wilson's are approximate (`power` and its tests show by how much).
+    levels: those of shares do, bootstrap-t is approximate (`power` shows by how much).
 
     Args:
         evidence: Policy and references.

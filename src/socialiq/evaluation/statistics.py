@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -40,11 +40,32 @@ def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
     Raises:
         UserError: If there was no trial.
     """
+    return _share(count, trials, confidence, "wilson")
+
+
+def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
+    """A share with its exact interval (Clopper & Pearson 1934).
+
+    Each end errs with at most (1 - confidence) / 2, whatever the true share. Wilson's interval is
+    shorter and keeps its level on average only.
+
+    Args:
+        count: How often it happened.
+        trials: How often it could have.
+        confidence: Of the interval.
+
+    Raises:
+        UserError: If there was no trial.
+    """
+    return _share(count, trials, confidence, "exact")
+
+
+def _share(count: int, trials: int, confidence: float, method: Literal["wilson", "exact"]) -> Share:
     if trials < 1:
         raise UserError("a share needs at least one trial")
     from scipy.stats import binomtest
 
-    interval = binomtest(count, trials).proportion_ci(confidence, method="wilson")
+    interval = binomtest(count, trials).proportion_ci(confidence, method=method)
     return Share(count / trials, float(interval.low), float(interval.high))
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import ttest_rel
 
 from socialiq.errors import UserError
-from socialiq.evaluation.statistics import holm, paired_difference, wilson
+from socialiq.evaluation.statistics import clopper_pearson, holm, paired_difference, wilson
 
 
 def test_wilson_by_hand():
@@ -26,9 +26,21 @@ def test_nothing_counted_still_has_an_upper_end():
     assert 0.05 < share.high < 0.09
 
 
-def test_no_trial_is_refused():
+def test_clopper_pearson_by_hand():
+    # None of n: the upper end solves (1 - p)^n = 0.025. All of n: the lower end solves p^n = 0.025.
+    none, every = clopper_pearson(0, 50), clopper_pearson(50, 50)
+    assert none.low == 0.0 and none.high == pytest.approx(1 - 0.025 ** (1 / 50))
+    assert every.high == 1.0 and every.low == pytest.approx(0.025 ** (1 / 50))
+    # One of two: p² = 0.025 below, (1 - p)² = 0.025 above.
+    one = clopper_pearson(1, 2)
+    assert one.value == 0.5
+    assert one.low == pytest.approx(1 - 0.975**0.5) and one.high == pytest.approx(0.975**0.5)
+
+
+@pytest.mark.parametrize("interval", [wilson, clopper_pearson])
+def test_no_trial_is_refused(interval):
     with pytest.raises(UserError, match="at least one trial"):
-        wilson(0, 0)
+        interval(0, 0)
 
 
 def test_holm_by_hand():

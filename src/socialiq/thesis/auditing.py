@@ -18,15 +18,13 @@ from socialiq.audit.report.commitment import Commitment, Draw, check_seed, draw
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.films import check_filmed, films_of
 from socialiq.audit.report.selected import selected
-from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
+from socialiq.audit.seeds import check_episodes, episode_seeds
 from socialiq.audit.verdict import Verdict, judge
-from socialiq.cli.entrants import Trust, drivers, entrant, itself_by_rule
 from socialiq.errors import UserError
+from socialiq.interop.process import GIB, Limits
 from socialiq.interop.record import Loaded
+from socialiq.thesis.entrants import Trust, drivers, entrant, itself_by_rule
 from socialiq.worlds.intersection.world import Intersection
-
-FEWEST_EPISODES = 20
-"""Below, no bound of the audit says anything."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,18 +127,21 @@ def command_of(request: Request, seed: int) -> str:
     words += ["--films"] if request.films else []
     words += ["--soft"] if request.soft else []
     words += ["--allow-code"] if request.trust.allow_code else []
+    limits, usual = request.trust.limits, Limits()
+    if limits.step != usual.step:
+        words += ["--step-seconds", f"{limits.step:g}"]
+    if limits.memory != usual.memory:
+        words += ["--memory-gib", f"{limits.memory / GIB:g}"]
     return shlex.join(words)
 
 
 def _check(request: Request) -> None:
-    if not FEWEST_EPISODES <= request.episodes <= MOST_EPISODES:
-        raise UserError(
-            f"episodes must be from {FEWEST_EPISODES} to {MOST_EPISODES}, got {request.episodes}"
-        )
+    check_episodes(request.episodes)
     if request.seed is not None:
         check_seed(request.seed)  # before anything is read; it is used only after the commitment
     if request.films and request.soft:
         raise UserError("films show a policy's best actions: leave out --films or --soft")
+    request.trust.limits.check()
     if request.threads < 1:
         raise UserError(f"threads must be at least 1, got {request.threads}")
 
