@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Bool
 
 from socialiq.audit.decision import Decision, episodes_needed
 from socialiq.audit.outcomes import Outcomes
@@ -50,6 +51,12 @@ class FloorTest:
     needed: int | None
 
 
+def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
+    """In which episodes each of `CRITERIA` happened."""
+    arrived, late = (driver.ending == kind for kind in (Ending.ARRIVAL, Ending.TIMEOUT))
+    return dict(zip(CRITERIA, (driver.at_fault, driver.struck, arrived, late), strict=True))
+
+
 def floor_tests(
     policy: Outcomes, floor: Floor, pass_error: float = 0.05, fail_error: float = 0.05
 ) -> tuple[FloorTest, ...]:
@@ -66,16 +73,11 @@ def floor_tests(
         pass_error: Of the floor.
         fail_error: Of the floor.
     """
-    events = {
-        "at_fault": (policy.at_fault, floor.max_at_fault),
-        "struck": (policy.struck, floor.max_struck),
-        "arrival": (policy.ending == Ending.ARRIVAL, floor.min_arrival),
-        "timeout": (policy.ending == Ending.TIMEOUT, floor.max_timeout),
-    }
+    limits = (floor.max_at_fault, floor.max_struck, floor.min_arrival, floor.max_timeout)
     each = fail_error / len(CRITERIA)
     return tuple(
-        _test(name, np.asarray(happened), limit, pass_error, each)
-        for name, (happened, limit) in events.items()
+        _test(name, happened, limit, pass_error, each)
+        for (name, happened), limit in zip(events_of(policy).items(), limits, strict=True)
     )
 
 

@@ -55,6 +55,9 @@ class Audit:
     """That share the episodes."""
     films: bool = False
     """Draw three median and three worst episodes as GIF files; takes a while."""
+    shift: bool = False
+    """Let all drive as many episodes in other traffic too, and say whether the policy drives
+    otherwise there; beside the verdict."""
     replace: bool = False
     """Replace an earlier report in the folder."""
     json: bool = False
@@ -84,6 +87,7 @@ class Audit:
             trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
             threads=self.threads,
             films=self.films,
+            shift=self.shift,
         )
 
 
@@ -114,4 +118,6 @@ def _show(done: Conducted, folder: Path) -> None:
     if verdict["needed"]:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
     print_table(rows)
+    if done.report["shift"]:
+        sys.stdout.write(f"{done.report['shift']['sentence']}\n")
     sys.stdout.write(f"{folder / 'report.html'}\n")

@@ -102,6 +102,7 @@ class Verify:
             soft=not report["policy"]["deterministic"],
             trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
             threads=self.threads,
+            shift=report["shift"] is not None,
         )
 
 

@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import ttest_rel
+from scipy.stats import ttest_ind, ttest_rel
 
 from socialiq.errors import UserError
-from socialiq.evaluation.statistics import clopper_pearson, holm, paired_difference, wilson
+from socialiq.evaluation.statistics import (
+    clopper_pearson,
+    holm,
+    mean_contrast,
+    paired_difference,
+    share_contrast,
+    wilson,
+)
 
 
 def test_wilson_by_hand():
@@ -116,3 +123,24 @@ def test_equal_differences_have_no_spread(first, second, expected):
 def test_replicates_that_do_not_pair_up_are_refused(first, second, line):
     with pytest.raises(UserError, match=line):
         paired_difference(first, second)
+
+
+def test_welch_is_scipys():
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(1.0, 3.0, 30), rng.normal(0.0, 1.0, 50)
+    found = mean_contrast(first, second, 0.9)
+    theirs = ttest_ind(first, second, equal_var=False).confidence_interval(0.9)
+    assert found.value == pytest.approx(first.mean() - second.mean())
+    assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high))
+    assert mean_contrast(np.full(3, 2.0), np.full(4, 0.5)) == (1.5, 1.5, 1.5)
+    with pytest.raises(UserError, match="fewer than two"):
+        mean_contrast(np.zeros(1), np.zeros(5))
+
+
+def test_newcombe_as_he_printed_it():
+    """56 of 70 less 48 of 80: 0.0524 to 0.3339 (Newcombe 1998, Table II, method 10, case a)."""
+    found = share_contrast(56, 70, 48, 80)
+    assert found.value == pytest.approx(0.2)
+    assert (round(found.low, 4), round(found.high, 4)) == (0.0524, 0.3339)
+    nothing = share_contrast(0, 10, 0, 20)  # his case e: -0.1611 to 0.2775
+    assert (round(nothing.low, 4), round(nothing.high, 4)) == (-0.1611, 0.2775)
