@@ -44,8 +44,9 @@ def place(tmp_path_factory):
     new = ["profile", "new", "--world", "crossing7", "--angle", "0", "--margin", "2"]
     assert main([*new, "--out", str(folder / "profile.toml")]) == 0
     text = (folder / "profile.toml").read_text()
-    for floor in ("max_at_fault", "max_struck", "max_timeout"):
-        text = text.replace(f"{floor} = 0.1", f"{floor} = 0.9")
+    for floor in ("max_at_fault = 0.05", "max_struck = 0.1", "max_timeout = 0.2"):
+        assert floor in text
+        text = text.replace(floor, f"{floor.split()[0]} = 0.9")
     text = text.replace("min_arrival = 0.8", "min_arrival = 0.1")
     (folder / "profile.toml").write_text(text)
     return folder
