@@ -73,22 +73,24 @@ def at_intersection(folder: Path) -> Iterator[Contestant]:
     yield Contestant("intersection", "never moves", str(stands), 90.0, None, WITHDRAWN)
 
 
-def in_gridworld(folder: Path, seed: int, updates: tuple[int, int], watch: Watch) -> list[str]:
-    """Exact experts, a trio with its baseline, and a dial: files in a folder.
+def exact_in_gridworld(folder: Path) -> None:
+    """The exact experts of thesis 5.2 as files in a folder."""
+    ground = Ground.of(GRIDWORLD)
+    for mode, angle in MODES.items():
+        policy = TabularPolicy(ground.table.world, expert_policy(ground.table, angle))
+        save_table(folder / f"exact_{mode}.safetensors", policy)
+
+
+def trained_in_gridworld(folder: Path, seed: int, updates: tuple[int, int], watch: Watch) -> None:
+    """A trio with its baseline, and a dial: files in a folder.
 
     Args:
         folder: To write them to.
         seed: Of the training and of its demonstrations.
         updates: Gradient steps of the trio and of the dial.
         watch: Shows progress.
-
-    Returns:
-        Names of the files, without their suffix.
     """
     ground = Ground.of(GRIDWORLD)
-    for mode, angle in MODES.items():
-        policy = TabularPolicy(ground.table.world, expert_policy(ground.table, angle))
-        save_table(folder / f"exact_{mode}.safetensors", policy)
     data = trajectory_datasets(ground.table, [seed], _EPISODES_EACH)
     plain = dataclasses.replace(presets.baseline(presets.GRID), updates=updates[0])
     steered = dataclasses.replace(presets.GRID, updates=updates[0])
@@ -103,11 +105,10 @@ def in_gridworld(folder: Path, seed: int, updates: tuple[int, int], watch: Watch
     dial = _dial(ground, seed, updates[1], watch)
     dial.save(folder / "dial.safetensors")
     dial.at(0.0).save(folder / "dial_stuck.safetensors")
-    return sorted(path.stem for path in folder.glob("*.safetensors"))
 
 
 def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[Contestant]:
-    """What lies in a folder of `in_gridworld`, rightly and falsely declared."""
+    """What lies in a folder of exact and trained ones, rightly and falsely declared."""
     for family in ("exact", "learner"):
         for mode, angle in MODES.items():
             yield _of_grid(folder, f"{family}_{mode}", angle, angle)

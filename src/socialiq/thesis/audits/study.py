@@ -23,8 +23,9 @@ from socialiq.thesis.audits.contestants import (
     GRIDWORLD,
     Contestant,
     at_intersection,
-    in_gridworld,
+    exact_in_gridworld,
     of_gridworld,
+    trained_in_gridworld,
 )
 from socialiq.thesis.audits.published import floor_rows, learner_angle_rows, return_rows
 from socialiq.thesis.lanes import Watch, silent
@@ -69,7 +70,6 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
         watch: Shows progress.
     """
     config = config or Config()
-    margin = MARGINS["intersection"]
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -79,15 +79,25 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
             trained = folder / GRIDWORLD
             trained.mkdir()
             sizes = config.updates, config.dial_updates
-            in_gridworld(trained, config.training_seed, sizes, watch)
+            exact_in_gridworld(trained)
+            trained_in_gridworld(trained, config.training_seed, sizes, watch)
             rows += audit_rows(of_gridworld(trained, config.dial_angles), config, folder, watch)
-    tables = {
-        "audits": rows,
-        "published_returns": return_rows(margin, ERROR, config.episodes),
-        "published_angles": learner_angle_rows(margin),
-        "published_floor": floor_rows(ERROR, config.episodes),
-    }
+    tables = {"audits": rows, **published_tables(config.episodes)}
     return Results.of(STUDY, config, tables, _summary(tables))
+
+
+def published_tables(episodes: int) -> dict[str, list[Row]]:
+    """What the printed numbers give.
+
+    Args:
+        episodes: As if so many had been played, where the thesis doesn't say.
+    """
+    margin = MARGINS["intersection"]
+    return {
+        "published_returns": return_rows(margin, ERROR, episodes),
+        "published_angles": learner_angle_rows(margin),
+        "published_floor": floor_rows(ERROR, episodes),
+    }
 
 
 def audit_rows(

@@ -81,6 +81,9 @@ def test_no_field_may_be_missing_or_added(plain):
         (("limits",), [1]),
         (("references",), []),
         (("policy", "means", "r_env"), 1e300),
+        (("policy", "means", "r_env"), float("inf")),
+        (("shift", "traffic"), []),
+        (("shift", "traffic", 0, "changes", 0, "measure"), "<script>"),
         (("seeds", "seed"), 2**53),
         (("seeds",), None),
         (("versions", "python"), 3),
@@ -114,7 +117,19 @@ def test_worst_and_median_episodes(report, audited):
         assert seeds[one["episode"]] == one["seed"]
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"format": NaN}', b"[" * 100_000])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b'{"format": NaN}',
+        b"[" * 100_000,
+        b'{"format": ' + b"9" * 5000 + b"}",
+        b'{"machine": "\\ud800"}',
+        b'{"machine": "\xff"}',
+    ],
+)
 def test_what_is_no_report_is_refused_in_one_line(tmp_path, content):
     path = tmp_path / "report.json"
     path.write_bytes(content)
