@@ -58,19 +58,14 @@ def learner_angle_rows(margin: Margin) -> list[Row]:
     rows = []
     for mode, alpha_hat in FIG_6_5.items():
         found = preimage(angles, shown[None], np.array([alpha_hat]))
-        beyond = bool(found.beyond[0])
-        calibrated = "" if beyond else float(found.low[0])
-        far = "" if beyond else abs(float(found.low[0]) - MODES[mode])
-        rows.append(
-            {
-                "policy": mode,
-                "declared": MODES[mode],
-                "alpha_hat": alpha_hat,
-                "calibrated": calibrated,
-                "distance": far,
-                "within_margin": "" if beyond else int(far <= margin.degrees),
-            }
-        )
+        row: Row = {"policy": mode, "declared": MODES[mode], "alpha_hat": alpha_hat}
+        row |= dict.fromkeys(("calibrated", "distance", "within_margin"), "")
+        if not found.beyond[0]:
+            calibrated = float(found.low[0])
+            far = abs(calibrated - MODES[mode])
+            row |= {"calibrated": calibrated, "distance": far}
+            row["within_margin"] = int(far <= margin.degrees)
+        rows.append(row)
     return rows
 
 
