@@ -8,7 +8,7 @@ from socialiq.audit.calibration import Calibration, calibrate
 from socialiq.audit.competence import FloorTest, decision_of, floor_tests
 from socialiq.audit.decision import Decision
 from socialiq.audit.identifiability import Ellipse, ellipse
-from socialiq.audit.outcomes import Evidence
+from socialiq.audit.outcomes import Evidence, Outcomes
 from socialiq.audit.profile import Floor, Profile
 from socialiq.audit.rationalised import Rationalised, rationalised
 from socialiq.audit.reason import reason_of
@@ -84,7 +84,12 @@ def decide_on(
         error: Of a wrong pass, and of a wrong fail.
     """
     regret = regret_test(regrets, evidence, angle, margin, error, error / 2)
-    competence = floor_tests(evidence.policy, floor, error, error / 2)
+    return joined(regret, evidence.policy, floor, error)
+
+
+def joined(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
+    """Join the regret test, made at its share of the error, with the floor's (`decide_on`)."""
+    competence = floor_tests(policy, floor, error, error / 2)
     return Decisive(_joined(regret.decision, decision_of(competence)), regret, competence)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -40,7 +40,11 @@ def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
     Raises:
         UserError: If there was no trial.
     """
-    return _share(count, trials, confidence, "wilson")
+    _check_trials(trials)
+    from scipy.stats import binomtest
+
+    interval = binomtest(count, trials).proportion_ci(confidence, method="wilson")
+    return Share(count / trials, float(interval.low), float(interval.high))
 
 
 def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
@@ -57,16 +61,19 @@ def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
     Raises:
         UserError: If there was no trial.
     """
-    return _share(count, trials, confidence, "exact")
+    _check_trials(trials)
+    from scipy.special import betaincinv
+
+    # Ends are quantiles of beta distributions; a root search over binomial tails finds the same.
+    error = (1.0 - confidence) / 2
+    low = betaincinv(count, trials - count + 1, error) if count > 0 else 0.0
+    high = betaincinv(count + 1, trials - count, 1.0 - error) if count < trials else 1.0
+    return Share(count / trials, float(low), float(high))
 
 
-def _share(count: int, trials: int, confidence: float, method: Literal["wilson", "exact"]) -> Share:
+def _check_trials(trials: int) -> None:
     if trials < 1:
         raise UserError("a share needs at least one trial")
-    from scipy.stats import binomtest
-
-    interval = binomtest(count, trials).proportion_ci(confidence, method=method)
-    return Share(count / trials, float(interval.low), float(interval.high))
 
 
 def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:

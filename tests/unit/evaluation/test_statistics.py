@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import ttest_ind, ttest_rel
+from scipy.stats import binomtest, ttest_ind, ttest_rel
 
 from socialiq.errors import UserError
 from socialiq.evaluation.statistics import (
@@ -42,6 +42,14 @@ def test_clopper_pearson_by_hand():
     one = clopper_pearson(1, 2)
     assert one.value == 0.5
     assert one.low == pytest.approx(1 - 0.975**0.5) and one.high == pytest.approx(0.975**0.5)
+
+
+@pytest.mark.parametrize(("count", "trials"), [(0, 7), (7, 7), (3, 7), (1, 500), (480, 500)])
+def test_clopper_pearson_is_scipys(count, trials):
+    for confidence in (0.8, 0.95, 0.9875):
+        theirs = binomtest(count, trials).proportion_ci(confidence, method="exact")
+        found = clopper_pearson(count, trials, confidence)
+        assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
 
 
 @pytest.mark.parametrize("interval", [wilson, clopper_pearson])

@@ -42,7 +42,7 @@ ERROR = 0.05
 class Config:
     """What the study runs; the defaults are the committed results."""
 
-    episodes: int = 1000
+    episodes: int = 500
     """Of each audit."""
     seed: int = 2026
     """Of every audit. Its episodes follow from it and from the hashes of policy and profile."""
