@@ -186,8 +186,8 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     for row in rows:
         entry = verdicts.setdefault(row["world"], {}).setdefault(row["policy"], {})
         entry[f"{row['declared']:g}"] = row
-    counts = {
-        kind: _counts([row for row in rows if row["made_for"] != "" and row["truthful"] == truth])
+    made = {
+        kind: [row for row in rows if row["made_for"] != "" and row["truthful"] == truth]
         for kind, truth in (("truthful", 1), ("false", 0))
     }
     floor: dict[str, Any] = {}
@@ -199,7 +199,8 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     }
     return {
         "audits": verdicts,
-        "counts": counts,
+        "counts": {kind: _counts(some, "verdict") for kind, some in made.items()},
+        "angle_test": {kind: _counts(some, "calibration") for kind, some in made.items()},
         "published": {
             "returns": {row["policy"]: row for row in tables["published_returns"]},
             "angles": {row["policy"]: row for row in tables["published_angles"]},
@@ -210,7 +211,7 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     }
 
 
-def _counts(rows: list[Row]) -> dict[str, int]:
-    verdicts = [row["verdict"] for row in rows]
+def _counts(rows: list[Row], column: str) -> dict[str, int]:
+    found = [row[column] for row in rows]
     kinds = ("pass", "fail", "inconclusive")
-    return {"audits": len(rows), **{kind: verdicts.count(kind) for kind in kinds}}
+    return {"audits": len(rows), **{kind: found.count(kind) for kind in kinds}}
