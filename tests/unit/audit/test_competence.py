@@ -87,10 +87,16 @@ def test_a_wrong_decision_at_the_limit_keeps_its_level(outcomes, episodes):
         assert chances[low > limit].sum() <= 0.05 / 4, limit
 
 
-def test_wilson_would_err_more_often_than_it_says():
-    """Why the floor has exact bounds: a rare event at its limit, 500 episodes, 0.6 % promised."""
-    promised = 0.05 / 8
-    lower = np.array([wilson(count, 500, 1 - 2 * promised).low for count in range(501)])
-    assert binom.pmf(np.flatnonzero(lower > 0.005), 500, 0.005).sum() > 2 * promised
-    lower = np.array([clopper_pearson(count, 500, 1 - 2 * promised).low for count in range(501)])
-    assert binom.pmf(np.flatnonzero(lower > 0.005), 500, 0.005).sum() <= promised
+def test_what_exact_bounds_cost_and_give():
+    """The table of docs/audit.md: 500 episodes, a wrong pass at 5 %, a wrong fail at 5 % / 8."""
+    limits = np.concatenate([np.arange(0.002, 0.1, 0.002), np.arange(0.1, 0.5, 0.01)])
+    for interval, rates in ((wilson, (0.054, 0.021)), (clopper_pearson, (0.050, 0.006))):
+        high = np.array([interval(count, 500, 0.9).high for count in range(501)])
+        low = np.array([interval(count, 500, 1 - 0.1 / 8).low for count in range(501)])
+        passes = max(binom.pmf(np.flatnonzero(high <= one), 500, one).sum() for one in limits)
+        fails = max(binom.pmf(np.flatnonzero(low > one), 500, one).sum() for one in limits)
+        assert (passes, fails) == pytest.approx(rates, abs=6e-4)
+        good = [
+            binom.pmf(np.flatnonzero(high <= one), 500, one / 2).sum() for one in (0.02, 0.05, 0.1)
+        ]
+        assert good == pytest.approx([0.44, 0.87, 0.995], abs=5e-3)
