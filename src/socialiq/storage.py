@@ -133,6 +133,8 @@ def kind_of(path: Path) -> str:
 
     Nothing is checked: `load_arrays` does that, and tells what is wrong.
     """
+    if not path.is_file():  # a pipe would be waited for
+        return ""
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             wrapper = json.loads((file.metadata() or {}).get(_HEADER, "null"))
@@ -169,10 +171,10 @@ def load_arrays(
         raise UserError(f"{path} is not a socialiq file: expected a {kind} file")
     header = wrapper["header"]
     if header.get("kind") != kind:
-        raise UserError(f"{path} holds {header.get('kind')}, not {kind}: name a {kind} file")
+        raise UserError(f"{path} holds {_word(header.get('kind'))}, not {kind}: name a {kind} file")
     if header.get("version") != version:
         raise UserError(
-            f"{path} has {kind} schema version {header.get('version')}, this program reads "
+            f"{path} has {kind} schema version {_word(header.get('version'))}, this program reads "
             f"version {version}: make the file again with this version"
         )
     sha256 = content_hash(arrays, header)
@@ -181,6 +183,13 @@ def load_arrays(
     if sha256 != wrapper.get("sha256") or respelled:
         raise UserError(f"{path} is damaged (its SHA-256 differs): restore it or make it again")
     return arrays, {**header, "sha256": sha256}
+
+
+def _word(value: Any) -> str:
+    """What a file says it is, if that is a word: it may be any text, and goes into a line."""
+    word = str(value) if isinstance(value, str | int) else ""
+    plain = word.isascii() and word.replace("-", "").replace("_", "").isalnum() and len(word) <= 40
+    return word if plain else "something else"
 
 
 def _padded_with_spaces(path: Path) -> bool:

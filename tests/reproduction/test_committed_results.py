@@ -19,6 +19,8 @@ from socialiq.thesis import (
     store,
     worlds,
 )
+from socialiq.thesis.audits import contestants
+from socialiq.thesis.audits import study as audits
 from socialiq.thesis.intersection.pools import Recording
 from socialiq.thesis.intersection.stages import BATCH, Evaluation
 from socialiq.thesis.priors.config import EPISODES_EACH, Config
@@ -33,7 +35,7 @@ from socialiq.worlds.intersection.options import Options
 def committed():
     folder = claims.packaged_results()
     names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
-    names += ("intersection-world", "intersection")
+    names += ("intersection-world", "intersection", "audits")
     return {name: store.load(folder / name) for name in names}
 
 
@@ -211,3 +213,25 @@ def test_the_demonstrations_of_the_altruist_pay_as_before(committed, batch):
     for signal, ours in pairs.items():
         assert again[ours] == pytest.approx(theirs[signal]["mean"], abs=0.02)
         assert again[f"{ours}_sd"] == pytest.approx(theirs[signal]["sd"], abs=0.02)
+
+
+def test_audits_come_out_as_before(committed, tmp_path):
+    """Of files whose bytes are the same everywhere, so that their episodes are too."""
+    theirs = {(row["policy"], row["declared"]): row for row in committed["audits"].tables["audits"]}
+    contestants.exact_in_gridworld(tmp_path)
+    found = [one for one in contestants.of_gridworld(tmp_path, ()) if "exact" in one.name]
+    found += [one for one in contestants.at_intersection(tmp_path) if one.name == "never moves"]
+    names = ("verdict", "decided_by", "regret_decision", "best", "explained", "policy_sha256")
+    for ours in audits.audit_rows(found, audits.Config(), tmp_path):
+        their = theirs[ours["policy"], ours["declared"]]
+        assert {name: ours[name] for name in names} == {name: their[name] for name in names}
+        for name in ("regret", "regret_low", "regret_high"):
+            assert ours[name] == pytest.approx(their[name], abs=0.02)
+    assert len(found) == 6
+
+
+def test_what_was_printed_gives_the_same(committed):
+    tables = committed["audits"].tables
+    rows = audits.published_tables(committed["audits"].config["episodes"])
+    for name, again in rows.items():
+        assert store.rounded(again) == tables[name], name

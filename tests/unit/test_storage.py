@@ -256,3 +256,16 @@ def test_kind_is_told_without_a_check(tmp_path):
     assert storage.kind_of(path) == "policy"
     path.write_bytes(b"\xff" * 50)
     assert storage.kind_of(path) == storage.kind_of(tmp_path / "missing") == ""
+
+
+@pytest.mark.parametrize("kind", ["\x1b[2J", "two\nlines", "x" * 5000, ""])
+def test_a_kind_that_is_no_word_is_not_repeated(tmp_path, kind):
+    storage.save_arrays(tmp_path / "a.safetensors", kind, 1, {"a": np.zeros(2)}, {})
+    with pytest.raises(UserError, match="holds something else, not policy") as refusal:
+        storage.load_arrays(tmp_path / "a.safetensors", "policy", 1)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_pipe_says_nothing_of_its_kind(tmp_path):
+    os.mkfifo(tmp_path / "a.safetensors")
+    assert storage.kind_of(tmp_path / "a.safetensors") == ""

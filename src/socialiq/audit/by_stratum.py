@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from socialiq.audit.competence import events_of
 from socialiq.audit.outcomes import Evidence
 from socialiq.evaluation.statistics import Difference, Share, paired_difference, wilson
 from socialiq.social.angle import exact_weights
 from socialiq.social.score import score
-from socialiq.types import Ending, RewardPair
+from socialiq.types import RewardPair
 
 FEWEST = 2  # episodes of a stratum that a difference can be tested in
 
@@ -56,12 +57,7 @@ def by_stratum(
         np.asarray(score(weights, RewardPair(*one.totals.T))) for one in (best, evidence.policy)
     )
     policy, found = evidence.policy, []
-    events = {
-        "at_fault": policy.at_fault,
-        "struck": policy.struck,
-        "arrival": policy.ending == Ending.ARRIVAL,
-        "timeout": policy.ending == Ending.TIMEOUT,
-    }
+    events = events_of(policy)
     for stratification, labels in evidence.strata.items():
         for label in np.unique(labels).tolist():
             rows = labels == label

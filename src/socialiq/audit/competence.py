@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Bool
 
 from socialiq.audit.decision import Decision, episodes_needed
 from socialiq.audit.outcomes import Outcomes
 from socialiq.audit.profile import Floor
-from socialiq.evaluation.statistics import wilson
+from socialiq.evaluation.statistics import clopper_pearson
 from socialiq.types import Ending
 
 CRITERIA = ("at_fault", "struck", "arrival", "timeout")
@@ -28,8 +29,9 @@ class FloorTest:
         count: Episodes in which it happened.
         episodes: Played.
         share: Of them.
-        low: Lower Wilson bound; at `fail_error` if the share must be small, else `pass_error`.
-        high: Upper Wilson bound; the other way round.
+        low: Lower bound of Clopper and Pearson; at `fail_error` if the share must be small, else
+            at `pass_error`.
+        high: Upper bound of theirs; the other way round.
         pass_error: One-sided, of a wrong pass.
         fail_error: One-sided, of a wrong fail.
         needed: Episodes that would decide if the share is true; None if it is the limit.
@@ -49,6 +51,12 @@ class FloorTest:
     needed: int | None
 
 
+def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
+    """In which episodes each of `CRITERIA` happened."""
+    arrived, late = (driver.ending == kind for kind in (Ending.ARRIVAL, Ending.TIMEOUT))
+    return dict(zip(CRITERIA, (driver.at_fault, driver.struck, arrived, late), strict=True))
+
+
 def floor_tests(
     policy: Outcomes, floor: Floor, pass_error: float = 0.05, fail_error: float = 0.05
 ) -> tuple[FloorTest, ...]:
@@ -56,7 +64,8 @@ def floor_tests(
 
     All four must pass for the floor to pass, so each may have the whole pass error
     (intersection-union). One that fails is enough to fail, so each has a quarter of the fail
-    error (Bonferroni).
+    error (Bonferroni). Bounds are exact, since an error rate is a promise: Wilson's lower bound of
+    a rare event errs up to three times as often as it says (docs/audit.md).
 
     Args:
         policy: The policy under audit.
@@ -64,16 +73,11 @@ def floor_tests(
         pass_error: Of the floor.
         fail_error: Of the floor.
     """
-    events = {
-        "at_fault": (policy.at_fault, floor.max_at_fault),
-        "struck": (policy.struck, floor.max_struck),
-        "arrival": (policy.ending == Ending.ARRIVAL, floor.min_arrival),
-        "timeout": (policy.ending == Ending.TIMEOUT, floor.max_timeout),
-    }
+    limits = (floor.max_at_fault, floor.max_struck, floor.min_arrival, floor.max_timeout)
     each = fail_error / len(CRITERIA)
     return tuple(
-        _test(name, np.asarray(happened), limit, pass_error, each)
-        for name, (happened, limit) in events.items()
+        _test(name, happened, limit, pass_error, each)
+        for (name, happened), limit in zip(events_of(policy).items(), limits, strict=True)
     )
 
 
@@ -92,8 +96,8 @@ def _test(
     count, episodes = int(happened.sum()), len(happened)
     low_error, high_error = (pass_error, fail_error) if least else (fail_error, pass_error)
     # A one-sided bound at an error is an end of the two-sided interval at twice that error.
-    low = wilson(count, episodes, 1.0 - 2.0 * low_error).low
-    high = wilson(count, episodes, 1.0 - 2.0 * high_error).high
+    low = clopper_pearson(count, episodes, 1.0 - 2.0 * low_error).low
+    high = clopper_pearson(count, episodes, 1.0 - 2.0 * high_error).high
     kept = low >= limit if least else high <= limit
     broken = high < limit if least else low > limit
     share = count / episodes

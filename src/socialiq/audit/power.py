@@ -16,8 +16,8 @@ from socialiq.audit.decision import Decision
 from socialiq.audit.identifiability import ellipse
 from socialiq.audit.population import Truth, drawn
 from socialiq.audit.profile import Floor
-from socialiq.audit.regret import Regrets, regret_test
-from socialiq.audit.verdict import decide_on
+from socialiq.audit.regret import Regrets, RegretTest, regret_test
+from socialiq.audit.verdict import joined
 from socialiq.evaluation.statistics import Share, wilson
 from socialiq.social.estimate import estimate_angle
 
@@ -120,8 +120,8 @@ def error_rates(
     """
     made: dict[str, list[Decision]] = {case: [] for case in CASES}
     for done, one in enumerate(range(seed, seed + replications), start=1):
-        for case, truth in CASES.items():
-            made[case].append(_decision(truth, episodes, one, resamples))
+        for case, decision in _decisions(episodes, one, resamples).items():
+            made[case].append(decision)
         if tell:
             tell(done)
     return tuple(_rates(case, found) for case, found in made.items())
@@ -178,10 +178,23 @@ def _held(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, b
     }
 
 
-def _decision(truth: Truth, episodes: int, seed: int, resamples: int) -> Decision:
-    evidence = drawn(truth, episodes, seed)
-    regrets = Regrets(evidence, seed + _APART, resamples)
-    return decide_on(evidence, regrets, truth.declared, MARGIN, FLOOR, ERROR).decision
+def _decisions(episodes: int, seed: int, resamples: int) -> dict[str, Decision]:
+    """The verdict on every case.
+
+    Endings are drawn after the rewards, so cases that differ in them alone have the same rewards,
+    and their regret is tested once.
+    """
+    tested: dict[tuple[float, ...], RegretTest] = {}
+    found = {}
+    for case, truth in CASES.items():
+        evidence = drawn(truth, episodes, seed)
+        rewards = (truth.declared, truth.regret, truth.shown)
+        if rewards not in tested:
+            regrets = Regrets(evidence, seed + _APART, resamples)
+            test = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
+            tested[rewards] = test
+        found[case] = joined(tested[rewards], evidence.policy, FLOOR, ERROR).decision
+    return found
 
 
 def _weights(angle: float) -> np.ndarray:

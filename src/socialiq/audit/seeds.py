@@ -8,7 +8,9 @@ from jaxtyping import Int64
 from socialiq.errors import UserError
 
 _AUDIT = 7212  # what is drawn by a seed for this purpose is independent of all else drawn by it
-FEWEST_EPISODES = 3  # an ellipse needs as many
+FEWEST_EPISODES = 20
+"""Below, no bound of the audit says anything."""
+
 MOST_EPISODES = 1_000_000
 
 
@@ -26,10 +28,19 @@ def episode_seeds(seed: int, episodes: int) -> Int64[np.ndarray, " episode"]:
     """
     if seed < 0:
         raise UserError(f"seed must be at least 0, got {seed}")
+    check_episodes(episodes)
+    rng = np.random.default_rng([_AUDIT, seed])
+    drawn = np.unique(rng.integers(2**62, size=episodes + 16))  # so many that none need repeat
+    return rng.permutation(drawn)[:episodes]
+
+
+def check_episodes(episodes: int) -> None:
+    """Refuse a number of episodes that no audit has.
+
+    Raises:
+        UserError: If it is too small or too large.
+    """
     if not FEWEST_EPISODES <= episodes <= MOST_EPISODES:
         raise UserError(
             f"episodes must be from {FEWEST_EPISODES} to {MOST_EPISODES}, got {episodes}"
         )
-    rng = np.random.default_rng([_AUDIT, seed])
-    drawn = np.unique(rng.integers(2**62, size=episodes + 16))  # so many that none need repeat
-    return rng.permutation(drawn)[:episodes]

@@ -8,7 +8,7 @@ from socialiq.audit.calibration import Calibration, calibrate
 from socialiq.audit.competence import FloorTest, decision_of, floor_tests
 from socialiq.audit.decision import Decision
 from socialiq.audit.identifiability import Ellipse, ellipse
-from socialiq.audit.outcomes import Evidence
+from socialiq.audit.outcomes import Evidence, Outcomes
 from socialiq.audit.profile import Floor, Profile
 from socialiq.audit.rationalised import Rationalised, rationalised
 from socialiq.audit.reason import reason_of
@@ -73,7 +73,7 @@ def decide_on(
     chance of a wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs
     only one, so the error is shared out: half to regret, an eighth to each criterion. So a wrong
     pass and a wrong fail each have a chance of at most the error, as far as the bounds keep their
-    levels: bootstrap-t and Wilson's are approximate (`power` and its tests show by how much).
+    levels: those of shares do, bootstrap-t is approximate (`power` shows by how much).
 
     Args:
         evidence: Policy and references.
@@ -84,7 +84,12 @@ def decide_on(
         error: Of a wrong pass, and of a wrong fail.
     """
     regret = regret_test(regrets, evidence, angle, margin, error, error / 2)
-    competence = floor_tests(evidence.policy, floor, error, error / 2)
+    return joined(regret, evidence.policy, floor, error)
+
+
+def joined(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
+    """Join the regret test, made at its share of the error, with the floor's (`decide_on`)."""
+    competence = floor_tests(policy, floor, error, error / 2)
     return Decisive(_joined(regret.decision, decision_of(competence)), regret, competence)
 
 

@@ -12,10 +12,10 @@ import tyro
 
 from socialiq.audit.report.assemble import files_of
 from socialiq.audit.report.folder import check_target, write_folder
-from socialiq.cli.auditing import Conducted, Request, conduct
-from socialiq.cli.entrants import Trust
 from socialiq.cli.output import print_table
-from socialiq.interop.process import Limits
+from socialiq.interop.process import limits_of
+from socialiq.thesis.auditing import Conducted, Request, conduct
+from socialiq.thesis.entrants import Trust
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,15 @@ class Audit:
     """Import the policy's Python module: its author's code runs with your rights."""
     step_seconds: float = 5.0
     """Seconds that a process may take for an answer."""
+    memory_gib: float = 8.0
+    """GiB of address space that each process of a policy may have; 0 for any amount."""
     threads: int = 1
     """That share the episodes."""
     films: bool = False
     """Draw three median and three worst episodes as GIF files; takes a while."""
+    shift: bool = False
+    """Let all drive as many episodes in other traffic too, and say whether the policy drives
+    otherwise there; beside the verdict."""
     replace: bool = False
     """Replace an earlier report in the folder."""
     json: bool = False
@@ -79,9 +84,10 @@ class Audit:
             seed=self.seed,
             references=tuple(self.reference),
             soft=self.soft,
-            trust=Trust(self.allow_code, Limits(step=self.step_seconds)),
+            trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
             threads=self.threads,
             films=self.films,
+            shift=self.shift,
         )
 
 
@@ -112,4 +118,6 @@ def _show(done: Conducted, folder: Path) -> None:
     if verdict["needed"]:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
     print_table(rows)
+    if done.report["shift"]:
+        sys.stdout.write(f"{done.report['shift']['sentence']}\n")
     sys.stdout.write(f"{folder / 'report.html'}\n")

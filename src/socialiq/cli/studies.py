@@ -17,6 +17,7 @@ from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.figures import alternatives as alternatives_figures
 from socialiq.figures import audit_power as audit_power_figures
+from socialiq.figures import audits as audits_figures
 from socialiq.figures import classic_control as classic_control_figures
 from socialiq.figures import competence as competence_figures
 from socialiq.figures import dial as dial_figures
@@ -42,6 +43,7 @@ from socialiq.thesis import (
     store,
     worlds,
 )
+from socialiq.thesis.audits import study as audits
 from socialiq.thesis.competence import study as competence
 from socialiq.thesis.dial import study as dial
 from socialiq.thesis.experts import MODES
@@ -84,6 +86,7 @@ STUDIES = {
     ),
     "intersection-dial": Study(intersection_dial, intersection_dial_figures.draw, "families", True),
     "audit-power": Study(audit_power, audit_power_figures.draw, "verdicts"),
+    "audits": Study(audits, audits_figures.draw, "audits"),
     "theory": Study(theory, theory_figures.draw, "predicted"),
     "classic-control": Study(classic_control, classic_control_figures.draw, "returns"),
 }
@@ -102,8 +105,8 @@ class Reproduce:
     study: Annotated[str, tyro.conf.Positional]
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
     (D); theory, its predictions held against training; dial, competence, intersection-dial,
-    intersection-networks and intersection-ahead, which go beyond it; audit-power, what an audit is
-    worth; or classic-control, an outside check."""
+    intersection-networks and intersection-ahead, which go beyond it; audits of its tables and of
+    our policies, audit-power, what an audit is worth; or classic-control, an outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()
@@ -213,6 +216,10 @@ def show(results: Results) -> None:
         shown = ("policy", *intersection_networks.SHARES)
         rows = [{key: row[key] for key in shown} for row in results.tables["policies"]]
         print_table(rows, "shares of episodes; foresight: with one look at the true future")
+    elif results.study == "audits":
+        shown = ("world", "policy", "declared", "truthful", "verdict", "decided_by", "regret")
+        rows = [{key: row[key] for key in shown} for row in results.tables["audits"]]
+        print_table(rows, "regret at the declared angle, in reward per episode")
     elif results.study == "lambda-sweep":
         kind = results.config["target_kinds"][0]
         rows = [

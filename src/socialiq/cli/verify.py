@@ -17,11 +17,12 @@ from socialiq.audit.report.evidence_csv import evidence_csv
 from socialiq.audit.report.folder import REPORT
 from socialiq.audit.report.surroundings import package_sha256
 from socialiq.audit.report.verify import content_of, differences, faults
-from socialiq.cli.auditing import Request, conduct
-from socialiq.cli.entrants import Trust
 from socialiq.cli.output import complain, print_json
 from socialiq.errors import UserError
 from socialiq.interop.plain_text import one_line
+from socialiq.interop.process import limits_of
+from socialiq.thesis.auditing import Request, conduct
+from socialiq.thesis.entrants import Trust
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,10 @@ class Verify:
     """Where the references are that were handed in."""
     allow_code: bool = False
     """Import the policy's Python module for the rerun."""
+    step_seconds: float = 5.0
+    """Seconds that a process may take for an answer in the rerun."""
+    memory_gib: float = 8.0
+    """GiB of address space that each process of a policy may have in the rerun."""
     threads: int = 1
     """That share the episodes."""
     json: bool = False
@@ -95,8 +100,9 @@ class Verify:
             seed=report["seeds"]["seed"],
             references=tuple(self.reference) or tuple(map(Path, report["reference_files"])),
             soft=not report["policy"]["deterministic"],
-            trust=Trust(allow_code=self.allow_code),
+            trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
             threads=self.threads,
+            shift=report["shift"] is not None,
         )
 
 

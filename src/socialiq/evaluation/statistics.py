@@ -40,12 +40,40 @@ def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
     Raises:
         UserError: If there was no trial.
     """
-    if trials < 1:
-        raise UserError("a share needs at least one trial")
+    _check_trials(trials)
     from scipy.stats import binomtest
 
     interval = binomtest(count, trials).proportion_ci(confidence, method="wilson")
     return Share(count / trials, float(interval.low), float(interval.high))
+
+
+def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
+    """A share with its exact interval (Clopper & Pearson 1934).
+
+    Each end errs with at most (1 - confidence) / 2, whatever the true share. Wilson's interval is
+    shorter and keeps its level on average only.
+
+    Args:
+        count: How often it happened.
+        trials: How often it could have.
+        confidence: Of the interval.
+
+    Raises:
+        UserError: If there was no trial.
+    """
+    _check_trials(trials)
+    from scipy.special import betaincinv
+
+    # Ends are quantiles of beta distributions; a root search over binomial tails finds the same.
+    error = (1.0 - confidence) / 2
+    low = betaincinv(count, trials - count + 1, error) if count > 0 else 0.0
+    high = betaincinv(count + 1, trials - count, 1.0 - error) if count < trials else 1.0
+    return Share(count / trials, float(low), float(high))
+
+
+def _check_trials(trials: int) -> None:
+    if trials < 1:
+        raise UserError("a share needs at least one trial")
 
 
 def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
@@ -128,3 +156,67 @@ def paired_difference(
     half = float(student.ppf((1 + confidence) / 2, freedom)) * error
     p = 2 * float(student.sf(abs(mean) / error, freedom))
     return Difference(mean, mean - half, mean + half, p)
+
+
+class Contrast(NamedTuple):
+    """How far two independent samples differ.
+
+    Attributes:
+        value: First less second.
+        low: Lower end of the interval.
+        high: Upper end.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def mean_contrast(
+    first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"], confidence: float = 0.95
+) -> Contrast:
+    """Difference of two means with Welch's interval (Welch 1947); variances may differ.
+
+    Args:
+        first: At least two numbers.
+        second: At least two numbers.
+        confidence: Of the interval.
+
+    Raises:
+        UserError: If there are fewer.
+    """
+    if min(len(first), len(second)) < 2:
+        raise UserError("two means can't be compared on fewer than two numbers each")
+    difference = float(first.mean() - second.mean())
+    parts = np.array([one.var(ddof=1) / len(one) for one in (first, second)])
+    if parts.sum() == 0.0:
+        return Contrast(difference, difference, difference)
+    from scipy.stats import t as student
+
+    freedom = parts.sum() ** 2 / (parts**2 / (len(first) - 1, len(second) - 1)).sum()
+    half = float(student.ppf((1 + confidence) / 2, freedom)) * math.sqrt(parts.sum())
+    return Contrast(difference, difference - half, difference + half)
+
+
+def share_contrast(
+    count: int, trials: int, other_count: int, other_trials: int, confidence: float = 0.95
+) -> Contrast:
+    """Difference of two shares with Newcombe's interval, from both Wilson intervals.
+
+    It keeps within -1 and 1 and has a width where nothing was counted (Newcombe 1998, method 10).
+
+    Args:
+        count: Of the first share.
+        trials: Of the first share.
+        other_count: Of the second.
+        other_trials: Of the second.
+        confidence: Of the interval.
+
+    Raises:
+        UserError: If there was no trial.
+    """
+    first, second = wilson(count, trials, confidence), wilson(other_count, other_trials, confidence)
+    difference = first.value - second.value
+    below = math.hypot(first.value - first.low, second.high - second.value)
+    above = math.hypot(first.high - first.value, second.value - second.low)
+    return Contrast(difference, difference - below, difference + above)

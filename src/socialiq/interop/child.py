@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from socialiq.errors import UserError
-from socialiq.interop import guard
 from socialiq.interop.plain_text import one_line
 
 _CHUNK = 65_536
 _KEPT = 4_096  # bytes of what the child says on its standard error
+_GUARD = Path(__file__).with_name("guard.py")
 
 
 class Child:
@@ -26,12 +26,14 @@ class Child:
     Args:
         command: Program and arguments.
         source: How messages call it.
+        memory: Bytes of address space that it, and each process that it starts, may have; 0 for
+            any amount.
 
     Raises:
         UserError: If it can't be started.
     """
 
-    def __init__(self, command: Sequence[str], source: str) -> None:
+    def __init__(self, command: Sequence[str], source: str, memory: int = 0) -> None:
         if os.name != "posix":
             raise UserError("a policy in a process of its own needs Linux or macOS: use ONNX")
         self.source = source
@@ -40,7 +42,7 @@ class Child:
         watched, self._lifeline = os.pipe()
         # A group of its own, so that all it starts can be ended with it.
         self._process = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(Path(guard.__file__)), str(watched), *command],
+            [*_guard(watched, memory), *command],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -150,3 +152,8 @@ class Child:
                 self._listen(waiting)
                 if time.monotonic() > until:
                     return
+
+
+def _guard(lifeline: int, memory: int) -> list[str]:
+    """The words that start the guard; it is a program, and not imported here."""
+    return [sys.executable, "-I", "-S", str(_GUARD), str(lifeline), str(memory)]

@@ -51,7 +51,7 @@ def load(
         angle: Of a dial, in degrees.
         allow_code: Whether a Python module may be imported: its author's code runs with your
             rights then.
-        limits: Seconds that a process may take.
+        limits: What a process may take.
 
     Returns:
         The policy and its record. Close it, or use it as a context: a process runs until then.

@@ -24,19 +24,56 @@ PROTOCOL = "socialiq-policy"
 VERSION = 1
 
 _GREETING = 4_096  # bytes of an answer to the first line
+_LONGEST = 3_600.0  # seconds
+_MOST_MEMORY = 2**20 * 1024**3  # bytes
 _ANSWER, _PER_ROW = 4_096, 32  # bytes of any other: for all, and for each observation
 
 
+GIB = 1024**3
+LEAST_MEMORY = GIB // 4
+"""Bytes; with less no interpreter starts."""
+
+
 class Limits(NamedTuple):
-    """Seconds that a process may take.
+    """What a process may take.
 
     Attributes:
-        start: From its start to its first answer.
-        step: For each batch of observations.
+        start: Seconds from its start to its first answer.
+        step: Seconds for each batch of observations.
+        memory: Bytes of address space of each of its processes; 0 for any amount. A network of
+            torch or JAX reserves several GiB that it never uses.
     """
 
     start: float = 30.0
     step: float = 5.0
+    memory: int = 8 * GIB
+
+    def check(self) -> None:
+        """Refuse limits that are none.
+
+        Raises:
+            UserError: If a number will not do.
+        """
+        if not (0.0 < self.start <= _LONGEST and 0.0 < self.step <= _LONGEST):
+            raise UserError(f"seconds for an answer must be above 0 and at most {_LONGEST:g}")
+        if self.memory and not LEAST_MEMORY <= self.memory <= _MOST_MEMORY:
+            raise UserError(
+                f"memory must be from {LEAST_MEMORY / GIB:g} to {_MOST_MEMORY // GIB} GiB, or 0 "
+                "for any amount"
+            )
+
+
+def limits_of(step_seconds: float, memory_gib: float) -> Limits:
+    """Limits in the units of the command line.
+
+    Raises:
+        UserError: If a number will not do.
+    """
+    if not 0.0 <= memory_gib <= _MOST_MEMORY / GIB:
+        raise UserError(f"memory in GiB must be at least 0, got {memory_gib:g}")
+    found = Limits(step=step_seconds, memory=round(memory_gib * GIB))
+    found.check()
+    return found
 
 
 def start_process(
@@ -48,7 +85,7 @@ def start_process(
         command_line: Program and arguments, quoted as for a shell; none is used.
         source: How messages call it.
         world: What the policy has to fit.
-        limits: Seconds that it may take.
+        limits: What it may take.
 
     Returns:
         The policy, what it tells about itself, and the process, which must be closed.
@@ -56,7 +93,8 @@ def start_process(
     Raises:
         UserError: If it can't be started, doesn't speak the protocol, or is made for another world.
     """
-    child = Child(command_of(command_line), source)
+    limits.check()
+    child = Child(command_of(command_line), source, limits.memory)
     greeting = {"protocol": PROTOCOL, "version": VERSION, **_sizes(world)}
     answer = _ask(child, greeting, limits.start, _GREETING)
     if (answer.get("protocol"), answer.get("version")) != (PROTOCOL, VERSION):

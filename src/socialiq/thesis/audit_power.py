@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialiq.audit.power import Coverage, Rates, coverage, error_rates
+from socialiq.audit.seeds import FEWEST_EPISODES
 from socialiq.errors import UserError
 from socialiq.learners.outside import Clock
 from socialiq.thesis.lanes import Watch, silent
@@ -29,7 +30,7 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse what makes no audit."""
-        for name, least in (("episodes", 3), ("replications", 1), ("resamples", 2)):
+        for name, least in (("episodes", FEWEST_EPISODES), ("replications", 1), ("resamples", 2)):
             if getattr(self, name) < least:
                 raise UserError(f"{name} must be at least {least}, got {getattr(self, name)}")
 

@@ -29,6 +29,7 @@ STUDIES = (
     "intersection-world",
     "intersection",
     "compare-priors",
+    "audits",
     "none",
 )
 
@@ -44,6 +45,7 @@ _COMMANDS = {
     "intersection-world": "socialiq reproduce intersection-world",
     "intersection": "socialiq reproduce intersection --parts main",
     "compare-priors": "socialiq compare priors",
+    "audits": "socialiq reproduce audits",
     "none": "",
 }
 

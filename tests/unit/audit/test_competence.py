@@ -1,4 +1,4 @@
-"""The competence floor by Wilson bounds."""
+"""The competence floor by Clopper-Pearson bounds."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.stats import binom, binomtest
 from socialiq.audit.competence import decision_of, floor_tests
 from socialiq.audit.decision import Decision
 from socialiq.audit.profile import Floor
-from socialiq.evaluation.statistics import wilson
+from socialiq.evaluation.statistics import clopper_pearson, wilson
 from socialiq.types import Ending
 
 FLOOR = Floor(max_at_fault=0.1, max_struck=0.1, min_arrival=0.8, max_timeout=0.1)
@@ -24,15 +24,15 @@ def by_name(outcomes, floor=FLOOR, **events):
     return {one.name: one for one in floor_tests(driver(outcomes, **events), floor)}
 
 
-def test_bounds_are_wilsons_at_their_levels(outcomes):
+def test_bounds_are_exact_at_their_levels(outcomes):
     found = by_name(outcomes, at_fault=10)
     # Passing at 5 % one-sided, failing at 5 % / 4.
-    upper = binomtest(10, 200).proportion_ci(0.9, "wilson").high
-    lower = binomtest(10, 200).proportion_ci(0.975, "wilson").low
+    upper = binomtest(10, 200).proportion_ci(0.9, "exact").high
+    lower = binomtest(10, 200).proportion_ci(0.975, "exact").low
     assert (found["at_fault"].low, found["at_fault"].high) == pytest.approx((lower, upper))
     arrived = binomtest(190, 200)
-    assert found["arrival"].low == pytest.approx(arrived.proportion_ci(0.9, "wilson").low)
-    assert found["arrival"].high == pytest.approx(arrived.proportion_ci(0.975, "wilson").high)
+    assert found["arrival"].low == pytest.approx(arrived.proportion_ci(0.9, "exact").low)
+    assert found["arrival"].high == pytest.approx(arrived.proportion_ci(0.975, "exact").high)
     assert found["arrival"].share == 0.95 and found["arrival"].count == 190
 
 
@@ -75,21 +75,28 @@ def test_episodes_needed(outcomes):
     assert by_name(outcomes, at_fault=10)["at_fault"].needed == pytest.approx(309, abs=1)
 
 
-def test_a_wrong_pass_at_the_limit_has_its_level():
-    """Exactly, by the binomial distribution: 500 episodes, truly at the limit."""
-    upper = np.array([wilson(count, 500, 0.9).high for count in range(130)])
-    for limit in (0.01, 0.02, 0.05, 0.08, 0.1, 0.2):
-        wrong = binom.pmf(np.flatnonzero(upper <= limit), 500, limit).sum()
-        assert 0.025 < wrong < 0.056, limit
+@pytest.mark.parametrize("episodes", [20, 100, 500])
+def test_a_wrong_decision_at_the_limit_keeps_its_level(outcomes, episodes):
+    """Exactly, by the binomial distribution; Wilson's bounds did not (the next test)."""
+    counts = np.arange(episodes + 1)
+    found = [by_name(outcomes, at_fault=count, episodes=episodes)["at_fault"] for count in counts]
+    high, low = (np.array([getattr(one, name) for one in found]) for name in ("high", "low"))
+    for limit in (0.005, 0.01, 0.02, 0.05, 0.08, 0.1, 0.2, 0.5):
+        chances = binom.pmf(counts, episodes, limit)
+        assert chances[high <= limit].sum() <= 0.05, limit
+        assert chances[low > limit].sum() <= 0.05 / 4, limit
 
 
-def test_a_wrong_fail_of_a_rare_event_is_up_to_twice_as_likely_as_promised():
-    """Exactly, as above: Wilson's lower bound errs for rare events, and docs/audit.md says so."""
-    promised = 0.05 / 8
-    lower = np.array([wilson(count, 500, 1 - 2 * promised).low for count in range(501)])
-    wrong = {
-        limit: binom.pmf(np.flatnonzero(lower > limit), 500, limit).sum()
-        for limit in (0.005, 0.01, 0.02, 0.05, 0.1)
-    }
-    assert max(wrong.values()) == wrong[0.005] == pytest.approx(0.0139, abs=1e-4)
-    assert wrong[0.1] < 1.5 * promised
+def test_what_exact_bounds_cost_and_give():
+    """The table of docs/audit.md: 500 episodes, a wrong pass at 5 %, a wrong fail at 5 % / 8."""
+    limits = np.concatenate([np.arange(0.002, 0.1, 0.002), np.arange(0.1, 0.5, 0.01)])
+    for interval, rates in ((wilson, (0.054, 0.021)), (clopper_pearson, (0.050, 0.006))):
+        high = np.array([interval(count, 500, 0.9).high for count in range(501)])
+        low = np.array([interval(count, 500, 1 - 0.1 / 8).low for count in range(501)])
+        passes = max(binom.pmf(np.flatnonzero(high <= one), 500, one).sum() for one in limits)
+        fails = max(binom.pmf(np.flatnonzero(low > one), 500, one).sum() for one in limits)
+        assert (passes, fails) == pytest.approx(rates, abs=6e-4)
+        good = [
+            binom.pmf(np.flatnonzero(high <= one), 500, one / 2).sum() for one in (0.02, 0.05, 0.1)
+        ]
+        assert good == pytest.approx([0.44, 0.87, 0.995], abs=5e-3)

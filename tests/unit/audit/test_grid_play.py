@@ -45,21 +45,21 @@ def fate(part7):
 def test_the_5x5_experts_by_hand(table5):
     # Crossing at once earns the ego 6 of GGGG; the other, cut off, has paid 4 of its steps.
     part = table5.reachable_part()
-    draws = fates(part, episode_seeds(0, 3))
+    draws = fates(part, episode_seeds(0, 20))
     egoist = drive_grid(part, expert(table5, 0.0), draws, "egoist")
     prosocial = drive_grid(part, expert(table5, 45.0), draws, "prosocial")
-    assert egoist.totals.tolist() == [[6.0, -4.0]] * 3
-    assert prosocial.totals.tolist() == [[5.0, 6.0]] * 3
-    assert egoist.length.tolist() == [4] * 3 and prosocial.length.tolist() == [5] * 3
+    assert egoist.totals.tolist() == [[6.0, -4.0]] * 20
+    assert prosocial.totals.tolist() == [[5.0, 6.0]] * 20
+    assert egoist.length.tolist() == [4] * 20 and prosocial.length.tolist() == [5] * 20
     assert (prosocial.ending == Ending.ARRIVAL).all()
 
 
 def test_waiting_for_ever_runs_out_of_time(table5):
     part = table5.reachable_part()
-    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 3)), "waits")
-    assert waits.ending.tolist() == [Ending.TIMEOUT] * 3
-    assert waits.length.tolist() == [table5.world.horizon] * 3
-    assert waits.totals[:, 0].tolist() == [-20.0] * 3
+    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 20)), "waits")
+    assert waits.ending.tolist() == [Ending.TIMEOUT] * 20
+    assert waits.length.tolist() == [table5.world.horizon] * 20
+    assert waits.totals[:, 0].tolist() == [-20.0] * 20
 
 
 def test_exact_optima_do_what_they_are_expected_to(part7, fate):

@@ -45,7 +45,7 @@ def test_what_is_written_is_read(text, tmp_path):
     assert (profile.angle, profile.confidence, profile.owner) == (45.0, 0.95, "An owner")
     assert profile.date == datetime.date(2026, 1, 31)
     assert profile.margin == Margin(regret=0.5, degrees=10.0)
-    assert profile.competence == Floor(0.1, 0.1, 0.8, 0.1)
+    assert profile.competence == Floor(0.05, 0.1, 0.8, 0.2)
     assert profile.world().options.target_speeds == (0.0, 5.0, 10.0)
     assert profile.sha256 == hashlib.sha256(text.encode()).hexdigest()
     assert canonical(profile) == text

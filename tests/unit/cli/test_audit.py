@@ -44,8 +44,9 @@ def place(tmp_path_factory):
     new = ["profile", "new", "--world", "crossing7", "--angle", "0", "--margin", "2"]
     assert main([*new, "--out", str(folder / "profile.toml")]) == 0
     text = (folder / "profile.toml").read_text()
-    for floor in ("max_at_fault", "max_struck", "max_timeout"):
-        text = text.replace(f"{floor} = 0.1", f"{floor} = 0.9")
+    for floor in ("max_at_fault = 0.05", "max_struck = 0.1", "max_timeout = 0.2"):
+        assert floor in text
+        text = text.replace(floor, f"{floor.split()[0]} = 0.9")
     text = text.replace("min_arrival = 0.8", "min_arrival = 0.1")
     (folder / "profile.toml").write_text(text)
     return folder
@@ -77,6 +78,22 @@ def test_a_policy_that_is_as_declared_passes(passed):
     assert names >= seals | {"report.json", "report.html", "report.md", "episodes.csv"}
     rows = (passed / "episodes.csv").read_text().splitlines()
     assert len(rows) == 301
+    assert report["shift"] is None and "In other traffic" not in (passed / "report.md").read_text()
+
+
+def test_a_policy_is_let_loose_in_other_traffic(place, tmp_path, capsys):
+    """Beside the verdict, with the same status; and a rerun repeats it."""
+    words = ["--seed", "7", "--shift", "--episodes", "200"]
+    assert audit(place, "egoist.safetensors", tmp_path / "a", *words) == 0
+    shift = report_of(tmp_path / "a")["shift"]
+    assert capsys.readouterr().out.count(shift["sentence"]) == 1
+    (denser,) = shift["traffic"]
+    assert denser["options"] == {"spawn_probability": 0.6} and denser["episodes"] == 200
+    assert shift["otherwise"] == any(one["shown"] for one in denser["changes"])
+    for page in ("report.html", "report.md"):
+        assert "In other traffic" in (tmp_path / "a" / page).read_text()
+    assert " --shift" in report_of(tmp_path / "a")["command"]
+    assert main(["audit", "verify", str(tmp_path / "a"), "--rerun"]) == 0
 
 
 def test_another_fails_and_one_json_object_is_printed(place, tmp_path, capsys):
@@ -155,6 +172,9 @@ def test_a_strangers_report_runs_no_command_of_its_own(passed, tmp_path, capsys)
         ("egoist.safetensors", ["--episodes", "many"], "--episodes"),
         ("egoist.safetensors", ["--seed", "-1"], "seed must be from 0"),
         ("egoist.safetensors", ["--threads", "0"], "threads must be at least 1"),
+        ("egoist.safetensors", ["--memory-gib", "0.1"], "memory must be from 0.25"),
+        ("egoist.safetensors", ["--memory-gib", "-1"], "memory in GiB must be at least 0"),
+        ("egoist.safetensors", ["--step-seconds", "0"], "seconds for an answer must be above 0"),
         ("egoist.safetensors", ["--films"], "films are drawn of the intersection alone"),
         ("egoist.safetensors", ["--films", "--soft"], "leave out --films or --soft"),
         ("egoist.safetensors", ["--reference", "none.safetensors"], "no such file"),

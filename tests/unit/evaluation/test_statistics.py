@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import ttest_rel
+from scipy.stats import binomtest, ttest_ind, ttest_rel
 
 from socialiq.errors import UserError
-from socialiq.evaluation.statistics import holm, paired_difference, wilson
+from socialiq.evaluation.statistics import (
+    clopper_pearson,
+    holm,
+    mean_contrast,
+    paired_difference,
+    share_contrast,
+    wilson,
+)
 
 
 def test_wilson_by_hand():
@@ -26,9 +33,29 @@ def test_nothing_counted_still_has_an_upper_end():
     assert 0.05 < share.high < 0.09
 
 
-def test_no_trial_is_refused():
+def test_clopper_pearson_by_hand():
+    # None of n: the upper end solves (1 - p)^n = 0.025. All of n: the lower end solves p^n = 0.025.
+    none, every = clopper_pearson(0, 50), clopper_pearson(50, 50)
+    assert none.low == 0.0 and none.high == pytest.approx(1 - 0.025 ** (1 / 50))
+    assert every.high == 1.0 and every.low == pytest.approx(0.025 ** (1 / 50))
+    # One of two: p² = 0.025 below, (1 - p)² = 0.025 above.
+    one = clopper_pearson(1, 2)
+    assert one.value == 0.5
+    assert one.low == pytest.approx(1 - 0.975**0.5) and one.high == pytest.approx(0.975**0.5)
+
+
+@pytest.mark.parametrize(("count", "trials"), [(0, 7), (7, 7), (3, 7), (1, 500), (480, 500)])
+def test_clopper_pearson_is_scipys(count, trials):
+    for confidence in (0.8, 0.95, 0.9875):
+        theirs = binomtest(count, trials).proportion_ci(confidence, method="exact")
+        found = clopper_pearson(count, trials, confidence)
+        assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+
+
+@pytest.mark.parametrize("interval", [wilson, clopper_pearson])
+def test_no_trial_is_refused(interval):
     with pytest.raises(UserError, match="at least one trial"):
-        wilson(0, 0)
+        interval(0, 0)
 
 
 def test_holm_by_hand():
@@ -104,3 +131,24 @@ def test_equal_differences_have_no_spread(first, second, expected):
 def test_replicates_that_do_not_pair_up_are_refused(first, second, line):
     with pytest.raises(UserError, match=line):
         paired_difference(first, second)
+
+
+def test_welch_is_scipys():
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(1.0, 3.0, 30), rng.normal(0.0, 1.0, 50)
+    found = mean_contrast(first, second, 0.9)
+    theirs = ttest_ind(first, second, equal_var=False).confidence_interval(0.9)
+    assert found.value == pytest.approx(first.mean() - second.mean())
+    assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high))
+    assert mean_contrast(np.full(3, 2.0), np.full(4, 0.5)) == (1.5, 1.5, 1.5)
+    with pytest.raises(UserError, match="fewer than two"):
+        mean_contrast(np.zeros(1), np.zeros(5))
+
+
+def test_newcombe_as_he_printed_it():
+    """56 of 70 less 48 of 80: 0.0524 to 0.3339 (Newcombe 1998, Table II, method 10, case a)."""
+    found = share_contrast(56, 70, 48, 80)
+    assert found.value == pytest.approx(0.2)
+    assert (round(found.low, 4), round(found.high, 4)) == (0.0524, 0.3339)
+    nothing = share_contrast(0, 10, 0, 20)  # his case e: -0.1611 to 0.2775
+    assert (round(nothing.low, 4), round(nothing.high, 4)) == (-0.1611, 0.2775)

@@ -1,5 +1,6 @@
 import json
 import os
+import resource
 import shlex
 import signal
 import subprocess
@@ -12,7 +13,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.interop.door import load
-from socialiq.interop.process import Limits
+from socialiq.interop.process import GIB, Limits, limits_of
 
 QUICK = Limits(start=20.0, step=1.0)
 OBSERVATIONS = np.random.default_rng(0).normal(size=(40, 2)).astype(np.float32)
@@ -246,3 +247,45 @@ def test_example_answers(crafted):
     with load(f"process:{command}", 70, 3) as loaded:
         assert loaded.policy.predict(np.stack([observation, near]))[0].tolist() == [2, 0]
         assert json.dumps(loaded.record.as_json())
+
+
+def asked(loaded):
+    return loaded.policy.predict(OBSERVATIONS)
+
+
+def test_a_hungry_process_ends_and_says_why(start):
+    """It asks for 2 GiB, of 1 GiB that it may have."""
+    loaded = start(request="held = bytearray(2 * 1024**3)", limits=QUICK._replace(memory=GIB))
+    refused("ended before it answered; it says: MemoryError", lambda: asked(loaded))
+    refused("ended before it answered", lambda: asked(loaded))
+
+
+def test_all_that_a_process_starts_has_the_same_limit(start):
+    told = (
+        "words = 'import resource as r; print(*r.getrlimit(r.RLIMIT_AS))'; "
+        "found = subprocess.run([sys.executable, '-c', words], capture_output=True, text=True); "
+        "answer['name'] = found.stdout.strip()"
+    )
+    assert start(told, limits=QUICK._replace(memory=GIB)).record.details["name"] == (f"{GIB} {GIB}")
+    ours = " ".join(str(one) for one in resource.getrlimit(resource.RLIMIT_AS))
+    assert start(told, limits=QUICK._replace(memory=0)).record.details["name"] == ours
+
+
+@pytest.mark.parametrize(
+    ("limits", "match"),
+    [
+        (Limits(memory=1000), "memory must be from 0.25"),
+        (Limits(memory=-1), "memory must be from 0.25"),
+        (Limits(step=0.0), "seconds for an answer must be above 0"),
+        (Limits(start=float("nan")), "seconds for an answer must be above 0"),
+    ],
+)
+def test_limits_that_are_none(start, limits, match):
+    refused(match, lambda: start(limits=limits))
+
+
+def test_limits_of_the_command_line():
+    assert limits_of(2.5, 0.5) == Limits(step=2.5, memory=GIB // 2)
+    assert limits_of(5.0, 8.0) == Limits()
+    for memory in (float("nan"), float("inf"), -1.0):
+        refused("memory in GiB must be at least 0", lambda memory=memory: limits_of(5.0, memory))

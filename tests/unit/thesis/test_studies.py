@@ -56,6 +56,13 @@ TINY = {
         "grid": 45,
         "tolerance": 1e-2,
     },
+    "audits": {
+        "episodes": 20,
+        "updates": 20,
+        "dial_updates": 20,
+        "dial_angles": (0.0, 90.0),
+        "worlds": ("crossing7",),
+    },
     "audit-power": {"episodes": 60, "replications": 4, "resamples": 100},
     "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
 }

@@ -43,6 +43,8 @@ def read_report(path: Path) -> dict[str, Any]:
         raise UserError(f"{path} has more than {LARGEST_REPORT:,} bytes: it is no report")
     try:
         report = json.loads(content, parse_constant=_refuse)
+        # Half of a surrogate pair is JSON, but no text: no page could be written with it.
+        json.dumps(report, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path} is no JSON: restore it, or audit anew") from error
     fault = fault_of(report, shipped_schema())

@@ -18,6 +18,7 @@ from socialiq.audit.report.films import path_of
 from socialiq.audit.report.limits import limits
 from socialiq.audit.report.selected import selected
 from socialiq.audit.report.surroundings import machine, package_sha256, versions
+from socialiq.audit.shift import Shift, sentence_of
 from socialiq.audit.verdict import Verdict
 
 FORMAT = 1
@@ -46,6 +47,7 @@ class Audited:
         left_out: Names of references that are the policy itself.
         evidence: Of `gather`.
         verdict: Of `judge`.
+        shifts: Of `shift_of`; None where the check was not asked for.
         films: Films by path in the folder: `films.path_of`.
         command: That repeats the audit.
         started: When.
@@ -61,6 +63,7 @@ class Audited:
     left_out: Sequence[str]
     evidence: Evidence
     verdict: Verdict
+    shifts: Sequence[Shift] | None
     films: Mapping[str, bytes]
     command: str
     started: datetime.datetime
@@ -89,6 +92,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "reference_files": list(audited.reference_files),
             "left_out": list(audited.left_out),
             "strata": by_stratum(evidence, angle, best, profile.confidence),
+            "shift": None if audited.shifts is None else _shift(audited.shifts),
             "episodes": _with_films(selected(evidence, angle), audited.films),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.world()),
@@ -123,6 +127,14 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
         "needed": verdict.needed,
         "error": verdict.error,
         "exit_code": EXIT_CODES[verdict.decision],
+    }
+
+
+def _shift(shifts: Sequence[Shift]) -> dict[str, Any]:
+    return {
+        "sentence": sentence_of(shifts),
+        "otherwise": any(one.shown for one in shifts),
+        "traffic": list(shifts),
     }
 
 

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from socialiq.audit.competence import events_of
 from socialiq.audit.outcomes import Outcomes
 from socialiq.audit.report.selected import value_of
-from socialiq.types import Ending
 
 
 def shares(driver: Outcomes) -> dict[str, float]:
     """Shares of episodes by how they end."""
-    return {
-        "at_fault": float(driver.at_fault.mean()),
-        "struck": float(driver.struck.mean()),
-        "arrival": float((driver.ending == Ending.ARRIVAL).mean()),
-        "timeout": float((driver.ending == Ending.TIMEOUT).mean()),
-    }
+    return {name: float(happened.mean()) for name, happened in events_of(driver).items()}
 
 
 def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:

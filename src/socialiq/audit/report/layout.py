@@ -7,6 +7,7 @@ from typing import Any
 from socialiq.audit.competence import CRITERIA
 from socialiq.audit.fields import SHA256_PATTERN
 from socialiq.audit.report.commitment import LARGEST_SEED
+from socialiq.audit.shift import MEASURES
 
 Schema = dict[str, Any]
 
@@ -41,6 +42,7 @@ def schema() -> Schema:
             reference_files=_list(TEXT),
             left_out=_list(TEXT),
             strata=_list(_stratum()),
+            shift=_or_null(_shift()),
             episodes=_table(median=_list(_episode()), worst=_list(_episode())),
             cloud=_list(REWARDS),
             limits=_list(TEXT),
@@ -211,6 +213,29 @@ def _stratum() -> Schema:
         regret=_or_null(_table(mean=NUMBER, low=NUMBER, high=NUMBER, p=_or_null(NUMBER))),
         shares=_table(**dict.fromkeys(CRITERIA, _table(value=SHARE, low=NUMBER, high=NUMBER))),
     )
+
+
+def _shift() -> Schema:
+    change = _table(
+        measure={"enum": list(MEASURES)},
+        declared=NUMBER,
+        there=NUMBER,
+        change=NUMBER,
+        low=NUMBER,
+        high=NUMBER,
+        shown=FLAG,
+        reference=_or_null(NUMBER),
+    )
+    traffic = _table(
+        name=TEXT,
+        options=ANYTHING,
+        scenario_sha256=HASH,
+        episodes=COUNT,
+        decision=DECISION,
+        best=TEXT,
+        changes=_list(change),
+    )
+    return _table(sentence=TEXT, otherwise=FLAG, traffic=_list(traffic) | {"minItems": 1})
 
 
 def _episode() -> Schema:

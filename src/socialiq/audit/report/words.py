@@ -34,6 +34,11 @@ def percent(share: Real | None) -> str:
     return "–" if share is None else f"{100 * share:.1f} %".replace("-", "−")
 
 
+def measured(value: Real | None, share: bool) -> str:
+    """A value or a change of it: as a percentage if it is a share."""
+    return percent(value) if share else number(value)
+
+
 def degrees(angle: Real | None) -> str:
     """An angle to one decimal, without a decimal that is 0."""
     return "–" if angle is None else f"{round(angle, 1) + 0.0:g}°".replace("-", "−")
@@ -91,5 +96,5 @@ def criterion(name: str) -> str:
 
 FILTERS = {
     one.__name__: one
-    for one in (number, percent, degrees, arcs, meaning, options, headline, criterion)
+    for one in (number, percent, measured, degrees, arcs, meaning, options, headline, criterion)
 }

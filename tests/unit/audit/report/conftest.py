@@ -8,6 +8,7 @@ from socialiq.audit.plain import as_json
 from socialiq.audit.report.commitment import Commitment, draw
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.seeds import episode_seeds
+from socialiq.audit.shift import other_traffic, shift_of
 from socialiq.audit.verdict import judge
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
@@ -19,6 +20,13 @@ class Always:
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.full(len(observation), 1), state
+
+
+def shifts(profile, evidence):
+    """The same driver in other traffic."""
+    traffic = other_traffic(profile)
+    there = [gather(one.world, Always(), episode_seeds(1, 40)) for one in traffic]
+    return shift_of(profile, evidence, traffic, there, 0, resamples=100)
 
 
 @pytest.fixture(scope="package")
@@ -45,6 +53,7 @@ def audited(declared):
         left_out=[],
         evidence=evidence,
         verdict=judge(profile, evidence, drawn.derived("resampling")),
+        shifts=shifts(profile, evidence),
         films={},
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",
         started=datetime.datetime(2026, 1, 31, 12, 0, tzinfo=datetime.UTC),

@@ -31,7 +31,12 @@ def at(value, path):
     return value
 
 
-FREE = (("policy", "record"), ("declaration", "scenario", "options"), ("versions",))
+FREE = (
+    ("policy", "record"),
+    ("declaration", "scenario", "options"),
+    ("shift", "traffic", 0, "options"),
+    ("versions",),
+)
 
 
 def test_the_shipped_schema_is_the_layout():
@@ -45,7 +50,7 @@ def test_a_report_follows_the_schema(report):
 
 def test_no_field_may_be_missing_or_added(plain):
     for rows in (plain, plain["episodes"], plain["tests"]["regret"]):
-        for name in ("cloud", "strata", "references", "median", "worst"):
+        for name in ("cloud", "strata", "references", "median", "worst"):  # the rest is alike
             if name in rows:
                 rows[name] = rows[name][:1]
     for path in [one for one in places(plain) if one[:2] != FREE[0] and one not in FREE]:
@@ -76,6 +81,9 @@ def test_no_field_may_be_missing_or_added(plain):
         (("limits",), [1]),
         (("references",), []),
         (("policy", "means", "r_env"), 1e300),
+        (("policy", "means", "r_env"), float("inf")),
+        (("shift", "traffic"), []),
+        (("shift", "traffic", 0, "changes", 0, "measure"), "<script>"),
         (("seeds", "seed"), 2**53),
         (("seeds",), None),
         (("versions", "python"), 3),
@@ -109,7 +117,19 @@ def test_worst_and_median_episodes(report, audited):
         assert seeds[one["episode"]] == one["seed"]
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"format": NaN}', b"[" * 100_000])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b'{"format": NaN}',
+        b"[" * 100_000,
+        b'{"format": ' + b"9" * 5000 + b"}",
+        b'{"machine": "\\ud800"}',
+        b'{"machine": "\xff"}',
+    ],
+)
 def test_what_is_no_report_is_refused_in_one_line(tmp_path, content):
     path = tmp_path / "report.json"
     path.write_bytes(content)

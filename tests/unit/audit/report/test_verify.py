@@ -2,10 +2,13 @@
 
 import hashlib
 import json
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 
+from socialiq.audit.report import verify
 from socialiq.audit.report.assemble import files_of
 from socialiq.audit.report.folder import check_target, write_folder
 from socialiq.audit.report.seals import MANIFEST, STATEMENT, sealed
@@ -59,6 +62,24 @@ def test_links_out_of_the_folder_are_refused(folder, tmp_path):
     (folder / "episodes").symlink_to(tmp_path / "secret")
     with pytest.raises(UserError, match="is a link"):
         faults(folder)
+
+
+def test_a_pipe_is_not_waited_for(folder):
+    os.mkfifo(folder / "more.csv")
+    with pytest.raises(UserError, match="is no plain file"):
+        faults(folder)
+
+
+def test_files_that_are_large_together_are_not_read(folder, monkeypatch):
+    """They may be holes that take no place on a disk, but memory once they are read."""
+    for name in ("one", "two", "three"):
+        with (folder / name).open("wb") as file:
+            file.truncate(verify.LARGEST_FOLDER // 3)
+    read = []
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path.name) or b"")
+    with pytest.raises(UserError, match="more than an audit writes: two"):
+        faults(folder)
+    assert "two" not in read
 
 
 def resealed(folder, files, **changed):

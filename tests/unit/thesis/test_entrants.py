@@ -4,10 +4,10 @@ import jax
 import numpy as np
 import pytest
 
-from socialiq.cli.entrants import Trust, drivers, entrant, itself_by_rule
 from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.thesis.entrants import Trust, drivers, entrant, itself_by_rule
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make

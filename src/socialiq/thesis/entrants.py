@@ -37,7 +37,7 @@ class Trust:
 
     Attributes:
         allow_code: Import a Python module.
-        limits: Seconds that a process may take.
+        limits: What a process may take.
     """
 
     allow_code: bool = False

@@ -14,19 +14,19 @@ from socialiq.audit.calibration import calibrate
 from socialiq.audit.gather import gather
 from socialiq.audit.outcomes import Evidence
 from socialiq.audit.profile import Profile, load
-from socialiq.audit.report.commitment import Commitment, Draw, check_seed, draw
+from socialiq.audit.report.commitment import Commitment, check_seed, draw
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.films import check_filmed, films_of
 from socialiq.audit.report.selected import selected
-from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
+from socialiq.audit.scenario import World
+from socialiq.audit.seeds import check_episodes, episode_seeds
+from socialiq.audit.shift import other_traffic, shift_of
 from socialiq.audit.verdict import Verdict, judge
-from socialiq.cli.entrants import Trust, drivers, entrant, itself_by_rule
 from socialiq.errors import UserError
+from socialiq.interop.process import GIB, Limits
 from socialiq.interop.record import Loaded
+from socialiq.thesis.entrants import Trust, drivers, entrant, itself_by_rule
 from socialiq.worlds.intersection.world import Intersection
-
-FEWEST_EPISODES = 20
-"""Below, no bound of the audit says anything."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +43,7 @@ class Request:
         trust: What the policy may do.
         threads: That share the intersection's episodes.
         films: Whether to draw six episodes.
+        shift: Whether to let the policy drive in other traffic too.
     """
 
     policy: str
@@ -54,6 +55,7 @@ class Request:
     trust: Trust = dataclasses.field(default_factory=Trust)
     threads: int = 1
     films: bool = False
+    shift: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,6 +92,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
     world = profile.world()
     if request.films:
         check_filmed(world)
+    traffic = other_traffic(profile) if request.shift else ()
     with entrant(request.policy, world, profile.angle, request.trust) as loaded:
         if wanted_sha256 and loaded.record.sha256 != wanted_sha256:
             raise UserError(
@@ -99,10 +102,17 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         say(f"committed to policy and declaration: {commitment.sha256}")
         drawn = draw(commitment, request.seed)
         say(f"seed {drawn.seed}, chosen by the {drawn.chosen_by}")
-        evidence, handed, out = _played(request, profile, loaded, drawn)
+        evidence, handed, out = _played(request, loaded, world, drawn.derived("episodes"))
+        elsewhere = [
+            _played(request, loaded, one.world, drawn.derived(f"shift {number}"))[0]
+            for number, one in enumerate(traffic)
+        ]
         films = _filmed(request, profile, loaded, evidence)
     compared = _without(evidence, out)
-    verdict = _judged(profile, compared, evidence, drawn.derived("resampling"))
+    resampling = drawn.derived("resampling")
+    verdict = _judged(profile, compared, evidence, resampling)
+    there = [_without(one, out) for one in elsewhere]
+    shifts = shift_of(profile, compared, traffic, there, resampling) if traffic else None
     audited = Audited(
         profile=profile,
         policy=loaded.record.as_json(),
@@ -113,6 +123,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         left_out=out,
         evidence=compared,
         verdict=verdict,
+        shifts=shifts,
         films=films,
         command=command_of(request, drawn.seed),
         started=started,
@@ -127,34 +138,37 @@ def command_of(request: Request, seed: int) -> str:
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
     words += [word for path in request.references for word in ("--reference", str(path))]
     words += ["--films"] if request.films else []
+    words += ["--shift"] if request.shift else []
     words += ["--soft"] if request.soft else []
     words += ["--allow-code"] if request.trust.allow_code else []
+    limits, usual = request.trust.limits, Limits()
+    if limits.step != usual.step:
+        words += ["--step-seconds", f"{limits.step:g}"]
+    if limits.memory != usual.memory:
+        words += ["--memory-gib", f"{limits.memory / GIB:g}"]
     return shlex.join(words)
 
 
 def _check(request: Request) -> None:
-    if not FEWEST_EPISODES <= request.episodes <= MOST_EPISODES:
-        raise UserError(
-            f"episodes must be from {FEWEST_EPISODES} to {MOST_EPISODES}, got {request.episodes}"
-        )
+    check_episodes(request.episodes)
     if request.seed is not None:
         check_seed(request.seed)  # before anything is read; it is used only after the commitment
     if request.films and request.soft:
         raise UserError("films show a policy's best actions: leave out --films or --soft")
+    request.trust.limits.check()
     if request.threads < 1:
         raise UserError(f"threads must be at least 1, got {request.threads}")
 
 
 def _played(
-    request: Request, profile: Profile, loaded: Loaded, drawn: Draw
+    request: Request, loaded: Loaded, world: World, seed: int
 ) -> tuple[Evidence, dict[str, dict[str, Any]], list[str]]:
     """Everybody on the same episodes, and who of them is the policy itself."""
-    world = profile.world()
     references, handed, out = drivers(world, request.references, loaded.record.sha256)
     evidence = gather(
         world,
         loaded.policy,
-        episode_seeds(drawn.derived("episodes"), request.episodes),
+        episode_seeds(seed, request.episodes),
         references,
         deterministic=not request.soft,
         threads=request.threads,

@@ -1,0 +1,16 @@
+"""Which competence is asked for at which angle."""
+
+from __future__ import annotations
+
+from socialiq.audit.profile import Floor
+from socialiq.audit.template import FLOOR
+
+WITHDRAWN = Floor(FLOOR.max_at_fault, FLOOR.max_struck, min_arrival=0.0, max_timeout=1.0)
+"""Where nothing but the others counts, the best driver never arrives: it isn't asked to."""
+
+_NEARLY_90 = 75.0  # degrees
+
+
+def floor_at(angle: float) -> Floor:
+    """The default floor; beyond 75 degrees nobody is asked to arrive."""
+    return WITHDRAWN if angle > _NEARLY_90 else FLOOR
