@@ -41,12 +41,14 @@ class Audit:
     """How many episodes to play."""
     seed: int | None = None
     """The auditor's own; by default drawn from the system's entropy after the commitment."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """File of a further driver to compare with; a dial gives one for every 15 degrees."""
+    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A further driver to compare with: a file (a dial gives one for every 15 degrees), or
+    python:MODULE:ATTRIBUTE. In an environment of your own at least one is needed."""
     soft: bool = False
     """Let the policy draw its actions instead of taking its best."""
     allow_code: bool = False
-    """Import the policy's Python module: its author's code runs with your rights."""
+    """Import the Python modules of policy, references and the declaration's environment: their
+    authors' code runs with your rights."""
     step_seconds: float = 5.0
     """Seconds that a process may take for an answer."""
     threads: int = 1

@@ -18,6 +18,7 @@ from socialiq.audit.report.commitment import Commitment, Draw, check_seed, draw
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.films import check_filmed, films_of
 from socialiq.audit.report.selected import selected
+from socialiq.audit.scenario import World
 from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
 from socialiq.audit.verdict import Verdict, judge
 from socialiq.cli.entrants import Trust, drivers, entrant, itself_by_rule
@@ -38,7 +39,7 @@ class Request:
         profile: File of the declaration.
         episodes: How many.
         seed: The auditor's, or None to have it drawn.
-        references: Files of further drivers to compare with.
+        references: Further drivers to compare with: files, or "python:MODULE:ATTRIBUTE".
         soft: Whether the policy draws its actions.
         trust: What the policy may do.
         threads: That share the intersection's episodes.
@@ -49,7 +50,7 @@ class Request:
     profile: Path
     episodes: int
     seed: int | None = None
-    references: tuple[Path, ...] = ()
+    references: tuple[str, ...] = ()
     soft: bool = False
     trust: Trust = dataclasses.field(default_factory=Trust)
     threads: int = 1
@@ -87,7 +88,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
     _check(request)
     started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
     profile = load(request.profile)
-    world = profile.world()
+    world = profile.world(request.trust.allow_code)
     if request.films:
         check_filmed(world)
     with entrant(request.policy, world, profile.angle, request.trust) as loaded:
@@ -99,8 +100,8 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         say(f"committed to policy and declaration: {commitment.sha256}")
         drawn = draw(commitment, request.seed)
         say(f"seed {drawn.seed}, chosen by the {drawn.chosen_by}")
-        evidence, handed, out = _played(request, profile, loaded, drawn)
-        films = _filmed(request, profile, loaded, evidence)
+        evidence, handed, out = _played(request, world, loaded, drawn)
+        films = _filmed(request, profile, world, loaded, evidence)
     compared = _without(evidence, out)
     verdict = _judged(profile, compared, evidence, drawn.derived("resampling"))
     audited = Audited(
@@ -109,7 +110,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         deterministic=not request.soft,
         drawn=drawn,
         handed=handed,
-        reference_files=[str(path) for path in request.references],
+        reference_files=list(request.references),
         left_out=out,
         evidence=compared,
         verdict=verdict,
@@ -125,7 +126,7 @@ def command_of(request: Request, seed: int) -> str:
     """The command that repeats an audit, but for the folder that it writes."""
     words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
-    words += [word for path in request.references for word in ("--reference", str(path))]
+    words += [word for one in request.references for word in ("--reference", one)]
     words += ["--films"] if request.films else []
     words += ["--soft"] if request.soft else []
     words += ["--allow-code"] if request.trust.allow_code else []
@@ -146,11 +147,13 @@ def _check(request: Request) -> None:
 
 
 def _played(
-    request: Request, profile: Profile, loaded: Loaded, drawn: Draw
+    request: Request, world: World, loaded: Loaded, drawn: Draw
 ) -> tuple[Evidence, dict[str, dict[str, Any]], list[str]]:
     """Everybody on the same episodes, and who of them is the policy itself."""
-    world = profile.world()
-    references, handed, out = drivers(world, request.references, loaded.record.sha256)
+    record = loaded.record
+    references, handed, out = drivers(
+        world, request.references, record.sha256, record.source, request.trust
+    )
     evidence = gather(
         world,
         loaded.policy,
@@ -159,13 +162,12 @@ def _played(
         deterministic=not request.soft,
         threads=request.threads,
     )
-    return evidence, handed, [*itself_by_rule(loaded.record.sha256, world), *out]
+    return evidence, handed, [*itself_by_rule(record.sha256, world), *out]
 
 
 def _filmed(
-    request: Request, profile: Profile, loaded: Loaded, evidence: Evidence
+    request: Request, profile: Profile, world: World, loaded: Loaded, evidence: Evidence
 ) -> dict[str, bytes]:
-    world = profile.world()
     if not (request.films and isinstance(world, Intersection)):
         return {}
     return films_of(world, loaded.policy, selected(evidence, profile.angle))

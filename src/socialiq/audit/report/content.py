@@ -91,7 +91,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "strata": by_stratum(evidence, angle, best, profile.confidence),
             "episodes": _with_films(selected(evidence, angle), audited.films),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
-            "limits": limits(profile.world()),
+            "limits": limits(profile.scenario.world),
             "seeds": _seeds(audited.drawn, evidence.episodes),
             "hashes": _hashes(audited),
             "versions": versions(),
