@@ -22,8 +22,8 @@ from socialiq.audit.references import Reference
 from socialiq.errors import UserError
 from socialiq.evaluation.play import SOFT, SoftPolicy
 from socialiq.evaluation.rollout import steps
-from socialiq.types import Ending, Policy
-from socialiq.worlds.environment import make_environment, paired
+from socialiq.types import Ending
+from socialiq.worlds.environment import make_environment, paired, sizes
 from socialiq.worlds.wrapper import RewardPairWrapper
 
 LARGEST_SEED = 2**31
@@ -60,16 +60,12 @@ class Environment:
     @property
     def n_features(self) -> int:
         """Length of an observation."""
-        space = self.env.observation_space
-        assert isinstance(space, gymnasium.spaces.Box)
-        return space.shape[0]
+        return sizes(self.env)[0]
 
     @property
     def n_actions(self) -> int:
         """Number of actions."""
-        space = self.env.action_space
-        assert isinstance(space, gymnasium.spaces.Discrete)
-        return int(space.n)
+        return sizes(self.env)[1]
 
     @cached_property
     def description(self) -> str:

@@ -38,8 +38,8 @@ def gather(
     """Play everybody on the same episodes.
 
     In a gridworld the exact optima are always among the references, at the intersection go, wait
-    and the Intelligent Driver Model; an environment has none of its own. Kept are a few numbers of each episode and driver, some
-    50 bytes.
+    and the Intelligent Driver Model; an environment has none of its own. Kept are a few numbers of
+    each episode and driver, some 50 bytes.
 
     Args:
         world: Of the declaration: `Profile.world()`.

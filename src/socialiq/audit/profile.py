@@ -255,17 +255,19 @@ class _Reader:
         for option in options:
             if not re.fullmatch("[a-z0-9_]{1,40}", option):
                 self.refuse("scenario.options", f"{_shown(option)} is no option's name")
+        # To make an environment may run code that came with the file: `Profile.world` does it.
+        world: World | None = None
         try:
-            if name not in WORLDS:
-                # To make it may run code that came with the file, so `Profile.world` does it.
-                return check_options(options)
-            world = world_of(name, options)
+            if name in WORLDS:
+                world = world_of(name, options)
+            else:
+                check_options(options)
         except UserError as error:
             # The longest, as some names are parts of others.
             blamed = max((one for one in options if one in str(error)), key=len, default="")
             path = f"scenario.options.{blamed}" if blamed else "scenario.options"
             self.refuse(path, _shown(str(error), quoted=False))
-        for path, value in identity(world).items():
+        for path, value in identity(world).items() if world else ():
             if values[path] != value:
                 self.refuse(path, _OTHER.format(path=path, value=value))
 

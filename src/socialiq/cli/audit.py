@@ -12,6 +12,7 @@ import tyro
 
 from socialiq.audit.report.assemble import files_of
 from socialiq.audit.report.folder import check_target, write_folder
+from socialiq.audit.report.views import told
 from socialiq.cli.auditing import Conducted, Request, conduct
 from socialiq.cli.entrants import Trust
 from socialiq.cli.output import print_table
@@ -105,7 +106,7 @@ def _show(done: Conducted, folder: Path) -> None:
             "asked for": f"at most {regret['margin']:g}",
         }
     ]
-    for one in tests["competence"]:
+    for one in (one for one in tests["competence"] if told(done.report, one["name"])):
         bounds = {"estimate": one["share"], "low": one["low"], "high": one["high"]}
         wanted = f"{one['side']} {one['limit']:g}"
         result = {"test": one["name"].replace("_", " "), "result": one["decision"]}

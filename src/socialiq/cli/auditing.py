@@ -6,7 +6,7 @@ import dataclasses
 import datetime
 import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,11 @@ from socialiq.audit.calibration import calibrate
 from socialiq.audit.gather import gather
 from socialiq.audit.outcomes import Evidence
 from socialiq.audit.profile import Profile, load
+from socialiq.audit.report.assemble import files_of
 from socialiq.audit.report.commitment import Commitment, Draw, check_seed, draw
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.films import check_filmed, films_of
+from socialiq.audit.report.folder import check_target, write_folder
 from socialiq.audit.report.selected import selected
 from socialiq.audit.scenario import World
 from socialiq.audit.seeds import MOST_EPISODES, episode_seeds
@@ -120,6 +122,47 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         seconds=round(time.monotonic() - clock, 3),
     )
     return Conducted(content(audited), compared, profile, films)
+
+
+def audit_policy(
+    policy: str | Path,
+    profile: Path,
+    out: Path,
+    episodes: int = 500,
+    seed: int | None = None,
+    references: Sequence[str | Path] = (),
+    allow_code: bool = False,
+    replace: bool = False,
+) -> dict[str, Any]:
+    """Audit a policy against its declaration and write the report, as `socialiq audit` does.
+
+    Args:
+        policy: A file, "python:MODULE:ATTRIBUTE", "process:COMMAND LINE", atlas:NAME, or at the
+            intersection a driver by rule.
+        profile: File of the declaration: the `source` of what `declare` made.
+        out: Folder to write.
+        episodes: How many everybody drives.
+        seed: The auditor's own; by default drawn after policy and declaration were hashed.
+        references: Further drivers to compare with; in an environment at least one.
+        allow_code: Whether Python modules that are named may be imported.
+        replace: Whether an earlier report in the folder is replaced.
+
+    Returns:
+        The content of `report.json`: `["verdict"]["decision"]` is pass, fail or inconclusive.
+
+    Raises:
+        UserError: If anything asked for will not do, or the policy fails on the way.
+    """
+    check_target(out, replace)
+    handed = tuple(map(str, references))
+    request = Request(str(policy), profile, episodes, seed, handed, trust=Trust(allow_code))
+    done = conduct(request, _silent)
+    write_folder(out, files_of(done.report, done.profile, done.evidence, done.films), replace)
+    return done.report
+
+
+def _silent(_line: str) -> None:
+    """Who calls from Python reads the report instead."""
 
 
 def command_of(request: Request, seed: int) -> str:

@@ -167,6 +167,7 @@ def rollout_env(
     _check_episodes(episodes)
     seeds = range(seed, seed + episodes)
     taken = list(steps(env, policy, seeds, deterministic))
+    assert isinstance(env.action_space, gymnasium.spaces.Discrete)  # `steps` refuses others
     return _table(taken, int(env.action_space.n), mode, {"seed": seed, **(source or {})})
 
 

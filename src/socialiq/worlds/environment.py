@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
+from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
@@ -54,6 +55,13 @@ def make_environment(
     check_spaces(env)
     guarded = _Guarded(env, one_line(name))
     return RewardPairWrapper(guarded) if needs_pair else guarded
+
+
+def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
+    """Length of an observation, and number of actions, of an environment made here."""
+    seen, actions = env.observation_space, env.action_space
+    assert isinstance(seen, spaces.Box) and isinstance(actions, spaces.Discrete)
+    return int(seen.shape[0]), int(actions.n)
 
 
 def paired(env: gymnasium.Env[Any, Any]) -> RewardPairWrapper | None:

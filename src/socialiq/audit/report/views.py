@@ -63,11 +63,11 @@ def _environment(**settings: Any) -> Environment:
         **settings,
     )
     made.filters.update(FILTERS, code=_code)
-    made.globals["told"] = _told
+    made.globals["told"] = told
     return made
 
 
-def _told(report: Mapping[str, Any], criterion: str) -> bool:
+def told(report: Mapping[str, Any], criterion: str) -> bool:
     """Whether the world tells what a criterion asks; others' environments don't know who struck."""
     return criterion != "struck" or report["declaration"]["scenario"]["world"] in WORLDS
 
