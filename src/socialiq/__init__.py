@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from socialiq.worlds.ids import register as _register
 
 if TYPE_CHECKING:
+    from socialiq.audit.profile import Margin
     from socialiq.audit.template import new as declare
     from socialiq.cli.auditing import audit_policy
     from socialiq.demonstrations.dataset import Demonstrations
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from socialiq.learners.iq_learn.config import Numbers, Structure
     from socialiq.learners.iq_learn.train import train
     from socialiq.mdp.front import attainable_set
-    from socialiq.nn.dial_policy import DialPolicy
     from socialiq.nn.q_policy import QPolicy
     from socialiq.social.angle import weights
     from socialiq.social.estimate import estimate_angle
@@ -34,17 +34,18 @@ if TYPE_CHECKING:
     from socialiq.worlds.enumerate import tabulate
     from socialiq.worlds.environment import make_environment
     from socialiq.worlds.registry import make
-    from socialiq.worlds.wrapper import RewardPairWrapper
+    from socialiq.worlds.wrapper import RewardPairWrapper, Transition
 
 __all__ = [
     "Demonstrations",
-    "DialPolicy",
     "Ending",
+    "Margin",
     "Numbers",
     "QPolicy",
     "RewardPair",
     "RewardPairWrapper",
     "Structure",
+    "Transition",
     "UserError",
     "acting_in",
     "attainable_set",
@@ -68,13 +69,14 @@ __all__ = [
 # The same as above for the interpreter; a test holds the two against each other.
 _PLACES = {
     "Demonstrations": "demonstrations.dataset",
-    "DialPolicy": "nn.dial_policy",
     "Ending": "types",
+    "Margin": "audit.profile",
     "Numbers": "learners.iq_learn.config",
     "QPolicy": "nn.q_policy",
     "RewardPair": "types",
     "RewardPairWrapper": "worlds.wrapper",
     "Structure": "learners.iq_learn.config",
+    "Transition": "worlds.wrapper",
     "UserError": "errors",
     "acting_in": "learners.collect",
     "attainable_set": "mdp.front",

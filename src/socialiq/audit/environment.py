@@ -190,29 +190,33 @@ class _Drawn:
         """Draw an action."""
         cumulative = self._policy.probabilities(observation[None]).cumsum(axis=1)[0]
         chosen = (self._rng.random() >= cumulative).sum()
-        return np.minimum(chosen, len(cumulative) - 1), state
+        return np.asarray(min(chosen, len(cumulative) - 1)), state
 
 
-def _module_of(part: Any) -> Any:
-    """The module of a class, a function, or an object that can be called."""
-    part = part.func if isinstance(part, functools.partial) else part
-    name = getattr(part, "__module__", None) or type(part).__module__
-    return sys.modules.get(name)
+def _module_of(part: Any) -> str:
+    """Name of the module of a class, a function, or an object that can be called."""
+    return getattr(part, "__module__", None) or type(part).__module__
 
 
-def _foreign(parts: list[Any]) -> dict[str, Any]:
-    modules = {one.__name__: one for part in parts if (one := _module_of(part)) is not None}
-    return {name: one for name, one in modules.items() if name.split(".")[0] not in _OWN}
+def _file_of(part: Any) -> str | None:
+    """The file that its code was compiled from; a module's name may be taken by another file."""
+    kind = part if isinstance(part, type) else type(part)
+    methods = [getattr(one, "__code__", None) for one in vars(kind).values()]
+    codes = [one for one in (getattr(part, "__code__", None), *methods) if one is not None]
+    file = codes[0].co_filename if codes else None
+    return file if file is not None and Path(file).is_file() else None
+
+
+def _foreign(parts: list[Any]) -> list[Any]:
+    """What is neither Gymnasium's nor ours."""
+    bare = (part.func if isinstance(part, functools.partial) else part for part in parts)
+    return [part for part in bare if _module_of(part).split(".")[0] not in _OWN]
 
 
 def _sources(parts: list[Any]) -> dict[str, str]:
-    """SHA-256 of the file of each module that is neither Gymnasium's nor ours."""
-    found = {}
-    for name, module in sorted(_foreign(parts).items()):
-        file = getattr(module, "__file__", None)
-        if file is not None:
-            found[name] = _sha256(file)
-    return found
+    """SHA-256 of the file of each part, by module."""
+    files = {_module_of(part): _file_of(part) for part in _foreign(parts)}
+    return {name: _sha256(file) for name, file in sorted(files.items()) if file is not None}
 
 
 def _sha256(file: str) -> str:
@@ -222,7 +226,7 @@ def _sha256(file: str) -> str:
 def _versions(parts: list[Any]) -> dict[str, str]:
     """Versions of Gymnasium and of the installed packages that these modules belong to."""
     owners = importlib.metadata.packages_distributions()
-    tops = {name.split(".")[0] for name in _foreign(parts)}
+    tops = {_module_of(part).split(".")[0] for part in _foreign(parts)}
     names = {"gymnasium", *(one for top in tops for one in owners.get(top, ()))}
     return {name: importlib.metadata.version(name) for name in sorted(names)}
 
