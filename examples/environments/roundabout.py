@@ -79,7 +79,7 @@ def main(episodes: int, updates: int, seeds: int) -> list[dict]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    for option, default in (("--episodes", 50), ("--updates", 3000), ("--seeds", 1)):
+    for option, default in (("--episodes", 20), ("--updates", 1000), ("--seeds", 1)):
         parser.add_argument(option, type=int, default=default)
     for row in main(**vars(parser.parse_args())):
         measured = " ".join(

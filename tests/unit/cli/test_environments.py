@@ -91,8 +91,7 @@ def test_each_driver_is_a_mode_on_the_same_episodes(tmp_path):
             {"goes": (4, 8), "calm": (2, 8)},
         ),
         (
-            ["--mixture", "contaminated", "--base", "calm", "--contaminant", "goes"]
-            + ["--share", "0.25"],
+            "--mixture contaminated --base calm --contaminant goes --share 0.25".split(),
             {"calm": (3, 12), "goes": (1, 2)},
         ),
     ],
