@@ -91,7 +91,16 @@ def test_each_driver_is_a_mode_on_the_same_episodes(tmp_path):
             {"goes": (4, 8), "calm": (2, 8)},
         ),
         (
-            "--mixture contaminated --base calm --contaminant goes --share 0.25".split(),
+            [
+                "--mixture",
+                "contaminated",
+                "--base",
+                "calm",
+                "--contaminant",
+                "goes",
+                "--share",
+                "0.25",
+            ],
             {"calm": (3, 12), "goes": (1, 2)},
         ),
     ],
