@@ -1,5 +1,112 @@
-"""Driving policies of a declared social angle, learned from mixed demonstrations."""
+"""Driving policies of a declared social angle, learned from mixed demonstrations.
+
+The names below are the public interface (docs/api.md has an example of each); they load when they
+are first used, so that `import socialiq` stays light. Everything else may change between versions.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from socialiq.worlds.ids import register as _register
+
+if TYPE_CHECKING:
+    from socialiq.audit.profile import Margin
+    from socialiq.audit.template import new as declare
+    from socialiq.demonstrations.dataset import Demonstrations
+    from socialiq.demonstrations.files import load as load_demonstrations
+    from socialiq.demonstrations.files import save as save_demonstrations
+    from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
+    from socialiq.errors import UserError
+    from socialiq.evaluation.rollout import rollout_env
+    from socialiq.interop.door import load as load_policy
+    from socialiq.learners.collect import acting_in
+    from socialiq.learners.iq_learn.config import Numbers, Structure
+    from socialiq.learners.iq_learn.train import train
+    from socialiq.mdp.front import attainable_set
+    from socialiq.nn.q_policy import QPolicy
+    from socialiq.social.angle import weights
+    from socialiq.social.estimate import estimate_angle
+    from socialiq.social.score import score
+    from socialiq.thesis.auditing import audit_policy
+    from socialiq.types import Ending, RewardPair
+    from socialiq.worlds.enumerate import tabulate
+    from socialiq.worlds.environment import make_environment
+    from socialiq.worlds.registry import make
+    from socialiq.worlds.wrapper import RewardPairWrapper, Transition
+
+__all__ = [
+    "Demonstrations",
+    "Ending",
+    "Margin",
+    "Numbers",
+    "QPolicy",
+    "RewardPair",
+    "RewardPairWrapper",
+    "Structure",
+    "Transition",
+    "UserError",
+    "acting_in",
+    "attainable_set",
+    "audit_policy",
+    "declare",
+    "equal_trajectories",
+    "equal_transitions",
+    "estimate_angle",
+    "load_demonstrations",
+    "load_policy",
+    "make",
+    "make_environment",
+    "rollout_env",
+    "save_demonstrations",
+    "score",
+    "tabulate",
+    "train",
+    "weights",
+]
+
+# The same as above for the interpreter; a test holds the two against each other.
+_PLACES = {
+    "Demonstrations": "demonstrations.dataset",
+    "Ending": "types",
+    "Margin": "audit.profile",
+    "Numbers": "learners.iq_learn.config",
+    "QPolicy": "nn.q_policy",
+    "RewardPair": "types",
+    "RewardPairWrapper": "worlds.wrapper",
+    "Structure": "learners.iq_learn.config",
+    "Transition": "worlds.wrapper",
+    "UserError": "errors",
+    "acting_in": "learners.collect",
+    "attainable_set": "mdp.front",
+    "audit_policy": "thesis.auditing",
+    "declare": "audit.template:new",
+    "equal_trajectories": "demonstrations.mixture",
+    "equal_transitions": "demonstrations.mixture",
+    "estimate_angle": "social.estimate",
+    "load_demonstrations": "demonstrations.files:load",
+    "load_policy": "interop.door:load",
+    "make": "worlds.registry",
+    "make_environment": "worlds.environment",
+    "rollout_env": "evaluation.rollout",
+    "save_demonstrations": "demonstrations.files:save",
+    "score": "social.score",
+    "tabulate": "worlds.enumerate",
+    "train": "learners.iq_learn.train",
+    "weights": "social.angle",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'socialiq' has no attribute '{name}'")
+    module, _, attribute = _PLACES[name].partition(":")
+    return getattr(importlib.import_module(f"socialiq.{module}"), attribute or name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]
+
 
 _register()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from socialiq.errors import one_of
+from socialiq.errors import UserError, one_of
 
 
 class RewardPair(NamedTuple):
@@ -29,9 +30,31 @@ class RewardPair(NamedTuple):
         """The pair of a Gymnasium step, `info["reward_pair"]`.
 
         Without it the scalar reward is r_env, and r_social is 0.
+
+        Raises:
+            UserError: If it is no pair of finite numbers.
         """
-        env, social = info.get("reward_pair", (float(reward), 0.0))
-        return RewardPair(env, social)
+        return RewardPair.of(info.get("reward_pair", (reward, 0.0)), 'info["reward_pair"]')
+
+    @staticmethod
+    def of(given: Any, what: str) -> RewardPair:
+        """A pair of scalars from whatever holds two numbers.
+
+        Args:
+            given: For instance a tuple or an array of length 2.
+            what: How a complaint calls it.
+
+        Raises:
+            UserError: If it has another length, or one is no finite number.
+        """
+        try:
+            pair = tuple(float(one) for one in given)
+        except (TypeError, ValueError):
+            pair = ()
+        if len(pair) != 2 or not all(map(math.isfinite, pair)):
+            shown = ascii(given)[:80]
+            raise UserError(f"{what} must be two finite numbers (r_env, r_social), got {shown}")
+        return RewardPair(*pair)
 
 
 class Ending(enum.IntEnum):
@@ -52,13 +75,16 @@ class Ending(enum.IntEnum):
         """The ending of a Gymnasium step; `info["ending"]` names the kind of a terminal state.
 
         Raises:
-            UserError: If it names none of these kinds.
+            UserError: If it names none of the kinds that a terminal state may have.
         """
         if terminated:
             name = str(info.get("ending", "other")).lower()
-            one_of('info["ending"]', name, [kind.name.lower() for kind in Ending])
+            one_of('info["ending"]', name, _TERMINAL)
             return Ending[name.upper()]
         return Ending.TIMEOUT if truncated else Ending.NONE
+
+
+_TERMINAL = tuple(kind.name.lower() for kind in Ending if kind not in (Ending.NONE, Ending.TIMEOUT))
 
 
 @runtime_checkable

@@ -6,9 +6,10 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+from socialiq.worlds.environment import NAME_PATTERN
 from socialiq.worlds.registry import WORLDS
 
-Kind = Literal["number", "text", "sha256", "date", "options"]
+Kind = Literal["number", "text", "sha256", "world", "date", "options"]
 
 FORMAT = 1
 LONGEST_TEXT = 200  # characters
@@ -19,6 +20,7 @@ LARGEST_NUMBER = 1e6  # of a reward's or a world's number; none comes near
 _HIDDEN = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
+WORLD_PATTERN = f"^(?:{'|'.join(WORLDS)}|{NAME_PATTERN})$"
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,6 @@ class Field:
         high: Largest number allowed.
         below_high: Whether `high` itself is refused.
         above_low: Whether `low` itself is refused.
-        choices: The texts allowed, if not any.
     """
 
     path: str
@@ -43,7 +44,6 @@ class Field:
     high: float = LARGEST_NUMBER
     below_high: bool = False
     above_low: bool = False
-    choices: tuple[str, ...] = ()
 
     @property
     def demand(self) -> str:
@@ -52,11 +52,10 @@ class Field:
             start = f"above {self.low:g}" if self.above_low else f"of at least {self.low:g}"
             end = f"below {self.high:g}" if self.below_high else f"at most {self.high:g}"
             return f"a number {start} and {end}"
-        if self.choices:
-            return f"one of {', '.join(self.choices)}"
         return {
             "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
             "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
+            "world": f"one of {', '.join(WORLDS)}, a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",
         }[self.kind]
@@ -115,11 +114,14 @@ FIELDS = (
     ),
     Field(
         "scenario.world",
-        "text",
-        "The world in which the policy is audited.",
-        choices=tuple(WORLDS),
+        "world",
+        "The world in which the policy is audited: one of this package's, or an environment.",
     ),
-    Field("scenario.sha256", "sha256", "SHA-256 of the world's description with all its options."),
+    Field(
+        "scenario.sha256",
+        "sha256",
+        "SHA-256 of the world's description with all its options, and of an environment's sources.",
+    ),
     Field(
         "scenario.options",
         "options",

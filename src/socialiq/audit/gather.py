@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Int64
 
 from socialiq.audit import strata
+from socialiq.audit.environment import Environment, drive
 from socialiq.audit.grid_play import drive_grid, fates
 from socialiq.audit.outcomes import Evidence, Outcomes
 from socialiq.audit.references import Reference, by_rule, exact_optima
 from socialiq.audit.scenario import World
+from socialiq.errors import UserError
 from socialiq.evaluation.play import episodes_of
 from socialiq.types import Policy
 from socialiq.worlds.enumerate import tabulate
@@ -36,8 +38,8 @@ def gather(
     """Play everybody on the same episodes.
 
     In a gridworld the exact optima are always among the references, at the intersection go, wait
-    and the Intelligent Driver Model. Kept are a few numbers of each episode and driver, some
-    50 bytes.
+    and the Intelligent Driver Model; an environment has none of its own. Kept are a few numbers of
+    each episode and driver, some 50 bytes.
 
     Args:
         world: Of the declaration: `Profile.world()`.
@@ -53,6 +55,8 @@ def gather(
     """
     if isinstance(world, GridWorld):
         return _in_grid(world, policy, seeds, references, name, deterministic)
+    if isinstance(world, Environment):
+        return _in_environment(world, Reference(name, policy), seeds, references, deterministic)
     batch = world.batch(min(SIDE_BY_SIDE, len(seeds)), threads)
     drivers = [*by_rule(), *references]
     return Evidence(
@@ -83,6 +87,28 @@ def _in_grid(
         policy=drive_grid(table, policy, fate, name, deterministic),
         references=(*exact_optima(table, fate), *handed),
         strata=strata.of_grid(fate, world.chance),
+    )
+
+
+def _in_environment(
+    world: Environment,
+    policy: Reference,
+    seeds: Seeds,
+    references: Sequence[Reference],
+    deterministic: bool,
+) -> Evidence:
+    if not references:
+        raise UserError(
+            f"nothing is known about drivers in {world.name}: name at least one to compare with, "
+            "--reference DRIVER"
+        )
+    world.check_repeats(int(seeds[0]))
+    return Evidence(
+        scenario=world.description,
+        seeds=seeds,
+        policy=drive(world, policy, seeds, deterministic),
+        references=tuple(drive(world, one, seeds) for one in references),
+        strata={},
     )
 
 

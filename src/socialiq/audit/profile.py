@@ -11,16 +11,27 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
-from socialiq.audit.fields import BY_PATH, FIELDS, MOST_OPTIONS, SHA256_PATTERN, TABLES, visible
+from socialiq.audit.fields import (
+    BY_PATH,
+    FIELDS,
+    LONGEST_TEXT,
+    MOST_OPTIONS,
+    SHA256_PATTERN,
+    TABLES,
+    WORLD_PATTERN,
+    visible,
+)
 from socialiq.audit.fields import Field as Declared
 from socialiq.audit.lines import line_of
-from socialiq.audit.scenario import World, reward_id, reward_sha256, scenario_sha256, world_of
+from socialiq.audit.scenario import World, check_options, identity, world_of
 from socialiq.errors import UserError
+from socialiq.worlds.registry import WORLDS
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
 
 _LONGEST_LINE = 1300  # characters: a text of the longest, all of it escaped
 _MOST_DOTS = 250
+_OTHER = '{path} is of another world: this scenario has "{value}"'
 
 
 @dataclass(frozen=True)
@@ -101,9 +112,21 @@ class Profile:
         """SHA-256 of the file's bytes: one changed byte, and it is another declaration."""
         return hashlib.sha256(self.source).hexdigest()
 
-    def world(self) -> World:
-        """Build the world of the scenario."""
-        return world_of(self.scenario.world, self.scenario.options)
+    def world(self, allow_code: bool = False) -> World:
+        """Build the world of the scenario.
+
+        Args:
+            allow_code: Whether an environment's module may be imported.
+
+        Raises:
+            UserError: If an environment can't be made, or isn't the one that was declared.
+        """
+        world = world_of(self.scenario.world, self.scenario.options, allow_code)
+        declared = (self.reward.id, self.reward.sha256, self.scenario.sha256)
+        for (path, value), given in zip(identity(world).items(), declared, strict=True):
+            if value != given:
+                raise UserError(_OTHER.format(path=path, value=value))
+        return world
 
 
 def load(path: Path) -> Profile:
@@ -232,21 +255,21 @@ class _Reader:
         for option in options:
             if not re.fullmatch("[a-z0-9_]{1,40}", option):
                 self.refuse("scenario.options", f"{_shown(option)} is no option's name")
+        # To make an environment may run code that came with the file: `Profile.world` does it.
+        world: World | None = None
         try:
-            world = world_of(name, options)
+            if name in WORLDS:
+                world = world_of(name, options)
+            else:
+                check_options(options)
         except UserError as error:
             # The longest, as some names are parts of others.
             blamed = max((one for one in options if one in str(error)), key=len, default="")
             path = f"scenario.options.{blamed}" if blamed else "scenario.options"
             self.refuse(path, _shown(str(error), quoted=False))
-        expected = {
-            "reward.id": reward_id(world),
-            "reward.sha256": reward_sha256(world),
-            "scenario.sha256": scenario_sha256(world),
-        }
-        for path, value in expected.items():
+        for path, value in identity(world).items() if world else ():
             if values[path] != value:
-                self.refuse(path, f'{path} is of another world: this scenario has "{value}"')
+                self.refuse(path, _OTHER.format(path=path, value=value))
 
 
 def _fits(one: Declared, given: Any) -> bool:
@@ -264,7 +287,9 @@ def _fits(one: Declared, given: Any) -> bool:
         return False
     if one.kind == "sha256":
         return re.fullmatch(SHA256_PATTERN, given) is not None
-    return visible(given) and (not one.choices or given in one.choices)
+    if one.kind == "world":
+        return len(given) <= LONGEST_TEXT and re.fullmatch(WORLD_PATTERN, given) is not None
+    return visible(given)
 
 
 def _shown(value: Any, quoted: bool = True) -> str:

@@ -8,15 +8,18 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from socialiq.audit.environment import Environment
 from socialiq.audit.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.errors import UserError, one_of
+from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.ids import IDS
 from socialiq.worlds.intersection.options import MOST_SPEEDS, Options
 from socialiq.worlds.intersection.settings import ENV_SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import WORLDS, make
 
-World = GridWorld | Intersection
+World = GridWorld | Intersection | Environment
 
 # A declaration comes from outside; these bound the memory and the time that it can ask for.
 MOST_VEHICLES = 200
@@ -41,16 +44,21 @@ _UNITS = (
 )
 
 
-def world_of(name: str, options: Mapping[str, Any]) -> World:
+def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
     """Build a world from what a file says, which may be anything.
 
     Args:
         name: Of the world.
         options: Texts, numbers and lists of numbers, as TOML gives them.
+        allow_code: Whether an environment's module may be imported.
 
     Raises:
-        UserError: If the world or an option is unknown, or a value is of the wrong type or size.
+        UserError: If the world or an option is unknown, a value is of the wrong type or size, or
+            an environment can't be made.
     """
+    if is_environment(name) and name not in IDS.values():
+        check_options(options)
+        return Environment.of(name, options, allow_code)
     one_of("world", name, tuple(WORLDS))
     kind = WORLDS[name].Options
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}
@@ -69,7 +77,12 @@ def scenario_sha256(world: World) -> str:
 
 
 def reward_id(world: World) -> str:
-    """The name of a world's reward pair; it changes when the formulas behind it do."""
+    """The name of a world's reward pair; it changes when the formulas behind it do.
+
+    What an environment's pair is, its sources tell.
+    """
+    if isinstance(world, Environment):
+        return f"environment/{world.name}"
     return f"socialiq/{world.name}/1"
 
 
@@ -77,9 +90,11 @@ def reward_specification(world: World) -> dict[str, Any]:
     """The weights and units that define r_env and r_social, as one JSON-able object.
 
     Two worlds whose specifications agree give the same rewards for the same event, whatever
-    traffic they have.
+    traffic they have. Of an environment the hashes of the code that gives the pair stand here.
     """
     found: dict[str, Any] = {"id": reward_id(world)}
+    if isinstance(world, Environment):
+        return found | world.reward
     if isinstance(world, Intersection):
         weigh = {side: _weights(world.options, names) for side, names in _SIDES.items()}
         units = {name: getattr(world.options, name) for name in _UNITS}
@@ -94,6 +109,31 @@ def reward_sha256(world: World) -> str:
     """SHA-256 of `reward_specification` as JSON with sorted keys."""
     text = json.dumps(reward_specification(world), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def identity(world: World) -> dict[str, str]:
+    """What a declaration says of its world, by the declaration's field."""
+    return {
+        "reward.id": reward_id(world),
+        "reward.sha256": reward_sha256(world),
+        "scenario.sha256": scenario_sha256(world),
+    }
+
+
+def check_options(options: Mapping[str, Any]) -> None:
+    """Refuse what is no text, truth value, number or list of numbers of a moderate size.
+
+    Args:
+        options: Of an environment, whose own types are not known.
+
+    Raises:
+        UserError: If one is something else.
+    """
+    for option, given in options.items():
+        default = 0.0 if type(given) is float else given
+        if not isinstance(given, str | bool | int | float | list):
+            raise UserError(f"{option} must be text, true, false, a number or a list of numbers")
+        _typed(option, given, (0.0,) if isinstance(given, list) else default)
 
 
 _SIDES = {"env": ENV_SIGNALS, "social": SOCIAL_SIGNALS}

@@ -12,6 +12,7 @@ from socialiq.audit.fields import (
     SHA256_PATTERN,
     TABLES,
     TEXT_PATTERN,
+    WORLD_PATTERN,
     Field,
 )
 from socialiq.worlds.intersection.options import MOST_SPEEDS
@@ -50,8 +51,6 @@ def _constraints(field: Field) -> dict[str, Any]:
         low = "exclusiveMinimum" if field.above_low else "minimum"
         high = "exclusiveMaximum" if field.below_high else "maximum"
         return {"type": "number", low: field.low, high: field.high}
-    if field.choices:
-        return {"type": "string", "enum": list(field.choices)}
     number = {"type": "number", "minimum": -LARGEST_NUMBER, "maximum": LARGEST_NUMBER}
     return {
         "text": {
@@ -61,6 +60,7 @@ def _constraints(field: Field) -> dict[str, Any]:
             "pattern": TEXT_PATTERN,
         },
         "sha256": {"type": "string", "pattern": SHA256_PATTERN},
+        "world": {"type": "string", "maxLength": LONGEST_TEXT, "pattern": WORLD_PATTERN},
         "date": {"type": "string", "format": "date"},
         "options": {
             "type": "object",

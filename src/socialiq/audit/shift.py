@@ -15,6 +15,7 @@ import numpy as np
 
 from socialiq.audit.competence import CRITERIA, events_of
 from socialiq.audit.decision import Decision
+from socialiq.audit.environment import Environment
 from socialiq.audit.outcomes import Evidence
 from socialiq.audit.profile import Profile
 from socialiq.audit.regret import Regrets
@@ -26,6 +27,7 @@ from socialiq.social.angle import exact_weights
 from socialiq.social.score import score
 from socialiq.types import RewardPair
 from socialiq.worlds.intersection.population import POPULATIONS
+from socialiq.worlds.intersection.world import Intersection
 
 MEASURES = ("regret", *CRITERIA)
 
@@ -100,6 +102,10 @@ class Shift:
         return tuple(one for one in self.changes if one.shown)
 
 
+OTHER_TRAFFIC = ("intersection", "crossing7")
+"""Worlds that know other traffic."""
+
+
 def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
     """The traffic that a policy is let loose in, beside the declared one.
 
@@ -110,20 +116,21 @@ def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
     Raises:
         UserError: If the world has one traffic only.
     """
-    world, declared = profile.world(), profile.scenario
+    declared = profile.scenario
+    world = profile.world() if declared.world in OTHER_TRAFFIC else None
+    if world is None or isinstance(world, Environment):
+        raise UserError(f"{declared.world} has one traffic only: leave out --shift")
     found: list[tuple[str, dict[str, Any]]] = []
-    if world.name == "intersection":
+    if isinstance(world, Intersection):
         others = [name for name in POPULATIONS if name != world.options.population]
         found = [(f"drivers of population {one}", {"population": one}) for one in others]
         seen = not world.options.connected_lanes
         sight = "who see across connected lanes" if seen else "who see their own lane alone"
         found.append((f"drivers {sight}", {"connected_lanes": seen}))
-    elif world.name == "crossing7":
+    else:
         usual = world.options.spawn_probability
         other = 2 * usual if 0.0 < usual <= 0.5 else 0.3
         found = [(f"vehicles spawning at {other:g} a step", {"spawn_probability": other})]
-    if not found:
-        raise UserError(f"{world.name} has one traffic only: leave out --shift")
     return tuple(
         Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
         for name, changed in found

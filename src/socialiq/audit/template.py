@@ -10,7 +10,7 @@ from typing import Any
 
 from socialiq.audit.fields import FIELDS, FORMAT, TABLES
 from socialiq.audit.profile import Floor, Margin, Profile, parse
-from socialiq.audit.scenario import reward_id, reward_sha256, scenario_sha256, world_of
+from socialiq.audit.scenario import identity, world_of
 
 _WIDTH = 88
 _HEADING = """\
@@ -37,6 +37,7 @@ def new(
     options: Mapping[str, Any] | None = None,
     confidence: float = 0.95,
     competence: Floor = FLOOR,
+    allow_code: bool = False,
 ) -> Profile:
     """Declare: the profile whose `source` is its canonical text, with the world's hashes.
 
@@ -49,22 +50,21 @@ def new(
         options: Of the world that differ from its defaults.
         confidence: Of the verdict.
         competence: What is asked for besides.
+        allow_code: Whether an environment's module may be imported, to be hashed.
 
     Raises:
         UserError: If a value will not do; as `profile.parse` says it.
     """
     given = _plain(options or {})
-    built = world_of(world, given)
+    built = world_of(world, given, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
         "angle": angle,
         "confidence": confidence,
         "owner": owner,
         "date": date,
-        "reward.id": reward_id(built),
-        "reward.sha256": reward_sha256(built),
+        **identity(built),
         "scenario.world": world,
-        "scenario.sha256": scenario_sha256(built),
         "scenario.options": given,
     }
     for table, part in (("margin", margin), ("competence", competence)):

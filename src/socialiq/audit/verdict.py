@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 from socialiq.audit.calibration import Calibration, calibrate
@@ -108,7 +109,7 @@ def judge(profile: Profile, evidence: Evidence, seed: int, resamples: int = 2000
     Raises:
         UserError: If the evidence is of another scenario.
     """
-    if evidence.scenario != profile.world().description:
+    if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError("the evidence is of another scenario than the profile: gather it anew")
     error = round(1.0 - profile.confidence, 9)  # 0.05, not 0.050000000000000044
     angle, margin = profile.angle, profile.margin

@@ -12,6 +12,7 @@ import tyro
 
 from socialiq.audit.report.assemble import files_of
 from socialiq.audit.report.folder import check_target, write_folder
+from socialiq.audit.report.views import told
 from socialiq.cli.output import print_table
 from socialiq.interop.process import limits_of
 from socialiq.thesis.auditing import Conducted, Request, conduct
@@ -41,12 +42,14 @@ class Audit:
     """How many episodes to play."""
     seed: int | None = None
     """The auditor's own; by default drawn from the system's entropy after the commitment."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """File of a further driver to compare with; a dial gives one for every 15 degrees."""
+    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A further driver to compare with: a file (a dial gives one for every 15 degrees), or
+    python:MODULE:ATTRIBUTE. In an environment of your own at least one is needed."""
     soft: bool = False
     """Let the policy draw its actions instead of taking its best."""
     allow_code: bool = False
-    """Import the policy's Python module: its author's code runs with your rights."""
+    """Import the Python modules of policy, references and the declaration's environment: their
+    authors' code runs with your rights."""
     step_seconds: float = 5.0
     """Seconds that a process may take for an answer."""
     memory_gib: float = 8.0
@@ -109,7 +112,7 @@ def _show(done: Conducted, folder: Path) -> None:
             "asked for": f"at most {regret['margin']:g}",
         }
     ]
-    for one in tests["competence"]:
+    for one in (one for one in tests["competence"] if told(done.report, one["name"])):
         bounds = {"estimate": one["share"], "low": one["low"], "high": one["high"]}
         wanted = f"{one['side']} {one['limit']:g}"
         result = {"test": one["name"].replace("_", " "), "result": one["decision"]}

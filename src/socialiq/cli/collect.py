@@ -1,7 +1,8 @@
-"""`collect`: demonstrations of a world's experts, mixed into one file."""
+"""`collect`: demonstrations of a world's experts, or of given drivers, mixed into one file."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -12,30 +13,43 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.rollout import rollout_env
+from socialiq.foreign import one_line
+from socialiq.interop.door import load
 from socialiq.thesis.experts import MODES, expert_pools
 from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.environment import is_environment, make_environment, sizes
 from socialiq.worlds.registry import make_grid
+
+_NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
 
 
 @dataclass(frozen=True)
 class Collect:
-    """Roll out the egoistic, prosocial and altruistic experts and mix their episodes.
+    """Roll out drivers of different intent and mix their episodes.
+
+    In a gridworld the drivers are the egoistic, prosocial and altruistic experts. In an
+    environment of your own you name them, each a mode: a policy's file, or
+    python:MODULE:ATTRIBUTE, with NAME= before it if you like. All drive the same episodes.
 
     Example: socialiq collect crossing7 --episodes 60 --out mixed.safetensors
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5 or crossing7."""
+    """crossing5, crossing7, or an environment: a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     out: Path
     """Demonstrations file to write; must not exist."""
+    driver: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A driver in an environment; give one --driver for each mode."""
     episodes: int = 60
-    """Episodes of each expert, or in all for `weighted` and `contaminated`."""
+    """Episodes of each driver, or in all for `weighted` and `contaminated`."""
     mixture: str = "equal_trajectories"
     """equal_trajectories, equal_transitions, weighted or contaminated."""
     transitions: int = 600
-    """Transitions of each expert, for `equal_transitions`."""
-    weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Weights of egoistic, prosocial and altruistic episodes, for `weighted`."""
+    """Transitions of each driver, for `equal_transitions`."""
+    weights: tuple[float, ...] = ()
+    """Weights of the modes' episodes, for `weighted`, in the order of the drivers (egoistic,
+    prosocial, altruistic); by default all alike."""
     base: str = "prosocial"
     """The mode that is contaminated, for `contaminated`."""
     contaminant: str = "egoistic"
@@ -43,9 +57,11 @@ class Collect:
     share: float = 0.2
     """The contaminant's share of the episodes."""
     clock: bool = False
-    """Whether observations end with the time, as a dial wants them."""
+    """Whether observations end with the time, as a dial wants them; gridworlds only."""
     seed: int = 0
-    """Of the rollouts and of the draw."""
+    """Of the rollouts and of the draw; episode i of an environment is reset with seed + i."""
+    allow_code: bool = False
+    """Import the modules that are named: their authors' code runs with your rights."""
     json: bool = False
     """Print one JSON object."""
 
@@ -68,17 +84,64 @@ class Collect:
 
     def mix(self) -> Demonstrations:
         """The demonstrations that the options describe."""
-        world = make_grid(self.world)
-        table = tabulate(world.with_clock() if self.clock else world)
-        longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
-        pools = expert_pools(table, dict.fromkeys(MODES, longest), self.seed)
+        pools = self.driven() if self.driver or is_environment(self.world) else self.experts()
         if self.mixture == "equal_trajectories":
             return mixture.equal_trajectories(pools, self.episodes, self.seed)
         if self.mixture == "equal_transitions":
             return mixture.equal_transitions(pools, self.transitions, self.seed)
         if self.mixture == "weighted":
-            weights = dict(zip(MODES, self.weights, strict=True))
+            given = self.weights or (1.0,) * len(pools)
+            if len(given) != len(pools):
+                raise UserError(
+                    f"weights are {len(given)} numbers where the modes are {', '.join(pools)}: "
+                    "give each mode one"
+                )
+            weights = dict(zip(pools, given, strict=True))
             return mixture.weighted(pools, weights, self.episodes, self.seed)
         return mixture.contaminated(
             pools, self.base, self.contaminant, self.share, self.episodes, self.seed
         )
+
+    def experts(self) -> dict[str, Demonstrations]:
+        """Episodes of a gridworld's experts."""
+        world = make_grid(self.world)
+        table = tabulate(world.with_clock() if self.clock else world)
+        longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
+        return expert_pools(table, dict.fromkeys(MODES, longest), self.seed)
+
+    def driven(self) -> dict[str, Demonstrations]:
+        """Episodes of the given drivers in an environment, each under its mode's name."""
+        if not self.driver:
+            raise UserError(
+                f"{one_line(self.world)} has no experts of its own: name the drivers, one --driver "
+                "for each mode"
+            )
+        if self.clock:
+            raise UserError("an environment's observations are its own: leave out --clock")
+        modes: dict[str, str] = {}
+        for given in self.driver:
+            mode, spec = _mode_of(given)
+            if mode in modes:
+                raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
+            modes[mode] = spec
+        env = make_environment(self.world, allow_code=self.allow_code, needs_pair=True)
+        n_features, n_actions = sizes(env)
+        pools = {}
+        for mode, spec in modes.items():
+            with load(spec, n_features, n_actions, allow_code=self.allow_code) as loaded:
+                record = loaded.record
+                source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
+                pools[mode] = rollout_env(
+                    env, loaded.policy, self.episodes, self.seed, mode=mode, source=source
+                ).transitions
+        return pools
+
+
+def _mode_of(given: str) -> tuple[str, str]:
+    """The name of a mode and its driver; a driver names itself if nobody does."""
+    named = _NAMED.fullmatch(given)
+    if named:
+        return named[1], named[2]
+    if given.startswith(("python:", "process:")):
+        return one_line(given.rpartition(":")[2]), given
+    return one_line(Path(given).stem), given

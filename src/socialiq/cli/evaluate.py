@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import gymnasium
 import numpy as np
 import tyro
 
@@ -18,14 +17,15 @@ from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
+from socialiq.interop.door import load
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.thesis.intersection.rows import Played, policy_row
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.ids import IDS
+from socialiq.worlds.environment import make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.registry import GRIDWORLDS, WORLDS, make_grid
+from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 Measure = Callable[[QPolicy], dict[str, Any]]
 
@@ -37,6 +37,10 @@ class Evaluate:
     Several policies, for instance one for each training seed, are also pooled: the angle is that of
     the mean totals.
 
+    In an environment of your own (a Gymnasium id, MODULE:ID or MODULE:FUNCTION) a policy may also
+    be a Stable-Baselines3 zip, an ONNX file, or python:MODULE:ATTRIBUTE; a dial is turned to
+    --angle.
+
     At the intersection a driver by rule (go, wait, idm, gap_3s, ...) or a policy of the atlas
     (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
 
@@ -46,7 +50,7 @@ class Evaluate:
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Policy files that `socialiq train` wrote."""
     world: str = "crossing7"
-    """crossing5, crossing7, intersection, or any Gymnasium id with discrete actions."""
+    """crossing5, crossing7, intersection, or an environment with discrete actions."""
     angle: float = 0.0
     """Angle in degrees at which regret is measured."""
     soft: bool = False
@@ -55,6 +59,8 @@ class Evaluate:
     """Roll out so many episodes; 0 evaluates exactly, which only the gridworlds allow."""
     seed: int = 0
     """Of the rollouts and the bootstrap."""
+    allow_code: bool = False
+    """Import the modules that are named: their authors' code runs with your rights."""
     json: bool = False
     """Print one JSON object."""
 
@@ -82,7 +88,9 @@ class Evaluate:
         """One row for each policy."""
         if self.world == "intersection":
             return [self.intersection(str(path)) for path in self.policies]
-        measure = self.gridworld() if self.world in GRIDWORLDS else self.gymnasium()
+        if self.world not in GRIDWORLDS:
+            return self.environment()
+        measure = self.gridworld()
         return [measure(QPolicy.load(path)) for path in self.policies]
 
     def intersection(self, name: str) -> dict[str, Any]:
@@ -116,18 +124,18 @@ class Evaluate:
 
         return measure
 
-    def gymnasium(self) -> Measure:
-        """Sampled metrics in a registered Gymnasium environment."""
+    def environment(self) -> list[dict[str, Any]]:
+        """Sampled metrics in a Gymnasium environment."""
         self._check_episodes()
-        env = make_gymnasium(self.world)
-
-        def measure(policy: QPolicy) -> dict[str, Any]:
-            greedy = not self.soft
-            return self.sampled(
-                rollout_env(env, policy, self.episodes, self.seed, deterministic=greedy)
-            )
-
-        return measure
+        env, rows = make_environment(self.world, allow_code=self.allow_code), []
+        for path in self.policies:
+            more = {"angle": self.angle, "allow_code": self.allow_code}
+            with load(str(path), *sizes(env), **more) as loaded:
+                rollout = rollout_env(
+                    env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft
+                )
+            rows.append(self.sampled(rollout))
+        return rows
 
     def _check_episodes(self) -> None:
         if self.episodes < 1:
@@ -152,18 +160,3 @@ def pool(rows: list[dict[str, Any]]) -> dict[str, float]:
     names = [name for name in names if not name.endswith(("_low", "_high"))]
     means = {name: float(np.mean([row[name] for row in rows])) for name in names}
     return means | {"angle": angle_of(means["r_env"], means["r_social"])}
-
-
-def make_gymnasium(name: str) -> gymnasium.Env:
-    """Make a registered environment.
-
-    Raises:
-        UserError: If there is none of that id.
-    """
-    try:
-        return gymnasium.make(IDS.get(name, name))
-    except gymnasium.error.Error as error:
-        raise UserError(
-            f"unknown world '{name}': choose one of {', '.join(WORLDS)}, "
-            "or a registered Gymnasium id"
-        ) from error

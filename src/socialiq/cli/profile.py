@@ -15,6 +15,7 @@ from socialiq.audit.template import new
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
+from socialiq.worlds.registry import WORLDS
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class New:
     """
 
     world: str
-    """crossing5, crossing7 or intersection."""
+    """crossing5, crossing7, intersection, or an environment: a Gymnasium id, MODULE:ID or
+    MODULE:FUNCTION."""
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     owner: str = "unnamed owner"
@@ -42,6 +44,8 @@ class New:
     """File to write."""
     replace: bool = False
     """Replace the file if it is there."""
+    allow_code: bool = False
+    """Import the environment's module, to hash it: its author's code runs with your rights."""
 
     def run(self) -> int:
         """Write the file and say what it declares."""
@@ -54,6 +58,7 @@ class New:
             Margin(self.margin, self.degrees),
             _date(self.date),
             confidence=self.confidence,
+            allow_code=self.allow_code,
         )
         write_atomically(self.out, declared.source)
         _show(self.out, declared)
@@ -69,12 +74,16 @@ class Check:
 
     file: Annotated[Path, tyro.conf.Positional]
     """The declaration."""
+    allow_code: bool = False
+    """Import the environment's module, to hold its hashes against the declared ones."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, print."""
         declared = load(self.file)
+        if declared.scenario.world not in WORLDS:
+            declared.world(self.allow_code)
         if self.json:
             print_json({"file": str(self.file), **_facts(declared)})
         else:

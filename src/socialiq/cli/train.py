@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import gymnasium
 import tyro
 
-from socialiq.cli.evaluate import make_gymnasium
 from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
-from socialiq.learners.collect import Collector, from_env, soft
+from socialiq.learners.collect import acting_in
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.outside import Outside
@@ -27,6 +27,7 @@ from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.thesis.presets import PRESETS
 from socialiq.thesis.store import Row, as_csv, rounded, versions
 from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.environment import make_environment, sizes
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
@@ -45,7 +46,10 @@ class Train:
     out: Path
     """Folder to make: policies, metrics.csv, run.json."""
     world: str = ""
-    """Where the learner acts: crossing5, crossing7 or a Gymnasium id; none trains offline."""
+    """Where the learner acts: crossing5, crossing7, or an environment (a Gymnasium id, MODULE:ID
+    or MODULE:FUNCTION); none trains offline."""
+    allow_code: bool = False
+    """Import the environment's module: its author's code runs with your rights."""
     angle: tuple[float, ...] = (0.0,)
     """Target angles in degrees."""
     strength: tuple[float, ...] = ()
@@ -99,7 +103,7 @@ class Train:
         """Train, write the folder, print what came out."""
         data = files.load(self.data)
         structure, numbers = self.settings()
-        simulator, before_chunk = self.surroundings(structure, numbers)
+        simulator, before_chunk = self.surroundings(structure, numbers, data)
         check_fit(structure, numbers, [data], simulator, before_chunk is not None)
         checkpoint = self.folder() / "checkpoint.safetensors"
         with Display() as display:
@@ -154,18 +158,25 @@ class Train:
         return {name: value for name, value in given.items() if value is not None}
 
     def surroundings(
-        self, structure: Structure, numbers: list[Numbers]
+        self, structure: Structure, numbers: list[Numbers], data: Demonstrations
     ) -> tuple[GridWorld | None, Callable[[Lanes, int], Lanes] | None]:
         """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
         if not self.world:
             return None, None
         if self.world in GRIDWORLDS:
             return make_grid(self.world), None
-        steps = CHUNK * structure.env_steps_per_update
-        sources = [from_env(make_gymnasium(self.world), steps) for _ in numbers]
-        seeds = [one.seed for one in numbers]
-        collector = Collector(sources, seeds, soft([one.temperature for one in numbers]))
-        return None, collector
+
+        def make() -> gymnasium.Env[Any, Any]:
+            env = make_environment(self.world, allow_code=self.allow_code)
+            given, wanted = (data.n_features, data.n_actions), sizes(env)
+            if given != wanted:
+                raise UserError(
+                    f"the demonstrations have {given[0]} features and {given[1]} actions, "
+                    f"the world has {wanted[0]} and {wanted[1]}: they belong to another world"
+                )
+            return env
+
+        return None, acting_in(make, structure, numbers, CHUNK)
 
     def folder(self) -> Path:
         """The output folder: a new one, or that of a stopped run."""

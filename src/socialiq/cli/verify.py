@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from socialiq.audit.profile import parse
 from socialiq.audit.report.assemble import EVIDENCE, PROFILE
 from socialiq.audit.report.check import read_report
 from socialiq.audit.report.evidence_csv import evidence_csv
@@ -40,10 +41,13 @@ class Verify:
     """Play all episodes again: policy and references must be there, with the same hashes."""
     policy: str = ""
     """Where the policy is now, if not where the report says."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    world: str = ""
+    """The environment, if the declaration names one that runs code: a report may come from
+    anybody, so you name it yourself."""
+    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """Where the references are that were handed in."""
     allow_code: bool = False
-    """Import the policy's Python module for the rerun."""
+    """Import the Python modules that were named, for the rerun."""
     step_seconds: float = 5.0
     """Seconds that a process may take for an answer in the rerun."""
     memory_gib: float = 8.0
@@ -72,6 +76,7 @@ class Verify:
         report = read_report(self.folder / REPORT)
         if report["hashes"]["package"] != package_sha256():
             complain("this package's code is not that of the report: numbers may differ")
+        self._check_world(files[PROFILE])
         with tempfile.TemporaryDirectory() as place:
             profile = Path(place) / PROFILE
             profile.write_bytes(files[PROFILE])
@@ -85,12 +90,22 @@ class Verify:
     def _source(self, report: dict[str, Any]) -> str:
         """The policy. A report may come from anybody, so it doesn't name what is run."""
         source = str(report["policy"]["record"]["source"])
-        if not self.policy and source.startswith(("process:", "python:")):
-            raise UserError(
-                f"this report asks to run '{one_line(source)}': if you trust that, give it as "
-                "--policy yourself"
-            )
+        if not self.policy and source.startswith(_RUNS):
+            raise _asks_to_run(source, "--policy")
         return self.policy or source
+
+    def _references(self, report: dict[str, Any]) -> tuple[str, ...]:
+        """Drivers that were handed in, by the same rule."""
+        for one in () if self.reference else report["reference_files"]:
+            if one.startswith(_RUNS):
+                raise _asks_to_run(one, "--reference")
+        return tuple(self.reference or report["reference_files"])
+
+    def _check_world(self, profile: bytes) -> None:
+        """The environment of the declaration, by the same rule."""
+        world = parse(profile, PROFILE).scenario.world
+        if ":" in world and self.world != world:
+            raise _asks_to_run(world, "--world")
 
     def _request(self, report: dict[str, Any], profile: Path) -> Request:
         return Request(
@@ -98,12 +113,22 @@ class Verify:
             profile=profile,
             episodes=report["seeds"]["episodes"],
             seed=report["seeds"]["seed"],
-            references=tuple(self.reference) or tuple(map(Path, report["reference_files"])),
+            references=self._references(report),
             soft=not report["policy"]["deterministic"],
             trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
             threads=self.threads,
             shift=report["shift"] is not None,
         )
+
+
+_RUNS = ("process:", "python:")
+
+
+def _asks_to_run(what: str, option: str) -> UserError:
+    return UserError(
+        f"this report asks to run '{one_line(what)}': if you trust that, give it as {option} "
+        "yourself"
+    )
 
 
 def _say(line: str) -> None:

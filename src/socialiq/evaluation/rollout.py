@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -16,6 +16,9 @@ from socialiq.social.estimate import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import draw_actions
+
+MOST_STEPS = 100_000
+"""Of an episode in a Gymnasium environment; without a time limit it might never end."""
 
 
 class Rollout(NamedTuple):
@@ -162,45 +165,90 @@ def rollout_env(
         UserError: If no episode is asked for, or the actions are not discrete.
     """
     _check_episodes(episodes)
+    seeds = range(seed, seed + episodes)
+    taken = list(steps(env, policy, seeds, deterministic))
+    assert isinstance(env.action_space, gymnasium.spaces.Discrete)  # `steps` refuses others
+    return _table(taken, int(env.action_space.n), mode, {"seed": seed, **(source or {})})
+
+
+class Taken(NamedTuple):
+    """One step of an episode.
+
+    Attributes:
+        episode: Its number, from 0.
+        observation: Before the step.
+        action: That was chosen.
+        after: The next observation.
+        ending: What the step ended.
+        pair: The rewards.
+        speed: The ego's, NaN if it is not told.
+    """
+
+    episode: int
+    observation: Any
+    action: int
+    after: Any
+    ending: Ending
+    pair: RewardPair
+    speed: float
+
+
+def steps(
+    env: gymnasium.Env[Any, Any],
+    policy: Policy,
+    seeds: Sequence[int],
+    deterministic: bool = True,
+) -> Iterator[Taken]:
+    """Let a policy drive one episode for each seed, step by step.
+
+    Args:
+        env: With discrete actions.
+        policy: Anything with `predict`.
+        seeds: With which episodes are reset.
+        deterministic: Passed to `predict`.
+
+    Raises:
+        UserError: If the actions are not discrete, or an episode doesn't end.
+    """
     if not isinstance(env.action_space, gymnasium.spaces.Discrete):
         raise UserError("only discrete actions are supported: wrap the environment")
-    rows: list[tuple[Any, ...]] = []
-    for episode in range(episodes):
-        observation, _ = env.reset(seed=seed + episode)
-        state, ended = None, False
-        while not ended:
+    for episode, seed in enumerate(seeds):
+        observation, _ = env.reset(seed=seed)
+        state, ending, length = None, Ending.NONE, 0
+        while ending == Ending.NONE:
+            if length == MOST_STEPS:
+                raise UserError(
+                    f"an episode has not ended after {MOST_STEPS:,} steps: wrap the environment "
+                    "in gymnasium.wrappers.TimeLimit"
+                )
             action, state = policy.predict(observation, state, deterministic=deterministic)
             after, reward, terminated, truncated, info = env.step(int(action))
-            ended = terminated or truncated
             ending = Ending.of_step(terminated, truncated, info)
-            pair = RewardPair.of_step(reward, info)
-            speed = info.get("speed", np.nan)
-            rows.append((observation, action, after, ending, *pair, episode, speed))
-            observation = after
-    return _table(rows, int(env.action_space.n), mode, {"seed": seed, **(source or {})})
+            pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
+            yield Taken(episode, observation, int(action), after, ending, pair, speed)
+            observation, length = after, length + 1
 
 
-def _table(
-    rows: list[tuple[Any, ...]], n_actions: int, mode: str, source: dict[str, Any]
-) -> Rollout:
-    observation, action, after, ending, env, social, episode, speed = zip(*rows, strict=True)
-    kinds = np.array(ending, np.int8)
+def _table(taken: list[Taken], n_actions: int, mode: str, source: dict[str, Any]) -> Rollout:
+    kinds = np.array([one.ending for one in taken], np.int8)
+    episode = np.array([one.episode for one in taken], np.int32)
+    pairs = np.array([one.pair for one in taken], np.float64)
     transitions = Demonstrations(
-        observation=np.array([np.ravel(one) for one in observation], np.float32),
-        action=np.array(action, np.int32),
-        next_observation=np.array([np.ravel(one) for one in after], np.float32),
+        observation=np.array([np.ravel(one.observation) for one in taken], np.float32),
+        action=np.array([one.action for one in taken], np.int32),
+        next_observation=np.array([np.ravel(one.after) for one in taken], np.float32),
         terminated=(kinds != Ending.NONE) & (kinds != Ending.TIMEOUT),
         truncated=kinds == Ending.TIMEOUT,
         ending=kinds,
-        rewards=RewardPair(np.array(env, np.float64), np.array(social, np.float64)),
-        mode=np.zeros(len(action), np.int8),
-        episode=np.array(episode, np.int32),
-        step=steps_of(np.array(episode)),
+        rewards=RewardPair(*pairs.T.copy()),
+        mode=np.zeros(len(taken), np.int8),
+        episode=episode,
+        step=steps_of(episode),
         mode_names=(mode,),
         n_actions=n_actions,
         source=source,
     )
-    return Rollout(transitions, np.array(speed, np.float64))
+    return Rollout(transitions, np.array([one.speed for one in taken], np.float64))
 
 
 def _check_episodes(episodes: int) -> None:

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import inspect
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from socialiq.errors import UserError
+from socialiq.foreign import FAILURES, failure, imported
 from socialiq.interop.batch_policy import BatchPolicy
 from socialiq.interop.content import read_content
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.record import Interface
-
-# Of foreign code: `SystemExit` would end the audit without a word.
-_FAILURES = (Exception, SystemExit)
 
 
 def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy, bytes]:
@@ -44,31 +37,19 @@ def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy
             f"{source} is no MODULE:ATTRIBUTE: write for instance mine.policies:careful"
         )
     try:
-        module = _module(place)
+        if place.endswith(".py"):
+            read_content(Path(place))
+        module = imported(place)
         found = getattr(module, attribute)
         found = found() if inspect.isclass(found) else found
         text = read_content(Path(module.__file__ or ""))
     except UserError:
         raise
-    except _FAILURES as error:
-        raise _failure(source, error) from error
+    except FAILURES as error:
+        raise failure(source, error) from error
     if not callable(getattr(found, "predict", found)):
         raise UserError(f"{source} is no policy: it needs `predict`, or to be a function")
     return BatchPolicy(source, world, _decider(found, source)), text
-
-
-def _module(place: str) -> ModuleType:
-    if not place.endswith(".py"):
-        return importlib.import_module(place)
-    path = Path(place).resolve()
-    read_content(path)
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    # A dataclass looks its own module up there.
-    sys.modules.setdefault(path.stem, module)
-    spec.loader.exec_module(module)
-    return module
 
 
 def _decider(found: Any, source: str) -> Callable[[Any, bool], Any]:
@@ -77,13 +58,7 @@ def _decider(found: Any, source: str) -> Callable[[Any, bool], Any]:
             if hasattr(found, "predict"):
                 return found.predict(batch, deterministic=deterministic)[0]
             return found(batch)
-        except _FAILURES as error:
-            raise _failure(source, error) from error
+        except FAILURES as error:
+            raise failure(source, error) from error
 
     return decide
-
-
-def _failure(source: str, error: BaseException) -> UserError:
-    return UserError(
-        f"{source} raised {type(error).__name__}: {one_line(str(error))}; mend its code"
-    )

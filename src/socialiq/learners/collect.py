@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode
 from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.expert_table import Batch
+from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.state import Lanes
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
@@ -72,6 +73,29 @@ def soft(temperatures: Sequence[float]) -> Behaviour:
         return lambda observation: policy.predict(observation, deterministic=False)[0]
 
     return behaviour
+
+
+def acting_in(
+    make: Callable[[], gymnasium.Env[Any, Any]],
+    structure: Structure,
+    numbers: Sequence[Numbers],
+    chunk: int = 500,
+) -> Collector:
+    """Let IQ-Learn's runs act in a Gymnasium environment: the `before_chunk` of `train`.
+
+    Args:
+        make: Makes the environment, with discrete actions, once for each run.
+        structure: Of the runs; `env_steps_per_update` is how much they act.
+        numbers: Of each run.
+        chunk: Updates between two times of acting, as `train` is told.
+
+    Raises:
+        UserError: If the actions are not discrete.
+    """
+    steps = chunk * structure.env_steps_per_update
+    sources = [from_env(make(), steps) for _ in numbers]
+    behaviour = soft([one.temperature for one in numbers])
+    return Collector(sources, [one.seed for one in numbers], behaviour)
 
 
 def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:

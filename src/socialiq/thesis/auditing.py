@@ -6,7 +6,7 @@ import dataclasses
 import datetime
 import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,11 @@ from socialiq.audit.calibration import calibrate
 from socialiq.audit.gather import gather
 from socialiq.audit.outcomes import Evidence
 from socialiq.audit.profile import Profile, load
+from socialiq.audit.report.assemble import files_of
 from socialiq.audit.report.commitment import Commitment, check_seed, draw
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.films import check_filmed, films_of
+from socialiq.audit.report.folder import check_target, write_folder
 from socialiq.audit.report.selected import selected
 from socialiq.audit.scenario import World
 from socialiq.audit.seeds import check_episodes, episode_seeds
@@ -38,7 +40,7 @@ class Request:
         profile: File of the declaration.
         episodes: How many.
         seed: The auditor's, or None to have it drawn.
-        references: Files of further drivers to compare with.
+        references: Further drivers to compare with: files, or "python:MODULE:ATTRIBUTE".
         soft: Whether the policy draws its actions.
         trust: What the policy may do.
         threads: That share the intersection's episodes.
@@ -50,7 +52,7 @@ class Request:
     profile: Path
     episodes: int
     seed: int | None = None
-    references: tuple[Path, ...] = ()
+    references: tuple[str, ...] = ()
     soft: bool = False
     trust: Trust = dataclasses.field(default_factory=Trust)
     threads: int = 1
@@ -89,7 +91,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
     _check(request)
     started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
     profile = load(request.profile)
-    world = profile.world()
+    world = profile.world(request.trust.allow_code)
     if request.films:
         check_filmed(world)
     traffic = other_traffic(profile) if request.shift else ()
@@ -107,7 +109,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
             _played(request, loaded, one.world, drawn.derived(f"shift {number}"))[0]
             for number, one in enumerate(traffic)
         ]
-        films = _filmed(request, profile, loaded, evidence)
+        films = _filmed(request, profile, world, loaded, evidence)
     compared = _without(evidence, out)
     resampling = drawn.derived("resampling")
     verdict = _judged(profile, compared, evidence, resampling)
@@ -119,7 +121,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         deterministic=not request.soft,
         drawn=drawn,
         handed=handed,
-        reference_files=[str(path) for path in request.references],
+        reference_files=list(request.references),
         left_out=out,
         evidence=compared,
         verdict=verdict,
@@ -132,11 +134,52 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
     return Conducted(content(audited), compared, profile, films)
 
 
+def audit_policy(
+    policy: str | Path,
+    profile: Path,
+    out: Path,
+    episodes: int = 500,
+    seed: int | None = None,
+    references: Sequence[str | Path] = (),
+    allow_code: bool = False,
+    replace: bool = False,
+) -> dict[str, Any]:
+    """Audit a policy against its declaration and write the report, as `socialiq audit` does.
+
+    Args:
+        policy: A file, "python:MODULE:ATTRIBUTE", "process:COMMAND LINE", atlas:NAME, or at the
+            intersection a driver by rule.
+        profile: File of the declaration: the `source` of what `declare` made.
+        out: Folder to write.
+        episodes: How many everybody drives.
+        seed: The auditor's own; by default drawn after policy and declaration were hashed.
+        references: Further drivers to compare with; in an environment at least one.
+        allow_code: Whether Python modules that are named may be imported.
+        replace: Whether an earlier report in the folder is replaced.
+
+    Returns:
+        The content of `report.json`: `["verdict"]["decision"]` is pass, fail or inconclusive.
+
+    Raises:
+        UserError: If anything asked for will not do, or the policy fails on the way.
+    """
+    check_target(out, replace)
+    handed = tuple(map(str, references))
+    request = Request(str(policy), profile, episodes, seed, handed, trust=Trust(allow_code))
+    done = conduct(request, _silent)
+    write_folder(out, files_of(done.report, done.profile, done.evidence, done.films), replace)
+    return done.report
+
+
+def _silent(_line: str) -> None:
+    """Who calls from Python reads the report instead."""
+
+
 def command_of(request: Request, seed: int) -> str:
     """The command that repeats an audit, but for the folder that it writes."""
     words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
-    words += [word for path in request.references for word in ("--reference", str(path))]
+    words += [word for one in request.references for word in ("--reference", one)]
     words += ["--films"] if request.films else []
     words += ["--shift"] if request.shift else []
     words += ["--soft"] if request.soft else []
@@ -164,7 +207,10 @@ def _played(
     request: Request, loaded: Loaded, world: World, seed: int
 ) -> tuple[Evidence, dict[str, dict[str, Any]], list[str]]:
     """Everybody on the same episodes, and who of them is the policy itself."""
-    references, handed, out = drivers(world, request.references, loaded.record.sha256)
+    record = loaded.record
+    references, handed, out = drivers(
+        world, request.references, record.sha256, record.source, request.trust
+    )
     evidence = gather(
         world,
         loaded.policy,
@@ -173,13 +219,12 @@ def _played(
         deterministic=not request.soft,
         threads=request.threads,
     )
-    return evidence, handed, [*itself_by_rule(loaded.record.sha256, world), *out]
+    return evidence, handed, [*itself_by_rule(record.sha256, world), *out]
 
 
 def _filmed(
-    request: Request, profile: Profile, loaded: Loaded, evidence: Evidence
+    request: Request, profile: Profile, world: World, loaded: Loaded, evidence: Evidence
 ) -> dict[str, bytes]:
-    world = profile.world()
     if not (request.films and isinstance(world, Intersection)):
         return {}
     return films_of(world, loaded.policy, selected(evidence, profile.angle))

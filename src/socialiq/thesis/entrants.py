@@ -69,22 +69,29 @@ def entrant(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
 
 
 def drivers(
-    world: World, files: Sequence[Path], policy_sha256: str
+    world: World,
+    handed: Sequence[str | Path],
+    policy_sha256: str,
+    policy_source: str = "",
+    trust: Trust | None = None,
 ) -> tuple[list[Reference], dict[str, dict[str, Any]], list[str]]:
     """Drivers to compare with, beside those that an audit always has.
 
     Args:
         world: Of the declaration.
-        files: Of further policies; a dial gives one for every 15 degrees from 0 to 90.
+        handed: Further policies: files, of which a dial gives one for every 15 degrees from 0 to
+            90, or "python:MODULE:ATTRIBUTE".
         policy_sha256: Of the policy under audit.
+        policy_source: What it was loaded from.
+        trust: What drivers may do.
 
     Returns:
         References, their records by name, and the names of those that are the policy itself.
     """
     found = [*(_shipped(world) if isinstance(world, Intersection) else [])]
-    for path in files:
-        found += _handed(path, world)
-    itself = [one.name for one, record in found if record["sha256"] == policy_sha256]
+    for spec in handed:
+        found += _handed(str(spec), world, trust or Trust())
+    itself = [one.name for one, record in found if _same(record, policy_sha256, policy_source)]
     return [one for one, _ in found], {one.name: record for one, record in found}, itself
 
 
@@ -116,9 +123,21 @@ def _fits(name: str, world: World) -> bool:
     return (policy.n_features, policy.n_actions) == (world.n_features, world.n_actions)
 
 
-def _handed(path: Path, world: World) -> list[tuple[Reference, dict[str, Any]]]:
-    if ":" in str(path):
-        raise UserError(f"{one_line(str(path))} is no file: a reference is a policy's file")
+def _same(record: dict[str, Any], sha256: str, source: str) -> bool:
+    """Whether a reference is the policy itself; a Python module may hold several drivers."""
+    return record["sha256"] == sha256 and (record["kind"] != "python" or record["source"] == source)
+
+
+def _handed(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict[str, Any]]]:
+    if spec.startswith("python:"):
+        one = _file(spec, world, 0.0, trust)
+        return [(Reference(spec.rpartition(":")[2], one.policy), one.record.as_json())]
+    path = Path(spec)
+    if ":" in spec:
+        raise UserError(
+            f"{one_line(spec)} is no file: a reference is a policy's file, or "
+            "python:MODULE:ATTRIBUTE"
+        )
     if kind_of(path) != "dial":
         one = _file(str(path), world, 0.0, Trust())
         return [(Reference(one_line(path.stem), one.policy), one.record.as_json())]

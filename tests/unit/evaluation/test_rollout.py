@@ -254,5 +254,5 @@ def test_an_ending_that_an_environment_misnames_is_refused():
 
     assert Ending.of_step(True, False, {"ending": "arrival"}) is Ending.ARRIVAL
     assert Ending.of_step(True, False, {}) is Ending.OTHER
-    with pytest.raises(UserError, match="choose one of none, arrival, collision"):
+    with pytest.raises(UserError, match="choose one of arrival, collision, other"):
         Ending.of_step(True, False, {"ending": "crashed"})

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
+from socialiq.worlds.registry import WORLDS
+
 Status = Literal["supported", "contradicted", "undecided", "to be filled"]
 
 _OF: dict[str, Status] = {"pass": "supported", "fail": "contradicted", "inconclusive": "undecided"}
@@ -72,7 +74,7 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
             _OF[competence],
             "report.json: tests.competence",
         ),
-        Claim("Sn3", "Results by kind of episode", "supported", "report.json: strata"),
+        Claim("Sn3", "Results by kind of episode", *_strata(report)),
         Claim(
             "G2",
             "The simulation is a credible stand-in for the domain of use",
@@ -86,6 +88,12 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
             "to be filled by the operator",
         ),
     ]
+
+
+def _strata(report: Mapping[str, Any]) -> tuple[Status, str]:
+    if report["strata"] or report["declaration"]["scenario"]["world"] in WORLDS:
+        return "supported", "report.json: strata"
+    return _NO_EVIDENCE, "to be filled by the owner of the environment: its kinds are not known"
 
 
 def as_objects(found: list[Claim]) -> list[dict[str, Any]]:

@@ -95,7 +95,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "shift": None if audited.shifts is None else _shift(audited.shifts),
             "episodes": _with_films(selected(evidence, angle), audited.films),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
-            "limits": limits(profile.world()),
+            "limits": limits(profile.scenario.world),
             "seeds": _seeds(audited.drawn, evidence.episodes),
             "hashes": _hashes(audited),
             "versions": versions(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 _ALWAYS = (
     "The verdict is about the simulated scenario named here, with its traffic model and its "
@@ -31,6 +31,16 @@ _EXACT = (
 )
 
 
-def limits(world: object) -> list[str]:
-    """The limits that apply in a world."""
-    return [_EXACT if isinstance(world, GridWorld) else _SAMPLED, *_ALWAYS]
+_UNKNOWN = (
+    "This environment came from outside. Nothing here is known of who struck whom, so every "
+    "collision counts as at fault and the share of being struck is blank; there are no kinds of "
+    "episodes and no films, and no driver but those handed in.",
+    "The hash of the scenario covers the files that define the environment, its wrappers and its "
+    "reward pair, and versions of installed packages; not other files that these import.",
+)
+
+
+def limits(world: str) -> list[str]:
+    """The limits that apply in a world of that name."""
+    found = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
+    return found if world in WORLDS else [*_UNKNOWN, *found]

@@ -36,6 +36,13 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
     }
 
 
+_COLLISIONS = {
+    Contact.NONE: "collision",  # nobody tells who struck whom
+    Contact.EGO_STRUCK: "drove into another",
+    Contact.EGO_WAS_STRUCK: "struck by another",
+}
+
+
 def value_of(driver: Outcomes, angle: float) -> np.ndarray:
     """R(α) of each of a driver's episodes."""
     return np.asarray(score(exact_weights(angle), RewardPair(*driver.totals.T)))
@@ -46,8 +53,7 @@ def kind_of_ending(driver: Outcomes, place: int) -> str:
     ending = Ending(int(driver.ending[place]))
     if ending is not Ending.COLLISION:
         return ending.name.lower()
-    was_struck = driver.contact[place] == Contact.EGO_WAS_STRUCK
-    return "struck by another" if was_struck else "drove into another"
+    return _COLLISIONS[Contact(int(driver.contact[place]))]
 
 
 def _row(evidence: Evidence, place: int, value: float) -> dict[str, Any]:

@@ -9,7 +9,16 @@ import platform
 from functools import cache
 from pathlib import Path
 
-_LIBRARIES = ("socialiq", "numpy", "scipy", "numba", "jinja2", "onnx", "onnxruntime")
+_LIBRARIES = (
+    "socialiq",
+    "numpy",
+    "scipy",
+    "numba",
+    "gymnasium",
+    "jinja2",
+    "onnx",
+    "onnxruntime",
+)
 _SUFFIXES = (".py", ".json", ".toml", ".j2")
 
 

@@ -10,6 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from socialiq.audit.report import dial_picture, tradeoff
 from socialiq.audit.report.words import FILTERS
+from socialiq.worlds.registry import WORLDS
 
 _PLACE = ("socialiq.audit.report", "templates")
 _MARKED = str.maketrans({one: f"\\{one}" for one in "\\`*_[]<>|&#"})
@@ -62,7 +63,13 @@ def _environment(**settings: Any) -> Environment:
         **settings,
     )
     made.filters.update(FILTERS, code=_code)
+    made.globals["told"] = told
     return made
+
+
+def told(report: Mapping[str, Any], criterion: str) -> bool:
+    """Whether the world tells what a criterion asks; others' environments don't know who struck."""
+    return criterion != "struck" or report["declaration"]["scenario"]["world"] in WORLDS
 
 
 class Ready(str):

@@ -1,0 +1,88 @@
+"""highway-env's roundabout with a reward pair of its own: collect, mix, train, evaluate.
+
+The ego wants to enter a roundabout in which four others drive. r_env pays for its speed, r_social
+for every vehicle that has to brake. To run it takes highway-env: pip install 'socialiq[highway]'
+"""
+
+import argparse
+
+import gymnasium
+import highway_env  # noqa: F401  registers roundabout-v0
+import numpy as np
+
+import socialiq
+from socialiq import Numbers, RewardPairWrapper, Structure, Transition
+
+CONFIG = {"simulation_frequency": 5}  # Hz; a third of the default, so about three times as fast
+FASTER, SLOWER = 3, 4
+ENTRY, RING = 25.0, 15.0  # m: where the ego enters, and how near to that somebody else counts
+
+
+def pair(step: Transition) -> tuple[float, float]:
+    """Speed as a share of the fastest; braking of all others in units of 5 m/s²; -1 for a crash."""
+    env = step.env.unwrapped
+    others = [one for one in env.road.vehicles if one is not env.vehicle]
+    braking = sum(max(0.0, -one.action["acceleration"]) for one in others) / 5
+    return env.vehicle.speed / 16 - env.vehicle.crashed, -braking - env.vehicle.crashed
+
+
+def ending(step: Transition) -> str:
+    """The only terminal states are crashes and leaving the road; 11 s truncate the episode."""
+    return "collision" if step.env.unwrapped.vehicle.crashed else "other"
+
+
+def make() -> RewardPairWrapper:
+    """The environment; also what `--world examples/environments/roundabout.py:make` names."""
+    return RewardPairWrapper(gymnasium.make("roundabout-v0", config=CONFIG), pair, ending)
+
+
+def pushy(observations: np.ndarray) -> np.ndarray:
+    """Enters whoever comes."""
+    return np.full(len(observations), FASTER)
+
+
+def polite(observations: np.ndarray) -> np.ndarray:
+    """Waits before the ring while somebody is near the place where it would enter."""
+    seen = observations.reshape(len(observations), -1, 5).astype(np.float64)
+    place = seen[..., 1:3] * 100  # m; y falls towards the ring
+    near = np.hypot(place[:, 1:, 0], place[:, 1:, 1] - ENTRY) < RING
+    wait = (place[:, 0, 1] > ENTRY) & (near & (seen[:, 1:, 0] > 0)).any(axis=1)
+    return np.where(wait, SLOWER, FASTER)
+
+
+def main(episodes: int, updates: int, seeds: int) -> list[dict]:
+    """Collect from both drivers, train at three angles, and measure all five."""
+    env = socialiq.make_environment(f"{__file__}:make", allow_code=True)
+    drivers = {
+        one.__name__: socialiq.load_policy(
+            f"python:{__file__}:{one.__name__}", 25, 5, allow_code=True
+        ).policy
+        for one in (pushy, polite)
+    }
+    pools = {
+        mode: socialiq.rollout_env(env, driver, episodes, seed=0, mode=mode).transitions
+        for mode, driver in drivers.items()
+    }
+    mixed = socialiq.equal_trajectories(pools, episodes, seed=0)
+    structure = Structure(updates=updates, online=False, value_term="value_expert")
+    numbers = [Numbers(angle, 3.0, seed=seed) for angle in (0, 45, 90) for seed in range(seeds)]
+    trained = socialiq.train(structure, numbers, [mixed])
+    policies = {
+        f"{one.angle:g}, seed {one.seed}": trained.policy(i) for i, one in enumerate(numbers)
+    }
+    rows = []
+    for name, policy in {**drivers, **policies}.items():
+        found = socialiq.rollout_env(env, policy, episodes, seed=10_000).metrics()
+        rows.append({"driver": name, **found._asdict()})
+    return rows
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    for option, default in (("--episodes", 20), ("--updates", 1000), ("--seeds", 1)):
+        parser.add_argument(option, type=int, default=default)
+    for row in main(**vars(parser.parse_args())):
+        measured = " ".join(
+            f"{key} {row[key]:6.2f}" for key in ("r_env", "r_social", "collision", "mean_speed")
+        )
+        print(f"{row['driver']:12} {measured}")

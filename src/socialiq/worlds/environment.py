@@ -1,0 +1,128 @@
+"""Environments of anybody's as worlds: made by name, their code run only where that is allowed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+from gymnasium import spaces
+
+from socialiq.errors import UserError
+from socialiq.foreign import FAILURES, failure, imported, one_line
+from socialiq.worlds.ids import IDS, register
+from socialiq.worlds.wrapper import RewardPairWrapper, check_spaces, flat, flat_space
+
+_ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
+NAME_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
+"""A Gymnasium id, MODULE:ID or MODULE:FUNCTION; MODULE may be the path of a file."""
+
+_MALFORMED = gymnasium.error.Error
+
+
+def is_environment(name: str) -> bool:
+    """Whether a name is one of an environment that is not built in."""
+    return re.fullmatch(NAME_PATTERN, name) is not None
+
+
+def make_environment(
+    name: str,
+    options: Mapping[str, Any] | None = None,
+    *,
+    allow_code: bool = False,
+    needs_pair: bool = False,
+) -> gymnasium.Env[Any, Any]:
+    """Make an environment that policies can drive in: discrete actions, flat observations.
+
+    Args:
+        name: A built-in world; a Gymnasium id; MODULE:ID, an id that the module registers; or
+            MODULE:FUNCTION, a function (or class) of the module that returns an environment.
+            MODULE is a name that Python can import, or the path of a file that ends in .py.
+        options: Keyword arguments of the environment or of the function.
+        allow_code: Whether a module may be imported: its author's code runs with your rights
+            then.
+        needs_pair: Whether every step must have a reward pair; else the scalar reward is r_env
+            where there is none.
+
+    Raises:
+        UserError: If there is none of that name, its code may not run or fails, or its actions or
+            observations are of a kind that no policy here can drive.
+    """
+    env = _made(name, dict(options or {}), allow_code)
+    if not isinstance(env, gymnasium.Env):
+        raise UserError(f"{one_line(name)} made {type(env).__name__}, not a gymnasium.Env")
+    check_spaces(env)
+    guarded = _Guarded(env, one_line(name))
+    return RewardPairWrapper(guarded) if needs_pair else guarded
+
+
+def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
+    """Length of an observation, and number of actions, of an environment made here."""
+    seen, actions = env.observation_space, env.action_space
+    assert isinstance(seen, spaces.Box) and isinstance(actions, spaces.Discrete)
+    return int(seen.shape[0]), int(actions.n)
+
+
+def paired(env: gymnasium.Env[Any, Any]) -> RewardPairWrapper | None:
+    """The wrapper that gives an environment's pairs, if it is one of ours that has a function."""
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, RewardPairWrapper) and env.pair is not None:
+            return env
+        env = env.env
+    return None
+
+
+def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
+    place, _, attribute = name.rpartition(":")
+    if place and not allow_code:
+        raise UserError(
+            f"{one_line(name)} would run its author's code with your rights: allow that with "
+            "--allow-code, or allow_code=True in Python"
+        )
+    try:
+        found = getattr(imported(place), attribute, None) if place else None
+        if callable(found):
+            return found(**options)
+        register()
+        return gymnasium.make(attribute if place else IDS.get(name, name), **options)
+    except UserError:
+        raise
+    except gymnasium.error.Error as error:
+        # The mother of these errors is raised itself for an id that is malformed.
+        if not isinstance(error, gymnasium.error.UnregisteredEnv) and type(error) is not _MALFORMED:
+            raise failure(one_line(name), error) from error
+        where = f"{one_line(place)} has no function and registers no" if place else "unknown world"
+        raise UserError(
+            f"{where} '{one_line(attribute)}': choose one of {', '.join(IDS)}, a registered "
+            "Gymnasium id, MODULE:ID or MODULE:FUNCTION"
+        ) from error
+    except FAILURES as error:
+        raise failure(one_line(name), error) from error
+
+
+class _Guarded(gymnasium.Wrapper):
+    """Flat observations; what the environment's code does wrong is told in one line."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any], name: str) -> None:
+        super().__init__(env)
+        self.observation_space = flat_space(env.observation_space)
+        self._name = name
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Start an episode."""
+        observation, info = self._called(self.env.reset, seed=seed, options=options)
+        return flat(observation), info
+
+    def step(self, action: Any) -> Any:
+        """Take one step."""
+        after, *others = self._called(self.env.step, action)
+        return (flat(after), *others)
+
+    def _called(self, function: Any, *given: Any, **named: Any) -> Any:
+        try:
+            return function(*given, **named)
+        except UserError:
+            raise
+        except FAILURES as error:
+            raise failure(self._name, error) from error

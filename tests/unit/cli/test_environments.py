@@ -1,0 +1,165 @@
+"""`collect`, `train` and `evaluate` in an environment of somebody's: modes, mixtures, mistakes."""
+
+import json
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.demonstrations import files
+from socialiq.nn.q_policy import QPolicy
+
+CODE = """
+import gymnasium
+import numpy as np
+from socialiq.worlds.wrapper import RewardPairWrapper
+
+class Road(gymnasium.Env):
+    \"\"\"Who goes (1) arrives after 2 steps at the others' cost; who waits runs out of time.\"\"\"
+
+    action_space = gymnasium.spaces.Discrete(2)
+    observation_space = gymnasium.spaces.Box(0.0, 9.0, (2,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.place, self.drawn = 0, self.np_random.random()
+        return self.seen(), {}
+
+    def step(self, action):
+        self.place += action
+        return self.seen(), 0.0, self.place == 2, False, {"ending": "arrival"}
+
+    def seen(self):
+        return np.array([self.place, self.drawn], np.float32)
+
+def bare():
+    return gymnasium.wrappers.TimeLimit(Road(), 4)
+
+def make():
+    return RewardPairWrapper(bare(), lambda step: (float(step.action), -0.5 * step.action))
+
+def goes(observations):
+    return [1 for _ in observations]
+
+def waits(observations):
+    return [0 for _ in observations]
+"""
+DRIVERS = ("--driver", "python:a_cli_road.py:goes", "--driver", "calm=python:a_cli_road.py:waits")
+
+
+@pytest.fixture(autouse=True)
+def as_a_user_runs_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a_cli_road.py").write_text(CODE)
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def collect(out, *more, world="a_cli_road.py:make", drivers=DRIVERS):
+    return main(["collect", world, *drivers, "--out", str(out), "--allow-code", *more])
+
+
+def refused(capsys):
+    line = capsys.readouterr().err
+    assert line.startswith("socialiq: ") and line.count("\n") == 1
+    return line
+
+
+def test_each_driver_is_a_mode_on_the_same_episodes(tmp_path):
+    assert collect(tmp_path / "data", "--episodes", "3", "--seed", "5") == 0
+    data = files.load(tmp_path / "data")
+    assert data.counts() == {"goes": (3, 6), "calm": (3, 12)}
+    totals = data.totals()
+    assert sorted(totals.env.tolist()) == [0, 0, 0, 2, 2, 2]
+    assert sorted(totals.social.tolist()) == [-1, -1, -1, 0, 0, 0]
+    drawn = data.observation[data.episode_starts, 1].reshape(2, 3)
+    assert sorted(drawn[0]) == sorted(drawn[1])
+    assert data.truncated.sum() == 3 and data.terminated.sum() == 3
+    source = data.source["of"]["goes"]
+    assert source["world"] == "a_cli_road.py:make" and len(source["sha256"]) == 64
+
+
+@pytest.mark.parametrize(
+    ("options", "counts"),
+    [
+        (["--mixture", "weighted", "--weights", "1", "3"], {"goes": (1, 2), "calm": (3, 12)}),
+        (["--mixture", "weighted"], {"goes": (2, 4), "calm": (2, 8)}),
+        (
+            ["--mixture", "equal_transitions", "--transitions", "8"],
+            {"goes": (4, 8), "calm": (2, 8)},
+        ),
+        (
+            [
+                "--mixture",
+                "contaminated",
+                "--base",
+                "calm",
+                "--contaminant",
+                "goes",
+                "--share",
+                "0.25",
+            ],
+            {"calm": (3, 12), "goes": (1, 2)},
+        ),
+    ],
+)
+def test_mixtures_are_those_of_the_gridworlds(tmp_path, options, counts):
+    assert collect(tmp_path / "data", "--episodes", "4", *options) == 0
+    assert files.load(tmp_path / "data").counts() == counts
+
+
+@pytest.mark.parametrize(
+    ("changed", "more", "line"),
+    [
+        ({"drivers": ()}, (), "name the drivers, one --driver for each mode"),
+        ({"drivers": DRIVERS[:2] * 2}, (), "two drivers are called goes: write NAME=python:"),
+        ({"world": "a_cli_road.py:bare"}, (), "gives no reward pair"),
+        ({"world": "a_cli_road.py:none"}, (), "has no function and registers no 'none'"),
+        ({}, ("--clock",), "leave out --clock"),
+        ({}, ("--mixture", "weighted", "--weights", "1", "2", "3"), "give each mode one"),
+        ({}, ("--mixture", "contaminated"), "unknown mode 'prosocial': choose one of goes, calm"),
+        ({"drivers": ("--driver", "none.zip")}, (), "no such file"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(tmp_path, capsys, changed, more, line):
+    assert collect(tmp_path / "data", "--episodes", "2", *more, **changed) == 2
+    assert line in refused(capsys)
+    assert not (tmp_path / "data").exists()
+
+
+def test_code_is_run_only_if_that_is_allowed(tmp_path, capsys):
+    policy = tmp_path / "policy.safetensors"
+    QPolicy((np.eye(2, dtype=np.float32),), (np.zeros(2, np.float32),), "relu", 1.0).save(policy)
+    world = ["--world", "a_cli_road.py:make"]
+    for command in (
+        ["collect", "a_cli_road.py:make", "--driver", str(policy), "--out", "data"],
+        ["evaluate", str(policy), *world, "--episodes", "2"],
+        ["profile", "new", *world, "--angle", "0"],
+    ):
+        assert main(command) == 2
+        assert "--allow-code" in refused(capsys)
+
+
+@pytest.mark.usefixtures("quick_compiler")
+def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
+    assert collect(tmp_path / "data", "--episodes", "3") == 0
+    world = ["--world", "a_cli_road.py:make", "--allow-code"]
+    tiny = ["--updates", "5", "--batch-size", "8", "--hidden", "4"]
+    assert main(["train", "data", *world, *tiny, "--out", "run"]) == 0
+    offline = ["--value-term", "value_expert", "--out", "offline"]
+    assert main(["train", "data", *tiny, *offline]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", "run/policy_0.safetensors", *world, "--episodes", "2"]) == 0
+    capsys.readouterr()
+    goes = ["evaluate", "python:a_cli_road.py:goes", *world, "--episodes", "3", "--json"]
+    assert main(goes) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert (shown["r_env"], shown["r_social"], shown["arrival"]) == (2.0, -1.0, 1.0)
+    calm = ["evaluate", "python:a_cli_road.py:waits", *world, "--episodes", "3", "--json"]
+    assert main(calm) == 0
+    assert json.loads(capsys.readouterr().out)["timeout"] == 1.0
+    other = ["--world", "CartPole-v1", "--out", "other"]
+    assert main(["train", "data", *tiny, *other]) == 2
+    assert "they belong to another world" in refused(capsys)
