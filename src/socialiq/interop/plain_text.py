@@ -17,3 +17,11 @@ def one_line(text: str | bytes, most: int = 200) -> str:
     plain = "".join(one if one.isprintable() else " " for one in decoded[: 20 * most])
     line = " ".join(plain.split())
     return line if len(line) <= most else line[: most - 1] + "…"
+
+
+_MARKED = str.maketrans({one: f"\\{one}" for one in "\\`*_[]{}<>|&#~$!"})
+
+
+def markdown(text: str, most: int = 200) -> str:
+    """One line in which Markdown and HTML read no markup."""
+    return one_line(text, most).translate(_MARKED)
