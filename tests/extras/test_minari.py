@@ -21,6 +21,9 @@ from socialiq.interop.minari_read import read_minari
 from socialiq.interop.minari_write import write_minari
 from socialiq.thesis.experts import MODES, expert_pools
 
+# Minari's own: authors that are not named, a temporary folder that it forgets.
+OF_MINARI = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::ResourceWarning")
+
 
 @pytest.fixture(scope="module")
 def table(table7):
@@ -113,6 +116,7 @@ def test_minaris_own_root_is_used_only_where_it_is_named(table, tmp_path, monkey
     assert minari.load_dataset(name).total_steps == table.n_transitions
 
 
+@OF_MINARI
 def test_a_part_that_minari_split_off_is_read(table, written, tmp_path, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "root"))
     dataset = minari.MinariDataset(str(written / "data"))
@@ -128,13 +132,12 @@ def test_a_part_that_minari_split_off_is_read(table, written, tmp_path, monkeypa
         )
         for one in part
     ]
-    with pytest.warns(UserWarning):  # Minari's, of authors that are not named
-        minari.create_dataset_from_buffers(
-            "part-v0",
-            buffers,
-            observation_space=dataset.observation_space,
-            action_space=dataset.action_space,
-        )
+    minari.create_dataset_from_buffers(
+        "part-v0",
+        buffers,
+        observation_space=dataset.observation_space,
+        action_space=dataset.action_space,
+    )
     back = read_minari(tmp_path / "root" / "part-v0")
     assert back.n_episodes == 4 and back.source == {"made_by": "minari", "of": "part-v0"}
     rows = back.n_transitions
@@ -162,10 +165,10 @@ def cartpole(tmp_path, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     env = gymnasium.make("CartPole-v1")
     env.action_space.seed(0)
-    with pytest.warns(UserWarning):  # Minari's, of authors that are not named
-        return collected(env, tmp_path / "cartpole")
+    return collected(env, tmp_path / "cartpole")
 
 
+@OF_MINARI
 def test_foreign_data_are_read_without_an_environment(cartpole, monkeypatch):
     dataset, folder = cartpole
     with pytest.raises(UserError, match="r_social is not known"):
@@ -188,6 +191,7 @@ def test_foreign_data_are_read_without_an_environment(cartpole, monkeypatch):
     assert train(structure, [Numbers(angle=0.0)], [table]).failures == ()
 
 
+@OF_MINARI
 def test_an_environment_that_metadata_name_is_never_made(cartpole, tmp_path):
     """Without spaces Minari would import and call what the metadata name."""
     _, folder = cartpole
@@ -198,7 +202,7 @@ def test_an_environment_that_metadata_name_is_never_made(cartpole, tmp_path):
     with pytest.raises(UserError, match="tell no observation_space"):
         read_minari(folder, social="none")
     assert not trap.exists()
-    with pytest.raises(Exception), pytest.warns(UserWarning):  # noqa: B017  Gymnasium's
+    with pytest.raises(Exception):  # noqa: B017  Gymnasium's
         minari.MinariDataset(str(folder / "data"))
     assert trap.exists()  # the trap is one
 
@@ -231,7 +235,7 @@ def test_other_actions_are_refused(written, space, match):
         ({"type": "Text"}, "observations of a Text space"),
         ({"type": "Box", "dtype": "float32", "shape": [5, 1]}, "flatten them"),
         ({"type": "Box", "dtype": "uint8", "shape": [64, 64, 3]}, "keeps images as JPEG"),
-        ({"type": "Box", "dtype": "float32", "shape": [6]}, "where .*6.* is due"),
+        ({"type": "Box", "dtype": "float32", "shape": [60]}, "where .*60.* is due"),
         ({"type": "Box", "shape": "ab"}, "tell no observation_space"),
         ([], "tell no observation_space"),
     ],
@@ -295,7 +299,7 @@ FIRST = "episode_0/"
         (lambda f: f.pop(FIRST + "observations"), "lacks episode_0/observations"),
         (lambda f: f.pop("episode_1"), "holds 11 episodes and tells of 12"),
         (lambda f: f.move("episode_1", "episode_x"), "lacks episode_1/actions"),
-        (lambda f: replace(f, FIRST + "actions", np.zeros(3)), "of episode_0 has shape"),
+        (lambda f: replace(f, FIRST + "actions", np.zeros(50, int)), "of episode_0 has shape"),
         (lambda f: replace(f, FIRST + "truncations", np.full(9, 7)), "of episode_0|boolean"),
         (lambda f: replace(f, FIRST + "rewards", np.array(1.0)), "no array of numbers"),
         (lambda f: replace(f, FIRST + "rewards", ["a", "b"]), "object, no array of numbers"),
@@ -364,8 +368,8 @@ def test_huge_counts_cost_nothing(written):
 
 
 def test_limits_are_of_all_arrays_together(written, monkeypatch):
-    monkeypatch.setattr(hdf5, "MOST_NUMBERS", 2_000)
-    refused(written, "claims more than 2,000 numbers")
+    monkeypatch.setattr(hdf5, "MOST_NUMBERS", 500)
+    refused(written, "claims more than")
 
 
 def test_truncated_and_foreign_files_are_refused(written):
@@ -394,7 +398,7 @@ def test_other_metadata_are_refused(written, content, match):
 
 
 def test_tables_that_skip_steps_cannot_be_said(table, tmp_path):
-    with pytest.raises(UserError, match="row 1 does not follow the row before it"):
+    with pytest.raises(UserError, match=r"row \d+ does not follow the row before it"):
         write_minari(table.subsample(3), tmp_path / "x")
     with pytest.raises(UserError, match="row 0 does not follow"):
         write_minari(table.subsample(1, 1), tmp_path / "x")
