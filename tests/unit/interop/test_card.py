@@ -82,7 +82,7 @@ def test_text_of_strangers_is_no_markup():
         evaluated_by=HOSTILE,
     )
     body = card.split("\n---\n", 1)[1]
-    assert "<script" not in body and "\u202e" not in card and "49" not in body
+    assert not re.search(r"(?<!\\)<", body) and "\u202e" not in card and "49" not in body
     assert not re.search(r"(?<!\\)[`\[]x?", body.replace(BLANK, ""))
     assert "\n# **bold" not in card and "\n# \\*\\*bold" not in card
     for line in body.splitlines():
@@ -100,7 +100,7 @@ def test_an_angle_that_is_no_number_is_none(told):
 
 def test_long_records_are_cut():
     card = model_card(policy(**{f"setting_{n}": n for n in range(5_000)}), "x")
-    assert card.count("setting") == 300 and "more than can be listed" in card
+    assert card.count("setting\\_") == 300 and "more than can be listed" in card
 
 
 @pytest.mark.parametrize(
