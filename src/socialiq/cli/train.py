@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ import tyro
 
 from socialiq.cli.evaluate import make_gymnasium
 from socialiq.cli.output import complain, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.progress import Display, to_all
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -22,7 +22,7 @@ from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import Collector, from_env, soft
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
-from socialiq.learners.outside import Outside, Report
+from socialiq.learners.outside import Outside
 from socialiq.learners.state import Lanes
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.storage import new_folder, write_atomically, write_json
@@ -116,7 +116,7 @@ class Train:
                 [data],
                 simulator,
                 Outside(
-                    on_report=_to_all(told),
+                    on_report=to_all(told),
                     monitor=_monitor(simulator, numbers),
                     checkpoint=checkpoint,
                     resume=self.resume,
@@ -220,14 +220,6 @@ class Train:
         }
         write_json(self.out / "run.json", rounded(record))
         return lanes
-
-
-def _to_all(told: Sequence[Callable[[Report], None]]) -> Callable[[Report], None]:
-    def tell(report: Report) -> None:
-        for one in told:
-            one(report)
-
-    return tell
 
 
 def _monitor(simulator: GridWorld | None, numbers: list[Numbers]) -> Any:
