@@ -54,7 +54,19 @@ def test_train_writes_what_metrics_csv_has(tmp_path):
     data, out, events = tmp_path / "d.safetensors", tmp_path / "run", tmp_path / "events"
     assert main(["collect", "crossing7", "--episodes", "2", "--out", str(data)]) == 0
     command = ["train", str(data), "--value-term", "value_expert", "--out", str(out)]
-    command += ["--angle", "0", "90", "--updates", "20", "--batch-size", "8", "--hidden", "8"]
+    command += [
+        "--angle",
+        "0",
+        "90",
+        "--updates",
+        "20",
+        "--batch-size",
+        "8",
+        "--hidden",
+        "8",
+        "--strength",
+        "1",
+    ]
     assert main([*command, "--tensorboard", str(events)]) == 0
     with (out / "metrics.csv").open() as file:
         rows = {float(row["angle_target"]): row for row in csv.DictReader(file)}
