@@ -116,16 +116,30 @@ def save_arrays(
     Raises:
         UserError: If the file can't be written.
     """
-    # Hashed as a reader will see them: keys as JSON's strings, numbers in this machine's order.
+    contiguous, full = _as_read(kind, version, arrays, header)
+    sha256 = content_hash(contiguous, full)
+    metadata = {_HEADER: json.dumps({"header": full, "sha256": sha256})}
+    write_atomically(path, safetensors.numpy.save(contiguous, metadata=metadata))
+    return sha256
+
+
+def sha256_of(
+    kind: str, version: int, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
+) -> str:
+    """The SHA-256 that `save_arrays` would return, without a file."""
+    return content_hash(*_as_read(kind, version, arrays, header))
+
+
+def _as_read(
+    kind: str, version: int, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Content as a reader will see it: keys as JSON's strings, numbers in this machine's order."""
     full = json.loads(json.dumps({"kind": kind, "version": version, **header}))
     contiguous = {
         name: np.asarray(array, array.dtype.newbyteorder("="), order="C")
         for name, array in arrays.items()
     }
-    sha256 = content_hash(contiguous, full)
-    metadata = {_HEADER: json.dumps({"header": full, "sha256": sha256})}
-    write_atomically(path, safetensors.numpy.save(contiguous, metadata=metadata))
-    return sha256
+    return contiguous, full
 
 
 def kind_of(path: Path) -> str:

@@ -14,8 +14,8 @@ from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_env
-from socialiq.foreign import one_line
 from socialiq.interop.door import load
+from socialiq.plain_text import one_line
 from socialiq.thesis.experts import MODES, expert_pools
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import is_environment, make_environment, sizes

@@ -16,9 +16,12 @@ from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
 from socialiq.cli.compare import Compare
 from socialiq.cli.conformance import Conformance
+from socialiq.cli.data_arrays import FromArrays, FromTrajectories
+from socialiq.cli.data_minari import FromMinari, ToMinari
 from socialiq.cli.demo import Demo
 from socialiq.cli.dial import Dial, Turn
 from socialiq.cli.evaluate import Evaluate
+from socialiq.cli.export import Export
 from socialiq.cli.output import complain
 from socialiq.cli.predict import PredictLambda
 from socialiq.cli.profile import Check, New
@@ -39,11 +42,16 @@ Command = (
     | Annotated[PredictLambda, _name("predict-lambda")]
     | Annotated[Render, _name("render")]
     | Annotated[Collect, _name("collect")]
+    | Annotated[FromArrays, _name("data-from-arrays")]
+    | Annotated[FromTrajectories, _name("data-from-trajectories")]
+    | Annotated[FromMinari, _name("data-from-minari")]
+    | Annotated[ToMinari, _name("data-to-minari")]
     | Annotated[Train, _name("train")]
     | Annotated[TrainDial, _name("train-dial")]
     | Annotated[Dial, _name("dial")]
     | Annotated[Turn, _name("turn")]
     | Annotated[Evaluate, _name("evaluate")]
+    | Annotated[Export, _name("export")]
     | Annotated[Reproduce, _name("reproduce")]
     | Annotated[Compare, _name("compare")]
     | Annotated[Claims, _name("claims")]
@@ -55,7 +63,15 @@ Command = (
     | Annotated[Verify, _name("audit-verify")]
 )
 
-TWO_WORDS = (("profile", "new"), ("profile", "check"), ("audit", "verify"))
+TWO_WORDS = (
+    ("profile", "new"),
+    ("profile", "check"),
+    ("audit", "verify"),
+    ("data", "from-arrays"),
+    ("data", "from-trajectories"),
+    ("data", "from-minari"),
+    ("data", "to-minari"),
+)
 """Commands of two words; the parser knows them joined by a hyphen."""
 
 DESCRIPTION = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from rich.console import Console
@@ -69,6 +69,16 @@ class Display:
                 )
 
         return show
+
+
+def to_all(told: Sequence[Callable[[Report], None]]) -> Callable[[Report], None]:
+    """One hook that passes each report on to several."""
+
+    def tell(report: Report) -> None:
+        for one in told:
+            one(report)
+
+    return tell
 
 
 def remaining(seconds: float) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +14,7 @@ import gymnasium
 import tyro
 
 from socialiq.cli.output import complain, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.progress import Display, to_all
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -23,6 +24,7 @@ from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.outside import Outside
 from socialiq.learners.state import Lanes
+from socialiq.learners.tensorboard import EventFiles
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.thesis.presets import PRESETS
 from socialiq.thesis.store import Row, as_csv, rounded, versions
@@ -60,6 +62,9 @@ class Train:
     """Settings to begin with: table-c1, poc, grid, lambda-sweep. Every option below overrides."""
     resume: bool = False
     """Go on with a run that was stopped."""
+    tensorboard: Path | None = None
+    """Folder for TensorBoard's event files too, one for each policy; metrics.csv is always
+    written."""
     json: bool = False
     """Print one JSON object."""
 
@@ -105,15 +110,17 @@ class Train:
         structure, numbers = self.settings()
         simulator, before_chunk = self.surroundings(structure, numbers, data)
         check_fit(structure, numbers, [data], simulator, before_chunk is not None)
-        checkpoint = self.folder() / "checkpoint.safetensors"
-        with Display() as display:
+        with ExitStack() as stack:
+            events = self.event_files(numbers, stack)
+            checkpoint = self.folder() / "checkpoint.safetensors"
+            told = [stack.enter_context(Display()).stage("training"), *events]
             trained = train(
                 structure,
                 numbers,
                 [data],
                 simulator,
                 Outside(
-                    on_report=display.stage("training"),
+                    on_report=to_all(told),
                     monitor=_monitor(simulator, numbers),
                     checkpoint=checkpoint,
                     resume=self.resume,
@@ -177,6 +184,13 @@ class Train:
             return env
 
         return None, acting_in(make, structure, numbers, CHUNK)
+
+    def event_files(self, numbers: list[Numbers], stack: ExitStack) -> list[EventFiles]:
+        """Event files of all lanes, if they are asked for; closed with the stack."""
+        if self.tensorboard is None:
+            return []
+        names = [f"angle_{n.angle:g}_strength_{n.strength:g}_seed_{n.seed}" for n in numbers]
+        return [stack.enter_context(EventFiles(self.tensorboard, names))]
 
     def folder(self) -> Path:
         """The output folder: a new one, or that of a stopped run."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli.output import complain, print_json, print_table
-from socialiq.cli.progress import Display
+from socialiq.cli.progress import Display, to_all
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -20,11 +21,12 @@ from socialiq.learners.dial.budget import Budget, Look
 from socialiq.learners.dial.config import Numbers, Structure, check_fit
 from socialiq.learners.dial.train import Trained, train
 from socialiq.learners.outside import Outside
-from socialiq.storage import new_folder, write_json
+from socialiq.learners.tensorboard import EventFiles
+from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.thesis.dial.budgets import CHUNK, exact_regret
 from socialiq.thesis.dial.config import RUNS, seen, with_clock
 from socialiq.thesis.lanes import Ground
-from socialiq.thesis.store import rounded, versions
+from socialiq.thesis.store import Row, as_csv, rounded, versions
 from socialiq.worlds.registry import make_grid
 
 
@@ -38,7 +40,7 @@ class TrainDial:
     world: Annotated[str, tyro.conf.Positional]
     """crossing5 or crossing7."""
     out: Path
-    """Folder to make: dials, run.json."""
+    """Folder to make: dials, metrics.csv, run.json."""
     data: Path | None = None
     """Demonstrations file, of `socialiq collect --clock`; a run without demonstrations has none."""
     preset: str = "online"
@@ -55,6 +57,9 @@ class TrainDial:
     """Gradient steps; by default the preset's."""
     resume: bool = False
     """Go on with a run that was stopped."""
+    tensorboard: Path | None = None
+    """Folder for TensorBoard's event files too, one for each dial; metrics.csv is always
+    written."""
     json: bool = False
     """Print one JSON object."""
 
@@ -76,10 +81,14 @@ class TrainDial:
         simulator = world if structure.online else None
         sizes = (world.n_features, world.n_actions)
         check_fit(structure, numbers, data, simulator, sizes, collects=False)
-        checkpoint = self.folder() / "checkpoint.safetensors"
-        with Display() as display:
+        with ExitStack() as stack:
+            names = [f"seed_{one.seed}" for one in numbers]
+            events = [EventFiles(self.tensorboard, names)] if self.tensorboard else []
+            told = [stack.enter_context(one) for one in events]
+            checkpoint = self.folder() / "checkpoint.safetensors"
+            show = stack.enter_context(Display()).stage("training")
             outside = Outside(
-                on_report=display.stage("training"), checkpoint=checkpoint, resume=self.resume
+                on_report=to_all([show, *told]), checkpoint=checkpoint, resume=self.resume
             )
             trained = train(
                 structure,
@@ -162,6 +171,7 @@ class TrainDial:
             if budget is not None:
                 regret = float(budget.path[-1].regret[lane])
                 lanes[-1] |= {"multiplier": trained.multipliers[lane], "regret": regret}
+        write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
         record = {
             "preset": self.preset,
             "structure": dataclasses.asdict(trained.structure),
@@ -180,6 +190,18 @@ class TrainDial:
         }
         write_json(self.out / "run.json", rounded(record))
         return lanes
+
+
+def _history_rows(trained: Trained) -> list[Row]:
+    """One row for each recorded update and lane."""
+    history = trained.history
+    arrays = {name: np.asarray(history.array(name)) for name in history.values}
+    return [
+        {"updates": updates, "seed": one.seed}
+        | {name: rounded(float(array[chunk, lane])) for name, array in arrays.items()}
+        for chunk, updates in enumerate(history.updates)
+        for lane, one in enumerate(trained.numbers)
+    ]
 
 
 def look_row(look: Look) -> dict[str, Any]:

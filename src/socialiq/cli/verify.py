@@ -20,8 +20,8 @@ from socialiq.audit.report.surroundings import package_sha256
 from socialiq.audit.report.verify import content_of, differences, faults
 from socialiq.cli.output import complain, print_json
 from socialiq.errors import UserError
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.process import limits_of
+from socialiq.plain_text import one_line
 from socialiq.thesis.auditing import Request, conduct
 from socialiq.thesis.entrants import Trust
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from socialiq import storage
 from socialiq.demonstrations.dataset import Demonstrations
@@ -25,12 +26,22 @@ def save(path: Path, demonstrations: Demonstrations) -> str:
     Raises:
         UserError: If the file can't be written.
     """
-    header = {
+    arrays, header = demonstrations.arrays(), _header(demonstrations)
+    return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header)
+
+
+def sha256_of(demonstrations: Demonstrations) -> str:
+    """The SHA-256 of a table's content, that `save` would return."""
+    arrays, header = demonstrations.arrays(), _header(demonstrations)
+    return storage.sha256_of(KIND, SCHEMA_VERSION, arrays, header)
+
+
+def _header(demonstrations: Demonstrations) -> dict[str, Any]:
+    return {
         "mode_names": list(demonstrations.mode_names),
         "n_actions": demonstrations.n_actions,
         "source": demonstrations.source,
     }
-    return storage.save_arrays(path, KIND, SCHEMA_VERSION, demonstrations.arrays(), header)
 
 
 def load(path: Path) -> Demonstrations:

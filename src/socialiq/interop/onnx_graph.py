@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.interop.plain_text import one_line
+from socialiq.plain_text import one_line
 
 MOST_NODES = 500
 MOST_DIMENSION = 16_384
@@ -180,6 +180,23 @@ def _product(values: Values, length: int, weight: np.ndarray) -> Shape:
     return (weight.shape[1],)
 
 
+def _concat(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
+    if attributes.get("axis") not in (1, -1):
+        raise GraphFault("puts the observations of a batch together")
+    return (sum(values.vector(name) for name in inputs),)
+
+
+def _gather(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
+    length, places = values.vector(inputs[0]), values.constant(inputs[1])
+    if attributes.get("axis", 0) not in (1, -1):
+        raise GraphFault("picks among the observations of a batch")
+    if places.ndim != 1 or places.dtype.kind != "i" or not len(places):
+        raise GraphFault("picks by numbers that are no list of integers")
+    if places.min() < 0 or places.max() >= length:
+        raise GraphFault(f"picks number {places.max()} or less than 0 of {length}")
+    return (len(places),)
+
+
 def _flatten(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
     if attributes.get("axis", 1) != 1:
         raise GraphFault("flattens the batch")
@@ -205,7 +222,10 @@ OPERATORS: Mapping[str, tuple[Rule, int, int]] = {
     **dict.fromkeys(("Identity", "Cast"), (_same, 1, 1)),
     **dict.fromkeys(("Softmax", "LogSoftmax"), (_along, 1, 1)),
     **dict.fromkeys(("Add", "Sub", "Mul", "Div"), (_elementwise, 2, 2)),
+    **dict.fromkeys(("Equal", "Max"), (_elementwise, 2, 2)),
     "ArgMax": (_arg_max, 1, 1),
+    "Concat": (_concat, 1, MOST_NODES),
+    "Gather": (_gather, 2, 2),
     "MatMul": (_mat_mul, 2, 2),
     "Gemm": (_gemm, 2, 3),
     "Flatten": (_flatten, 1, 1),

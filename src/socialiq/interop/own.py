@@ -28,8 +28,12 @@ MOST_PROVENANCE = 65_536
 _FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
 
-def read_policy(path: Path, world: Interface) -> tuple[QPolicy, dict[str, Any]]:
+def read_policy(path: Path, world: Interface | None) -> tuple[QPolicy, dict[str, Any]]:
     """A policy that `QPolicy.save` wrote.
+
+    Args:
+        path: The file.
+        world: What it has to fit, if anything.
 
     Returns:
         The policy, and what the file tells about it.
@@ -42,8 +46,15 @@ def read_policy(path: Path, world: Interface) -> tuple[QPolicy, dict[str, Any]]:
     return policy, _details(policy, header)
 
 
-def read_dial(path: Path, angle: float | None, world: Interface) -> tuple[QPolicy, dict[str, Any]]:
+def read_dial(
+    path: Path, angle: float | None, world: Interface | None
+) -> tuple[QPolicy, dict[str, Any]]:
     """A dial that `DialPolicy.save` wrote, at one angle in degrees.
+
+    Args:
+        path: The file.
+        angle: Degrees.
+        world: What it has to fit, if anything.
 
     Returns:
         The policy, and what the file tells about it.
@@ -81,7 +92,7 @@ def _policy(
     path: Path,
     arrays: dict[str, np.ndarray],
     header: dict[str, Any],
-    world: Interface,
+    world: Interface | None,
     extra: int,
 ) -> QPolicy:
     """A policy whose header is true.
@@ -90,7 +101,7 @@ def _policy(
         path: For messages.
         arrays: Of the file.
         header: Of the file.
-        world: What the policy has to fit.
+        world: What the policy has to fit, if anything.
         extra: Inputs of the first layer that are no part of the observation.
     """
     if len(json.dumps(header)) > MOST_PROVENANCE:
@@ -109,7 +120,8 @@ def _policy(
         raise _refusal(path, "has a header that its arrays don't bear out") from error
     if not fits:
         raise _refusal(path, "has layers that don't follow one another")
-    interface.check(str(path), world)
+    if world is not None:
+        interface.check(str(path), world)
     return policy
 
 

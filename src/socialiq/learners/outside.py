@@ -5,10 +5,11 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ class Report(NamedTuple):
         monitored: What the monitor returned, each (lanes,).
         failures: One line for each lane that has stopped.
         unit: What is counted, "updates", or "jobs/min" where the rate is not per second.
+        by_lane: Mean of each named term over the chunk, each (lanes,); NaN where a lane broke.
     """
 
     done: int
@@ -39,6 +41,7 @@ class Report(NamedTuple):
     monitored: dict[str, np.ndarray]
     failures: tuple[str, ...]
     unit: str = "updates"
+    by_lane: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,16 @@ class Clock:
         finite = {name: value[np.isfinite(value)] for name, value in record.items()}
         terms = {name: float(v.mean()) if len(v) else float("nan") for name, v in finite.items()}
         left = (self.total - done) / rate
-        return Report(done, self.total, rate * self.lanes, left, terms, monitored, failures)
+        return Report(
+            done,
+            self.total,
+            rate * self.lanes,
+            left,
+            terms,
+            monitored,
+            failures,
+            by_lane=record,
+        )
 
     def minute_passed(self) -> bool:
         """Whether a minute has passed since this last was true."""

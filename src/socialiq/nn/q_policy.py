@@ -125,9 +125,9 @@ class QPolicy:
             deterministic: Greedy if true, else sampled from softmax(Q/τ).
 
         Raises:
-            UserError: If an observation has another length or is not finite.
+            UserError: If an observation is nested, has another length or is not finite.
         """
-        batch = np.atleast_2d(np.asarray(observation, np.float32))
+        batch = np.atleast_2d(_numbers(observation))
         if deterministic:
             actions = self.q_values(batch).argmax(axis=1)
         else:
@@ -192,6 +192,20 @@ class QPolicy:
             view=_view_of(arrays, header),
             sha256=header["sha256"],
         )
+
+
+def _numbers(observation: Any) -> np.ndarray:
+    """An observation as float32.
+
+    Raises:
+        UserError: If it is nested, or no numbers.
+    """
+    if isinstance(observation, Mapping):
+        raise UserError("observation is a dict: this policy takes one array, so flatten it")
+    try:
+        return np.asarray(observation, np.float32)
+    except (TypeError, ValueError) as error:
+        raise UserError("observation is no numbers: this policy takes one array") from error
 
 
 def _view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Encoding | None:

@@ -208,6 +208,18 @@ def test_a_missing_extra(capsys, monkeypatch):
     assert "pip install 'socialiq[bench]'" in line
 
 
+def test_missing_extras_of_doors(capsys, monkeypatch, tmp_path, data):
+    monkeypatch.setitem(sys.modules, "tensorboard", None)
+    out, events = tmp_path / "run", tmp_path / "events"
+    options = ("--value-term", "value_expert", "--tensorboard", events, "--out", out)
+    assert "pip install 'socialiq[tensorboard]'" in refused(capsys, "train", data, *options)
+    for module in ("h5py", "minari"):
+        monkeypatch.setitem(sys.modules, module, None)
+        line = refused(capsys, "data", "to-minari", data, "--out", out)
+        assert "pip install 'socialiq[minari]'" in line
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     "command",
     [

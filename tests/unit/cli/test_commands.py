@@ -308,6 +308,10 @@ def test_train_dial_writes_its_record(dial):
     assert record["preset"] == "offline-redrawn"
     assert record["structure"]["redraw_times"] == 25
     assert record["dials"][0]["file"] == dial.name
+    with (dial.parent / "metrics.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["updates"], row["seed"]) == ("20", "0")
+    assert float(row["loss"]) == pytest.approx(record["dials"][0]["loss"], abs=1e-5)
     assert not (dial.parent / "checkpoint.safetensors").exists()
 
 

@@ -26,6 +26,10 @@ def values():
         "tall": [-1, 3],
     }.items():
         made.add_constant(name, np.array(target, np.int64))
+    made.add_constant("places", np.array([5, 0, 5], np.int64))
+    made.add_constant("beyond", np.array([0, 6], np.int64))
+    made.add_constant("before", np.array([0, -1], np.int64))
+    made.add_constant("none", np.zeros(0, np.int64))
     made.add_constant("many", np.ones((5, 6), np.float32))
     made.add_constant("scalar", np.array(2.0, np.float32))
     return made
@@ -51,6 +55,11 @@ def values():
         ("Reshape", ["image", "flat"], {}, (6,)),
         ("Reshape", ["image", "flat"], {"allowzero": 1}, (6,)),
         ("Reshape", ["x", "pair"], {}, (3, 2)),
+        ("Max", ["x", "x"], {}, (6,)),
+        ("Equal", ["x", "c"], {}, (6,)),
+        ("Concat", ["x", "x", "x"], {"axis": 1}, (18,)),
+        ("Concat", ["x"], {"axis": -1}, (6,)),
+        ("Gather", ["x", "places"], {"axis": 1}, (3,)),
     ],
 )
 def test_shapes_are_followed(values, operator, inputs, attributes, shape):
@@ -75,6 +84,21 @@ def test_shapes_are_followed(values, operator, inputs, attributes, shape):
         ("Add", ["x", "b"], {}, "combines a constant of shape"),
         ("Add", ["x", "image"], {}, "combines values of shapes"),
         ("Add", ["c", "c"], {}, "with constants alone"),
+        ("Max", ["x", "image"], {}, "combines values of shapes"),
+        ("Equal", ["c", "c"], {}, "with constants alone"),
+        ("Concat", ["x", "x"], {"axis": 0}, "puts the observations of a batch together"),
+        ("Concat", ["x", "x"], {}, "puts the observations of a batch together"),
+        ("Concat", ["x", "c"], {"axis": 1}, "where a value of the observation must be"),
+        ("Concat", ["x", "image"], {"axis": 1}, "flattened"),
+        ("Gather", ["x", "places"], {}, "picks among the observations"),
+        ("Gather", ["x", "places"], {"axis": 0}, "picks among the observations"),
+        ("Gather", ["x", "beyond"], {"axis": 1}, "picks number 6 or less"),
+        ("Gather", ["x", "before"], {"axis": 1}, "less than 0 of 6"),
+        ("Gather", ["x", "none"], {"axis": 1}, "no list of integers"),
+        ("Gather", ["x", "c"], {"axis": 1}, "no list of integers"),
+        ("Gather", ["x", "scalar"], {"axis": 1}, "no list of integers"),
+        ("Gather", ["x", "x"], {"axis": 1}, "where a constant must be"),
+        ("Gather", ["w", "places"], {"axis": 1}, "where a value of the observation must be"),
         ("MatMul", ["x", "wt"], {}, "multiplies 6 numbers by weights"),
         ("MatMul", ["w", "x"], {}, "where a value of the observation must be"),
         ("MatMul", ["x", "x"], {}, "where a constant must be"),
@@ -92,7 +116,7 @@ def test_what_would_mix_or_break_the_batch_is_refused(values, operator, inputs, 
 
 @pytest.mark.parametrize(
     "operator",
-    ["If", "Loop", "Scan", "Expand", "Tile", "ConstantOfShape", "RandomNormal", "Gather"],
+    ["If", "Loop", "Scan", "Expand", "Tile", "ConstantOfShape", "RandomNormal", "GatherND"],
 )
 def test_other_operators_are_refused(values, operator):
     with pytest.raises(GraphFault, match=f"uses the operator {operator}; known are Add"):

@@ -1,0 +1,127 @@
+"""`export`: a policy for other programs, or a card that describes it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.cli.output import print_json, print_table
+from socialiq.errors import UserError, one_of
+from socialiq.interop.card import model_card
+from socialiq.interop.export_onnx import to_onnx
+from socialiq.interop.export_torch import to_safetensors
+from socialiq.interop.own import read_dial, read_policy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.plain_text import one_line
+from socialiq.storage import kind_of, read_json, write_atomically
+from socialiq.thesis import atlas
+
+FORMATS = ("onnx", "torch", "card")
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a policy as ONNX, as weights for PyTorch, or as a model card.
+
+    ONNX has the values of all actions and the best action as outputs. The card is Markdown; what no
+    record tells stays blank in it.
+
+    Example: socialiq export prosocial --format onnx --out prosocial.onnx
+    """
+
+    policy: Annotated[str, tyro.conf.Positional]
+    """Policy or dial file, or the name of a policy of the atlas."""
+    format: str
+    """onnx, torch (weights as safetensors, by the names of the torch module) or card."""
+    out: Path
+    """File to write; must not exist."""
+    angle: float | None = None
+    """Of a dial: social angle in degrees."""
+    evaluation: Path | None = None
+    """For the card: what `socialiq evaluate POLICY --json` printed."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Read, write, say what was written."""
+        one_of("format", self.format, FORMATS)
+        if self.evaluation and self.format != "card":
+            raise UserError("an evaluation goes into a card: add --format card")
+        if self.out.exists():
+            raise UserError(f"{self.out} exists already: name a new file, or remove it first")
+        policy, training = self.read()
+        content = self.made(policy, training)
+        write_atomically(self.out, content)
+        found = {"out": str(self.out), "format": self.format, "bytes": len(content)}
+        found |= {"sha256": hashlib.sha256(content).hexdigest()}
+        if self.json:
+            print_json(found)
+        else:
+            print_table([found])
+        return 0
+
+    def read(self) -> tuple[QPolicy, dict[str, Any]]:
+        """The policy, and what is known of its making beside its own record."""
+        if self.policy in atlas.names():
+            self._check_no_angle()
+            return atlas.load(self.policy), atlas.manifest()[self.policy]
+        path = Path(self.policy)
+        if not path.exists():
+            names = ", ".join(atlas.names())
+            raise UserError(f"no policy '{one_line(self.policy)}': name a file, or one of {names}")
+        if kind_of(path) == "dial":
+            if self.angle is None:
+                raise UserError(f"{path} is a dial: add --angle")
+            return read_dial(path, self.angle, None)[0], {}
+        self._check_no_angle()
+        policy, _ = read_policy(path, None)
+        return policy, _run_of(path, policy)
+
+    def _check_no_angle(self) -> None:
+        if self.angle is not None:
+            raise UserError(f"{one_line(self.policy)} is no dial: leave --angle out")
+
+    def made(self, policy: QPolicy, training: dict[str, Any]) -> bytes:
+        """The file's bytes."""
+        if self.format == "onnx":
+            return to_onnx(policy)
+        if self.format == "torch":
+            return to_safetensors(policy)
+        evaluation, words = training.get("greedy"), ""
+        if evaluation is not None:
+            words = "By the study that made it, taking the best action always."
+        if self.evaluation is not None:
+            evaluation = _object(self.evaluation)
+            digest = hashlib.sha256(self.evaluation.read_bytes()).hexdigest()
+            words = (
+                f"By the file {one_line(self.evaluation.name, 80)}, SHA-256 {digest}. It does not "
+                "say which policy it is of; whoever wrote this card does."
+            )
+        name = Path(self.policy).stem if self.angle is None else f"{Path(self.policy).stem} at "
+        name = name if self.angle is None else f"{name}{self.angle:g} degrees"
+        card = model_card(
+            policy, name, training=training, evaluation=evaluation, evaluated_by=words
+        )
+        return card.encode()
+
+
+def _object(path: Path) -> dict[str, Any]:
+    found = read_json(path)
+    if not isinstance(found, dict):
+        raise UserError(f"{path} is no JSON object: write it with socialiq evaluate POLICY --json")
+    return found
+
+
+def _run_of(path: Path, policy: QPolicy) -> dict[str, Any]:
+    """The record of the run beside a policy, if it is of this very policy."""
+    record = path.parent / "run.json"
+    if not record.is_file():
+        return {}
+    found = _object(record)
+    listed = found.get("policies")
+    hashes = [one.get("sha256") for one in listed or () if isinstance(one, dict)]
+    return {**found, "made_by": "socialiq train"} if policy.sha256 in hashes else {}

@@ -1,0 +1,87 @@
+"""NumPy archives of strangers: plain arrays of numbers, and nothing that would be unpickled.
+
+The header of a member is held against its size before any memory is asked for: NumPy itself would
+make an array of whatever shape the header tells.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+
+from socialiq.errors import UserError
+
+MOST_BYTES = 2 * 1024**3
+"""Of all arrays of one archive together."""
+
+_MEMBERS = 1_000
+_FAULTS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    OSError,
+    EOFError,
+    ValueError,
+    RuntimeError,  # encrypted members; NotImplementedError for unknown compression is one too
+    RecursionError,
+    SyntaxError,
+)
+
+
+def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Arrays of an archive that `numpy.savez` or `numpy.savez_compressed` wrote.
+
+    Args:
+        path: The archive.
+        names: Which members to read if they are there; others are never opened.
+
+    Raises:
+        UserError: If it is missing or damaged, or one of these members is no array of numbers.
+    """
+    if not path.is_file():
+        raise UserError(f"no such file: {path}")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {one.filename: one for one in archive.infolist()[:_MEMBERS]}
+            wanted = {name: members[f"{name}.npy"] for name in names if f"{name}.npy" in members}
+            if sum(one.file_size for one in wanted.values()) > MOST_BYTES:
+                raise UserError(f"{path} holds more than {MOST_BYTES:,} bytes: split it")
+            return {name: _read(archive, one, path) for name, one in wanted.items()}
+    except UserError:
+        raise
+    except _FAULTS as error:
+        raise UserError(f"{path} is damaged or no .npz archive: save it again") from error
+
+
+def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> np.ndarray:
+    name = member.filename.removesuffix(".npy")
+    with archive.open(member) as file:
+        shape, dtype = _header(file)
+        if dtype.kind not in "fiub":
+            raise UserError(f"{path}: {name} is {dtype.kind!r}, no array of numbers: save numbers")
+        if file.tell() + math.prod(shape) * dtype.itemsize != member.file_size:
+            raise UserError(f"{path}: {name} is not as large as it says: save it again")
+    with archive.open(member) as file:
+        return npy.read_array(file, allow_pickle=False)
+
+
+def _header(file: Any) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of a member.
+
+    Raises:
+        ValueError: If there is none that NumPy writes for plain arrays.
+    """
+    version = npy.read_magic(file)
+    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+    if version not in readers:
+        raise ValueError("unknown version")
+    shape, _, dtype = readers[version](file)
+    if any(size < 0 for size in shape):
+        raise ValueError("negative size")
+    return shape, dtype

@@ -1,0 +1,123 @@
+"""A policy's network in PyTorch. Only `export_torch` imports this: PyTorch is an extra."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch  # pyright: ignore[reportMissingImports]
+
+from socialiq.nn.one_hot import OneHot
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import ROW, Choice, View
+
+_ACTIVATIONS = {"relu": torch.nn.ReLU, "elu": torch.nn.ELU, "tanh": torch.nn.Tanh}
+
+
+class QModule(torch.nn.Module):
+    """Q values of a batch of observations, float32, with gradients.
+
+    Attributes:
+        view: What stands before the first layer.
+        layers: Affine layers.
+        activation: Between them.
+    """
+
+    def __init__(self, policy: QPolicy) -> None:
+        super().__init__()
+        self.view: Any = _before(policy)
+        self.layers = _affine(policy.weights)
+        self.activation = _ACTIVATIONS[policy.activation]()
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """(batch, features) to (batch, actions)."""
+        value = self.view(observation)
+        for number, layer in enumerate(self.layers):
+            value = layer(self.activation(value) if number else value)
+        return value
+
+
+class OneHotModule(torch.nn.Module):
+    """Integer features, one place for each value (`nn.one_hot`).
+
+    Attributes:
+        places: Which feature each output looks at.
+        values: Which value it looks for.
+    """
+
+    places: torch.Tensor
+    values: torch.Tensor
+
+    def __init__(self, view: OneHot) -> None:
+        super().__init__()
+        places, values = [], []
+        for number, (low, size) in enumerate(zip(view.lows, view.sizes, strict=True)):
+            places += [number] * size
+            values += list(range(low, low + size))
+        self.register_buffer("places", torch.tensor(places), persistent=False)
+        wanted = torch.tensor(values, dtype=torch.float32)
+        self.register_buffer("values", wanted, persistent=False)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """(batch, features) to (batch, places)."""
+        return (observation[:, self.places] == self.values).to(torch.float32)
+
+
+class ViewModule(torch.nn.Module):
+    """Vehicles as the ego sees them, or as a set (`nn.view`).
+
+    Attributes:
+        choice: What the view does.
+        layers: That all vehicles share.
+    """
+
+    def __init__(self, view: View) -> None:
+        super().__init__()
+        self.choice: Choice = view.choice
+        self.layers = _affine(view.weights)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """(batch, features) to what the first layer reads."""
+        rows = observation.reshape(len(observation), -1, ROW)
+        ego, others = rows[:, :1], rows[:, 1:]
+        present = others[..., :1]
+        columns = [present, self._absolute(others)]
+        if self.choice.relative:
+            columns += self._relative(ego, others)
+        seen = torch.cat(columns, dim=-1) * present
+        own = self._absolute(ego)[:, 0]
+        if not self.choice.pooled:
+            return torch.cat([own, seen.flatten(1)], dim=-1)
+        for layer in self.layers:
+            seen = torch.relu(layer(seen))
+        seen = seen * present
+        return torch.cat([own, seen.sum(dim=1), seen.amax(dim=1)], dim=-1)
+
+    def _absolute(self, rows: torch.Tensor) -> torch.Tensor:
+        return torch.cat([rows[..., 1:5] * self.choice.scale, rows[..., 5:]], dim=-1)
+
+    def _relative(self, ego: torch.Tensor, others: torch.Tensor) -> list[torch.Tensor]:
+        scale, along = self.choice.scale, ego[..., 5:]
+        return [
+            scale * _turned(others[..., 1:3] - ego[..., 1:3], along),
+            scale * _turned(others[..., 3:5] - ego[..., 3:5], along),
+            _turned(others[..., 5:], along),
+        ]
+
+
+def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
+    """Components along a heading (cos, sin) and to its left."""
+    x, y, cos, sin = vector[..., :1], vector[..., 1:], along[..., :1], along[..., 1:]
+    return torch.cat([x * cos + y * sin, y * cos - x * sin], dim=-1)
+
+
+def _before(policy: QPolicy) -> torch.nn.Module:
+    if isinstance(policy.view, OneHot):
+        return OneHotModule(policy.view)
+    return torch.nn.Identity() if policy.view is None else ViewModule(policy.view)
+
+
+def _affine(weights: Any) -> torch.nn.ModuleList:
+    """Layers of these shapes; the numbers come with the state dictionary."""
+    return torch.nn.ModuleList(
+        torch.nn.Linear(weight.shape[1], weight.shape[0]) for weight in weights
+    )

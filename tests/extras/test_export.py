@@ -1,0 +1,224 @@
+"""Exported policies choose what the policy itself chooses, in onnxruntime and in PyTorch."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+import safetensors
+import safetensors.numpy
+
+pytest.importorskip("onnx", reason="extra `onnx` is not installed")
+pytest.importorskip("onnxruntime", reason="extra `onnx` is not installed")
+pytest.importorskip("torch", reason="extra `torch` is not installed")
+
+import onnx
+import onnxruntime
+import torch
+
+from socialiq.cli.main import main
+from socialiq.evaluation.play import episodes_of
+from socialiq.interop.door import load
+from socialiq.interop.export_onnx import to_onnx
+from socialiq.interop.export_torch import as_torch_module, state_dict, to_safetensors
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_network import QNetwork
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import CHOICES
+from socialiq.thesis import atlas
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+DECISIONS = 10_000
+
+
+@pytest.fixture(scope="module")
+def intersection():
+    """What the atlas' egoist sees: 10,000 observations of real episodes."""
+    batch, seen = Batch(Options(), 128), []
+
+    class Watched:
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            seen.append(np.array(observation))
+            return policy.predict(observation, state, episode_start, deterministic)
+
+    policy = atlas.load("set_egoistic")
+    for first in range(0, 100_000, 1_000):
+        episodes_of(batch, Watched(), np.arange(first, first + 256))
+        if sum(map(len, seen)) >= DECISIONS:
+            break
+    return np.concatenate(seen)[:DECISIONS]
+
+
+@pytest.fixture(scope="module")
+def grid(table7):
+    """Every state of the 7x7 world at some times, cut or repeated to 10,000."""
+    seen = table7.observe(np.arange(table7.mdp.n_states), np.zeros(table7.mdp.n_states, int))
+    return np.resize(seen, (DECISIONS, seen.shape[1])).astype(np.float32)
+
+
+def network(n_features, view="flat", one_hot=(), activation="relu", hidden=(32, 16), seed=0):
+    made = QNetwork.initialise(
+        jax.random.key(seed), n_features, hidden, 3, activation, view, one_hot
+    )
+    return QPolicy.of(made, 0.5, {"learner": "none", "numbers": {"angle": 45.0}})
+
+
+def in_onnxruntime(content, observations):
+    session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    return session.run(["q_values", "actions"], {"observation": observations})
+
+
+def tolerance(values):
+    """What float32 sums in another order may differ by."""
+    return 1e-5 * max(1.0, np.abs(values).max())
+
+
+def gaps(values):
+    """Distance of the best two values of each row."""
+    top = np.sort(values, axis=1)
+    return top[:, -1] - top[:, -2]
+
+
+def assert_same(policy, observations, tmp_path):
+    """Values are near and actions equal: in onnxruntime, through our own door, and in PyTorch."""
+    assert len(observations) == DECISIONS
+    expected, values = policy.predict(observations)[0], policy.q_values(observations)
+    content = to_onnx(policy)
+    path = tmp_path / "p.onnx"
+    path.write_bytes(content)
+    scores, actions = in_onnxruntime(content, observations)
+    # No two values may be so near that rounding decides, or equality would be luck.
+    assert gaps(values).min() > 2 * tolerance(values)
+    np.testing.assert_allclose(scores, values, atol=tolerance(values), rtol=0)
+    np.testing.assert_array_equal(actions, expected)
+    through = load(str(path), policy.n_features, policy.n_actions).policy
+    np.testing.assert_array_equal(through.predict(observations)[0], expected)
+    with torch.no_grad():
+        told = as_torch_module(policy)(torch.from_numpy(observations)).numpy()
+    np.testing.assert_allclose(told, values, atol=tolerance(values), rtol=0)
+    np.testing.assert_array_equal(told.argmax(axis=1), expected)
+    assert len(np.unique(expected)) > 1
+
+
+def apart(policy, observations):
+    """Observations at which no two values are near a tie, repeated to 10,000."""
+    values = policy.q_values(observations)
+    clear = observations[gaps(values) > 2 * tolerance(values)]
+    assert len(clear) > 0.97 * len(observations)
+    return np.resize(clear, (DECISIONS, observations.shape[1]))
+
+
+@pytest.mark.parametrize("name", ["prosocial", "expert_egoistic", "set_egoistic", "set_altruistic"])
+def test_policies_of_the_atlas(name, intersection, tmp_path):
+    policy = atlas.load(name)
+    assert_same(policy, apart(policy, intersection), tmp_path)
+
+
+@pytest.mark.parametrize("view", list(CHOICES))
+@pytest.mark.parametrize("activation", ["relu", "elu"])
+def test_every_view(view, activation, intersection, tmp_path):
+    policy = network(70, view, activation=activation)
+    assert_same(policy, apart(policy, intersection), tmp_path)
+
+
+@pytest.mark.parametrize("hidden", [(), (8,)])
+def test_one_place_for_each_value(hidden, grid, table7, tmp_path):
+    values = tuple((feature.low, feature.size) for feature in table7.world.observed)
+    policy = network(grid.shape[1], one_hot=values, hidden=hidden)
+    assert_same(policy, apart(policy, grid), tmp_path)
+    beyond = np.array([[-9.0] * grid.shape[1], [0.5] * grid.shape[1]], np.float32)
+    scores, _ = in_onnxruntime(to_onnx(policy), beyond)
+    np.testing.assert_allclose(scores, policy.q_values(beyond), atol=1e-6)
+
+
+def test_imported_activations_and_one_layer(tmp_path):
+    seen = np.random.default_rng(0).normal(size=(DECISIONS, 6)).astype(np.float32)
+    for policy in (network(6, hidden=()), network(6)):
+        policy = QPolicy(policy.weights, policy.biases, "tanh", 1.0)
+        assert_same(policy, apart(policy, seen), tmp_path)
+
+
+def test_a_dial_at_an_angle(tmp_path):
+    made = DialNetwork.initialise(jax.random.key(1), 70, (16,), 3, view="set")
+    dial = DialPolicy.of(made, 1.0, 0.0, 90.0, {"learner": "dial"})
+    dial.save(tmp_path / "dial.safetensors")
+    out = tmp_path / "at.onnx"
+    seen = np.random.default_rng(0).normal(size=(DECISIONS, 70)).astype(np.float32)
+    command = ["export", str(tmp_path / "dial.safetensors"), "--format", "onnx"]
+    assert main([*command, "--angle", "30", "--out", str(out)]) == 0
+    policy = dial.at(30.0)
+    clear = apart(policy, seen)
+    assert_same(policy, clear, tmp_path)
+    np.testing.assert_array_equal(
+        in_onnxruntime(out.read_bytes(), clear)[1], policy.predict(clear)[0]
+    )
+
+
+def test_of_equal_values_the_first_is_taken_everywhere():
+    policy = network(6)
+    last = policy.weights[-1].copy()
+    last[1:] = last[0]
+    tied = QPolicy(
+        (*policy.weights[:-1], last), (*policy.biases[:-1], np.zeros(3, np.float32)), "relu", 1.0
+    )
+    seen = np.random.default_rng(0).normal(size=(1_000, 6)).astype(np.float32)
+    assert not gaps(tied.q_values(seen)).any()
+    scores, actions = in_onnxruntime(to_onnx(tied), seen)
+    assert not gaps(scores).any() and not actions.any() and not tied.predict(seen)[0].any()
+
+
+def test_the_batch_is_free():
+    content = to_onnx(network(70, "set"))
+    seen = np.random.default_rng(0).normal(size=(7, 70)).astype(np.float32)
+    whole, _ = in_onnxruntime(content, seen)
+    single = np.concatenate([in_onnxruntime(content, one[None])[0] for one in seen])
+    np.testing.assert_allclose(whole, single, atol=1e-6)
+
+
+def test_the_file_tells_where_it_comes_from(tmp_path):
+    out = tmp_path / "p.onnx"
+    assert main(["export", "set_prosocial", "--format", "onnx", "--out", str(out)]) == 0
+    model = onnx.load(str(out))
+    told = {one.key: one.value for one in model.metadata_props}
+    policy = atlas.load("set_prosocial")
+    assert told["socialiq.policy_sha256"] == policy.sha256
+    assert json.loads(told["socialiq.provenance"]) == dict(policy.provenance)
+    assert [one.name for one in model.graph.output] == ["q_values", "actions"]
+    # One set of weights, however many vehicles there are.
+    assert [one.name for one in model.graph.initializer if one.name.startswith("encoder")] == [
+        "encoder_0.weight",
+        "encoder_0.bias",
+        "encoder_1.weight",
+        "encoder_1.bias",
+    ]
+
+
+def test_torch_modules_train_and_their_weights_are_the_files(tmp_path):
+    policy = network(70, "set")
+    module = as_torch_module(policy)
+    named = {name: tensor.numpy() for name, tensor in module.state_dict().items()}
+    assert {k: v.tolist() for k, v in named.items()} == {
+        k: v.tolist() for k, v in state_dict(policy).items()
+    }
+    path = tmp_path / "weights.safetensors"
+    path.write_bytes(to_safetensors(policy))
+    module.load_state_dict(
+        {k: torch.from_numpy(v) for k, v in safetensors.numpy.load_file(path).items()}
+    )
+    with safetensors.safe_open(path, framework="numpy") as file:
+        about = json.loads(file.metadata()["policy"])
+    assert about["provenance"]["numbers"] == {"angle": 45.0} and about["view"]["pooled"]
+    seen = torch.ones(4, 70)
+    module(seen).sum().backward()
+    assert all(one.grad is not None for one in module.parameters())
+    module.layers[0].weight.data += 1.0
+    assert policy.weights[0].max() < 1.0  # copies
+
+
+def test_exported_weights_are_no_policy_file(tmp_path, capsys):
+    out = tmp_path / "weights.safetensors"
+    assert main(["export", "prosocial", "--format", "torch", "--out", str(out)]) == 0
+    assert main(["evaluate", str(out)]) == 2
+    assert "not a socialiq file" in capsys.readouterr().err
