@@ -1,0 +1,226 @@
+"""Ego swap: every vehicle that meets a conflict is the ego of one episode."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.recordings.annotate import Driven, driven
+from socialiq.recordings.reading import Reading
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.routes import OFF_THE_MAP, Crossing
+from socialiq.recordings.scene import Scene
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.intersection.interface import ACTIONS
+
+HUMAN = "human"
+"""The one mode of recorded drivers: nothing in a recording says what they wanted."""
+
+NOT_A_VEHICLE = "not a vehicle"
+OFF_THE_ROAD = "off the lanelets"
+NO_JUNCTION = "no conflict area on its way"
+ALONE = "nobody in its way near in time"
+TOO_SHORT = "in view for less than a decision"
+REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT)
+"""Why a track makes no episode, in the order of asking."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swapped:
+    """What one recording gave.
+
+    Attributes:
+        recording: Its name.
+        n_tracks: How many road users it has.
+        seconds: From its first frame to its last.
+        source: What was read.
+        identity: The file's number of each episode's ego.
+        episodes: One for each ego.
+        left_out: How many tracks gave none, by reason.
+        conflicts: Pairs of lanelets in conflict.
+        reading: The choices that were made.
+    """
+
+    recording: str
+    n_tracks: int
+    seconds: float
+    source: dict[str, Any]
+    identity: tuple[int, ...]
+    episodes: tuple[Driven, ...]
+    left_out: dict[str, int]
+    conflicts: int
+    reading: Reading
+
+    @property
+    def n_transitions(self) -> int:
+        """Decisions of all episodes."""
+        return sum(len(one.action) for one in self.episodes)
+
+    @property
+    def counts(self) -> dict[str, Any]:
+        """One row of a table: what there was, and what became of it."""
+        endings = Counter(int(one.ending[-1]) for one in self.episodes)
+        return {
+            "recording": self.recording,
+            "seconds": round(self.seconds, 2),
+            "tracks": self.n_tracks,
+            "conflicts": self.conflicts,
+            "episodes": len(self.episodes),
+            "transitions": self.n_transitions,
+            "arrivals": endings[int(Ending.ARRIVAL)],
+            "collisions": endings[int(Ending.COLLISION)],
+            "truncated": endings[int(Ending.TIMEOUT)],
+        } | {reason: self.left_out.get(reason, 0) for reason in REASONS}
+
+
+def swap(recording: Recording, reading: Reading | None = None) -> Swapped:
+    """Make every vehicle that meets a conflict the ego of one episode.
+
+    A vehicle that meets conflicts at several junctions drives its episode over the first.
+
+    Args:
+        recording: Tracks and road.
+        reading: The choices; by default those of `Reading`.
+
+    Raises:
+        UserError: If there is no road network, the policy rate doesn't fit the recording's, or
+            Shapely is not installed.
+    """
+    chosen = reading or Reading()
+    scene = Scene(recording)
+    chosen.options_at(scene.tracks.dt)
+    made: list[Driven] = []
+    left_out: Counter[str] = Counter()
+    for track in range(scene.tracks.n_tracks):
+        found = _episode(scene, track, chosen)
+        if isinstance(found, str):
+            left_out[found] += 1
+        else:
+            made.append(found)
+    tracks = scene.tracks
+    return Swapped(
+        tracks.recording,
+        tracks.n_tracks,
+        float(np.ptp(tracks.frame) * tracks.dt) if tracks.n_states else 0.0,
+        tracks.source,
+        tuple(int(tracks.identity[one.track]) for one in made),
+        tuple(made),
+        dict(left_out),
+        len(scene.lanes.conflicts),
+        chosen,
+    )
+
+
+def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
+    """A vehicle's episode, or the reason why there is none."""
+    if track not in scene.vehicles:
+        return NOT_A_VEHICLE
+    if scene.matched(track).off > OFF_THE_MAP:
+        return OFF_THE_ROAD
+    near = [j for j in scene.junctions(track) if _presence(scene, track, j, reading) is not None]
+    if not near:
+        return NO_JUNCTION
+    met = next((junction for junction in near if meets(scene, track, junction, reading)), None)
+    if met is None:
+        return ALONE
+    way = scene.crossing(track, met)
+    assert way is not None  # the junction is on its way
+    return driven(scene, track, way, reading) or TOO_SHORT
+
+
+def _presence(
+    scene: Scene, track: int, junction: int, reading: Reading
+) -> tuple[int, int] | None:
+    """First and last frame of a track at a junction."""
+    at = np.flatnonzero(scene.at_junction(track, junction, reading.reach))
+    if len(at) == 0:
+        return None
+    first = int(scene.tracks.frame[scene.rows(track).start])
+    return first + int(at[0]), first + int(at[-1])
+
+
+def meets(scene: Scene, track: int, junction: int, reading: Reading) -> bool:
+    """Whether somebody's way is in conflict with a vehicle's, and they are there near in time."""
+    way, mine = scene.crossing(track, junction), _presence(scene, track, junction, reading)
+    if way is None or mine is None:
+        return False
+    for other in scene.vehicles.tolist():
+        theirs = None if other == track else _presence(scene, other, junction, reading)
+        if theirs is None or scene.matched(other).off > OFF_THE_MAP:
+            continue
+        apart = max(theirs[0] - mine[1], mine[0] - theirs[1], 0) * scene.tracks.dt
+        their_way = scene.crossing(other, junction)
+        assert their_way is not None  # it is at the junction
+        if apart <= reading.near and _in_conflict(scene, track, way, other, their_way):
+            return True
+    return False
+
+
+def _in_conflict(
+    scene: Scene, track: int, way: Crossing, other: int, other_way: Crossing
+) -> bool:
+    mine = scene.matched(track).lanelets[way.first : way.last + 1]
+    theirs = scene.matched(other).lanelets[other_way.first : other_way.last + 1]
+    return any(scene.lanes.conflict(one, two) for one in mine for two in theirs)
+
+
+def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
+    """One table of all episodes, each with its recording and vehicle in `source`.
+
+    Raises:
+        UserError: If no recording gave an episode, two have one name, or they were read
+            differently.
+    """
+    names = [one.recording for one in swapped]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise UserError(f"two recordings are named '{twice}': name each only once")
+    readings = {repr(one.reading) for one in swapped}
+    if len(readings) > 1:
+        raise UserError("the recordings were read under different choices: read them alike")
+    episodes = [one for each in swapped for one in each.episodes]
+    if not episodes:
+        raise UserError(
+            "no vehicle of these recordings meets a conflict: look at the counts for the reasons"
+        )
+    sizes = [len(one.action) for one in episodes]
+    ending = np.concatenate([one.ending for one in episodes])
+    pairs = np.concatenate([one.pair for one in episodes])
+    truncated = ending == Ending.TIMEOUT
+    total = len(ending)
+    return Demonstrations(
+        observation=np.concatenate([one.observation[:-1] for one in episodes]),
+        action=np.concatenate([one.action for one in episodes]),
+        next_observation=np.concatenate([one.observation[1:] for one in episodes]),
+        terminated=(ending != Ending.NONE) & ~truncated,
+        truncated=truncated,
+        ending=ending,
+        rewards=RewardPair(pairs[:, 0].copy(), pairs[:, 1].copy()),
+        mode=np.zeros(total, np.int8),
+        episode=np.repeat(np.arange(len(sizes), dtype=np.int32), sizes),
+        step=np.concatenate([np.arange(size, dtype=np.int32) for size in sizes]),
+        mode_names=(HUMAN,),
+        n_actions=len(ACTIONS),
+        source=_source(swapped),
+    )
+
+
+def _source(swapped: Sequence[Swapped]) -> dict[str, Any]:
+    residual = np.concatenate([one.residual for each in swapped for one in each.episodes])
+    return {
+        "made_by": "ego swap",
+        "reading": asdict(swapped[0].reading),
+        "recordings": [
+            {"name": one.recording, "source": one.source, "egos": list(one.identity)}
+            for one in swapped
+        ],
+        "episode_recording": [p for p, one in enumerate(swapped) for _ in one.episodes],
+        "episode_identity": [number for one in swapped for number in one.identity],
+        "residual_rms": float(np.sqrt(np.mean(residual**2))),
+    }
