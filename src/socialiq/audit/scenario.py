@@ -10,6 +10,7 @@ from typing import Any
 
 from socialiq.audit.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.errors import UserError, one_of
+from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.options import MOST_SPEEDS, Options
 from socialiq.worlds.intersection.settings import ENV_SIGNALS, SOCIAL_SIGNALS
@@ -51,6 +52,7 @@ def world_of(name: str, options: Mapping[str, Any]) -> World:
     Raises:
         UserError: If the world or an option is unknown, or a value is of the wrong type or size.
     """
+    refuse_recording(name)
     one_of("world", name, tuple(WORLDS))
     kind = WORLDS[name].Options
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}

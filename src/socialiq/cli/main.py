@@ -22,6 +22,7 @@ from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
 from socialiq.cli.predict import PredictLambda
 from socialiq.cli.profile import Check, New
+from socialiq.cli.recorded import Agreement, AuditLog, TakeCensus, ToDemonstrations
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
@@ -53,9 +54,21 @@ Command = (
     | Annotated[Check, _name("profile-check")]
     | Annotated[Audit, _name("audit")]
     | Annotated[Verify, _name("audit-verify")]
+    | Annotated[ToDemonstrations, _name("data-demonstrations")]
+    | Annotated[TakeCensus, _name("data-census")]
+    | Annotated[Agreement, _name("data-agreement")]
+    | Annotated[AuditLog, _name("data-audit")]
 )
 
-TWO_WORDS = (("profile", "new"), ("profile", "check"), ("audit", "verify"))
+TWO_WORDS = (
+    ("profile", "new"),
+    ("profile", "check"),
+    ("audit", "verify"),
+    ("data", "demonstrations"),
+    ("data", "census"),
+    ("data", "agreement"),
+    ("data", "audit"),
+)
 """Commands of two words; the parser knows them joined by a hyphen."""
 
 DESCRIPTION = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +11,6 @@ from jaxtyping import Float64, Int32
 from socialiq.worlds.intersection.core.ego import SPEED_GAIN
 from socialiq.worlds.intersection.interface import FASTER, IDLE, SLOWER
 from socialiq.worlds.intersection.options import Options
-
-
 
 
 class Inferred(NamedTuple):
@@ -43,7 +42,7 @@ def inferred(speed: Float64[np.ndarray, " decision_and_one"], options: Options) 
     action = np.full(len(speed) - 1, IDLE, np.int32)
     residual = np.zeros(len(speed) - 1)
     target = targets[_nearest(speed[0], targets)]
-    for decision, (now, then) in enumerate(zip(speed[:-1], speed[1:], strict=True)):
+    for decision, (now, then) in enumerate(itertools.pairwise(speed)):
         place = _nearest(now, targets)
         wanted = {
             IDLE: target,
@@ -61,5 +60,3 @@ def _nearest(speed: float, targets: Float64[np.ndarray, " target"]) -> int:
     """Number of the target that the simulator counts from (`core.ego.speed_index`)."""
     share = (speed - targets[0]) / (targets[-1] - targets[0])
     return int(np.clip(np.rint(share * (len(targets) - 1)), 0, len(targets) - 1))
-
-

@@ -19,6 +19,7 @@ from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
 from socialiq.worlds.intersection.interface import FEATURES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
+from socialiq.worlds.intersection.state import Contact
 
 _KINDS = {APPROACH: geometry.APPROACH, JUNCTION: geometry.STRAIGHT, EXIT: geometry.EXIT}
 
@@ -39,6 +40,7 @@ class Driven:
         pair: r_env and r_social of every decision.
         signals: What they are made of, in the order of `SIGNALS`.
         ending: Value of `Ending`, by decision; TIMEOUT where the view or the clock ended it.
+        contact: Value of the simulator's `Contact`: whose motion closed the gap, if it collided.
     """
 
     track: int
@@ -51,6 +53,7 @@ class Driven:
     pair: Float64[np.ndarray, "decision 2"]
     signals: Float64[np.ndarray, "decision signal"]
     ending: Int8[np.ndarray, " decision"]
+    contact: int
 
 
 def driven(scene: Scene, track: int, way: Crossing, reading: Reading) -> Driven | None:
@@ -70,8 +73,8 @@ def driven(scene: Scene, track: int, way: Crossing, reading: Reading) -> Driven 
     if len(rows) < 2:
         return None
     snapshots = _ego(scene, way, rows)
-    endings = _endings(scene, track, rows, snapshots, options, reading)
-    last = next((k for k, ending in enumerate(endings) if ending), len(rows) - 1)
+    endings, contact = _endings(scene, track, rows, snapshots, options, reading)
+    last = next((k for k, one in enumerate(endings) if one), len(rows) - 1)
     rows, snapshots, endings = rows[: last + 1], snapshots[: last + 1], endings[: last + 1]
     snapshots["ending"] = endings
     seen = _vehicles(scene, track, way, rows, snapshots, options, reading)
@@ -91,6 +94,7 @@ def driven(scene: Scene, track: int, way: Crossing, reading: Reading) -> Driven 
         pairs[1:],
         signals[1:],
         np.array(endings[1:], np.int8),
+        int(contact) if endings[-1] == Ending.COLLISION else int(Contact.NONE),
     )
 
 
@@ -147,36 +151,37 @@ def _endings(
     snapshots: np.ndarray,
     options: Options,
     reading: Reading,
-) -> list[int]:
-    """How each snapshot ends the episode; the first is its beginning."""
+) -> tuple[list[int], Contact]:
+    """How each snapshot ends the episode, the first being its beginning; who ran into whom."""
     arrived = (snapshots["kind"] == geometry.EXIT) & (snapshots["along"] >= EXIT_DISTANCE)
     late = np.arange(len(rows)) / options.policy_frequency >= options.duration
-    endings = [int(Ending.NONE)]
+    endings, contact = [int(Ending.NONE)] * len(rows), Contact.NONE
     for k in range(1, len(rows)):
-        ending = Ending.NONE
-        if _collided(scene, track, int(rows[k - 1]), int(rows[k]), int(rows[0]), reading):
-            ending = Ending.COLLISION
+        contact = _contact(scene, track, int(rows[k - 1]), int(rows[k]), int(rows[0]), reading)
+        if contact != Contact.NONE:
+            endings[k] = int(Ending.COLLISION)
         elif arrived[k]:
-            ending = Ending.ARRIVAL
+            endings[k] = int(Ending.ARRIVAL)
         elif reading.clock and late[k]:
-            ending = Ending.TIMEOUT
-        endings.append(int(ending))
-        if ending:
+            endings[k] = int(Ending.TIMEOUT)
+        if endings[k]:
             break
-    return endings + [int(Ending.NONE)] * (len(rows) - len(endings))
+    return endings, contact
 
 
-def _collided(
+def _contact(
     scene: Scene, track: int, before: int, after: int, first: int, reading: Reading
-) -> bool:
-    """Whether the ego touched somebody after one row, up to another."""
+) -> Contact:
+    """Whom the ego touched first after one row, up to another, and who struck whom."""
     for row in range(before + 1, after + 1):
-        if scene.contact(track, row, 0.0):
-            return True
-        foreseen = reading.contact == "predicted" and row - 1 > first
-        if foreseen and scene.contact(track, row - 1, scene.tracks.dt):
-            return True
-    return False
+        if reading.contact == "predicted" and row - 1 > first:
+            found = scene.contact(track, row - 1, scene.tracks.dt)
+            if found != Contact.NONE:
+                return found
+        found = scene.contact(track, row, 0.0)
+        if found != Contact.NONE:
+            return found
+    return Contact.NONE
 
 
 def _vehicles(

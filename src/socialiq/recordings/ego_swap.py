@@ -134,9 +134,25 @@ def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
     return driven(scene, track, way, reading) or TOO_SHORT
 
 
-def _presence(
-    scene: Scene, track: int, junction: int, reading: Reading
-) -> tuple[int, int] | None:
+def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:
+    """The episode of one vehicle, by its number in the file.
+
+    Raises:
+        UserError: If there is no such vehicle, or it makes no episode; the line says why.
+    """
+    scene, name = Scene(recording), recording.tracks.recording
+    found = np.flatnonzero(scene.tracks.identity == identity)
+    if len(found) == 0:
+        raise UserError(
+            f"no vehicle {identity} in {name}: choose one of its {scene.tracks.n_tracks}"
+        )
+    episode = _episode(scene, int(found[0]), reading)
+    if isinstance(episode, str):
+        raise UserError(f"vehicle {identity} of {name} makes no episode: {episode}")
+    return episode
+
+
+def _presence(scene: Scene, track: int, junction: int, reading: Reading) -> tuple[int, int] | None:
     """First and last frame of a track at a junction."""
     at = np.flatnonzero(scene.at_junction(track, junction, reading.reach))
     if len(at) == 0:
@@ -162,9 +178,7 @@ def meets(scene: Scene, track: int, junction: int, reading: Reading) -> bool:
     return False
 
 
-def _in_conflict(
-    scene: Scene, track: int, way: Crossing, other: int, other_way: Crossing
-) -> bool:
+def _in_conflict(scene: Scene, track: int, way: Crossing, other: int, other_way: Crossing) -> bool:
     mine = scene.matched(track).lanelets[way.first : way.last + 1]
     theirs = scene.matched(other).lanelets[other_way.first : other_way.last + 1]
     return any(scene.lanes.conflict(one, two) for one in mine for two in theirs)

@@ -140,7 +140,5 @@ def _shapely() -> Any:
     try:
         import shapely
     except ImportError as error:
-        raise UserError(
-            "conflict areas need Shapely: pip install 'socialiq[data]'"
-        ) from error
+        raise UserError("conflict areas need Shapely: pip install 'socialiq[data]'") from error
     return shapely

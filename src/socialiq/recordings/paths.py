@@ -36,7 +36,17 @@ class Path(Protocol):
 
     @property
     def length(self) -> float:
-        """m."""
+        """Length in m."""
+        ...
+
+    @property
+    def heading_at_start(self) -> float:
+        """Direction of the line where it begins, rad."""
+        ...
+
+    @property
+    def heading_at_end(self) -> float:
+        """Direction of the line where it ends, rad."""
         ...
 
     def coordinates(
@@ -69,8 +79,18 @@ class Polyline:
 
     @property
     def length(self) -> float:
-        """m."""
+        """Length in m."""
         return float(np.hypot(*self.steps.T).sum())
+
+    @property
+    def heading_at_start(self) -> float:
+        """Direction of the first piece, rad."""
+        return float(np.arctan2(self.steps[0, 1], self.steps[0, 0]))
+
+    @property
+    def heading_at_end(self) -> float:
+        """Direction of the last piece, rad."""
+        return float(np.arctan2(self.steps[-1, 1], self.steps[-1, 0]))
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
@@ -112,6 +132,16 @@ class Arc:
     phase: float
     sense: float
     length: float
+
+    @property
+    def heading_at_start(self) -> float:
+        """Direction of the tangent where it starts, rad."""
+        return self.phase + self.sense * np.pi / 2
+
+    @property
+    def heading_at_end(self) -> float:
+        """Direction of the tangent where it ends, rad."""
+        return self.heading_at_start + self.sense * self.length / self.radius
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from socialiq.errors import UserError, one_of
@@ -36,13 +36,13 @@ class Reading:
     """
 
     policy_rate: int = 1
-    target_speeds: tuple[float, ...] = Options().target_speeds
+    target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
     loss: Loss = "between_decisions"
     contact: Contact = "overlap"
     near: float = 3.0
     reach: float = 20.0
     clock: bool = False
-    options: Options = Options()
+    options: Options = field(default_factory=Options)
 
     def __post_init__(self) -> None:
         one_of("loss", self.loss, get_args(Loss))

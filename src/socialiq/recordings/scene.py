@@ -5,13 +5,14 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Int64
 
 from socialiq.recordings.contacts import touching
 from socialiq.recordings.lanes import Lanes, lanes_of
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.routes import APPROACH, JUNCTION, Crossing, Matched, Matcher
 from socialiq.recordings.tracks import RoadUser
+from socialiq.worlds.intersection.state import Contact
 
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
 """Who drives on lanelets; others are neither ego nor neighbour."""
@@ -85,9 +86,7 @@ class Scene:
         row = rows.start + frame - int(self.tracks.frame[rows.start])
         return row if rows.start <= row < rows.stop else None
 
-    def at_junction(
-        self, track: int, junction: int, reach: float
-    ) -> Bool[np.ndarray, " state"]:
+    def at_junction(self, track: int, junction: int, reach: float) -> Bool[np.ndarray, " state"]:
         """In which of its states a track is inside a junction, or within reach before it."""
         way, rows = self.crossing(track, junction), self.rows(track)
         if way is None:
@@ -99,8 +98,10 @@ class Scene:
             near |= (way.part == APPROACH) & (seen.along >= before.length - reach)
         return near
 
-    def contact(self, track: int, row: int, ahead: float) -> bool:
-        """Whether a vehicle touches another, or would after some time at the speeds it has.
+    def contact(self, track: int, row: int, ahead: float) -> Contact:
+        """Whom a vehicle touches, or would after some time at the speeds it has: who struck whom.
+
+        By whose motion closed the gap along the line of the centres (`core.collisions`).
 
         Args:
             track: The vehicle.
@@ -109,15 +110,18 @@ class Scene:
         """
         tracks = self.tracks
         rows = self.present(int(tracks.frame[row]))
-        others = rows[rows != row]
+        others = rows[tracks.track[rows] != track]
         both = np.stack([np.full(len(others), row), others], axis=1)
-        tracked = tracks.track[both]
         heading = tracks.heading[both]
-        way = self.speed[both] * ahead
-        moved = np.stack([way * np.cos(heading), way * np.sin(heading)], axis=-1)
-        size = np.stack([tracks.length[tracked], tracks.width[tracked]], axis=-1)
+        velocity = self.speed[both][..., None] * np.stack([np.cos(heading), np.sin(heading)], -1)
+        size = np.stack([tracks.length[tracks.track[both]], tracks.width[tracks.track[both]]], -1)
         centre = np.stack([tracks.x[both], tracks.y[both]], axis=-1)
-        return bool(touching(centre, heading, size, moved).any())
+        found = np.flatnonzero(touching(centre, heading, size, velocity * ahead))
+        if len(found) == 0:
+            return Contact.NONE
+        between = centre[found[0], 1] - centre[found[0], 0]
+        mine, theirs = velocity[found[0]] @ between
+        return Contact.EGO_STRUCK if mine >= -theirs else Contact.EGO_WAS_STRUCK
 
     def lost(self, row: int, frames: int, summed: bool) -> float:
         """Speed that a vehicle lost over the last frames, or since it came into view, m/s."""
@@ -130,21 +134,9 @@ class Scene:
     def heading_before(self, way: Crossing) -> float:
         """Direction in which a way enters its junction, rad."""
         before = way.sections[APPROACH]
-        path = before or way.sections[JUNCTION]
-        at = before.length if before is not None else 0.0
-        return _heading_at(path, at)
+        return way.sections[JUNCTION].heading_at_start if before is None else before.heading_at_end
 
 
-def _heading_at(path: object, at: float) -> float:
-    from socialiq.recordings.paths import Arc, Polyline
-
-    if isinstance(path, Arc):
-        return path.phase + path.sense * (at / path.radius + np.pi / 2)
-    assert isinstance(path, Polyline)
-    piece = int(np.clip(np.searchsorted(path.starts, at) - 1, 0, len(path.steps) - 1))
-    return float(np.arctan2(path.steps[piece, 1], path.steps[piece, 0]))
-
-
-def same_direction(one: float, other: float, within: Float64 | float = np.pi / 4) -> bool:
+def same_direction(one: float, other: float) -> bool:
     """Whether two directions differ by less than an eighth of a turn."""
-    return bool(abs((one - other + np.pi) % (2 * np.pi) - np.pi) < within)
+    return bool(abs((one - other + np.pi) % (2 * np.pi) - np.pi) < np.pi / 4)

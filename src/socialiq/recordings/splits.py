@@ -32,9 +32,7 @@ def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndar
     return tuple(str(one["name"]) for one in listed), np.array(place, np.int64)
 
 
-def split(
-    table: Demonstrations, held_out: Sequence[str]
-) -> tuple[Demonstrations, Demonstrations]:
+def split(table: Demonstrations, held_out: Sequence[str]) -> tuple[Demonstrations, Demonstrations]:
     """Split by recording.
 
     Args:
