@@ -131,13 +131,15 @@ class TakeCensus:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Train on all recordings but one, predict its drivers' actions, for each in turn.
+    """Train on all sites but one, predict its drivers' actions, for each in turn.
+
+    The recordings of one CommonRoad map are one site; any other recording is a site of its own.
 
     Example: socialiq data agreement a.safetensors b.safetensors --angle 0 45 90 --out agreement
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files of `socialiq data import`, at least two."""
+    """Files of `socialiq data import`, of at least two sites."""
     out: Path
     """Folder to write."""
     choices: _Choices = dataclasses.field(default_factory=Choices)

@@ -173,12 +173,14 @@ def _contact(
     scene: Scene, track: int, before: int, after: int, first: int, reading: Reading
 ) -> Contact:
     """Whom the ego touched first after one row, up to another, and who struck whom."""
+    predicted = reading.contact == "predicted"
+    slack = 0.0 if predicted else reading.slack
     for row in range(before + 1, after + 1):
-        if reading.contact == "predicted" and row - 1 > first:
-            found = scene.contact(track, row - 1, scene.tracks.dt)
+        if predicted and row - 1 > first:
+            found = scene.contact(track, row - 1, scene.tracks.dt, slack)
             if found != Contact.NONE:
                 return found
-        found = scene.contact(track, row, 0.0)
+        found = scene.contact(track, row, 0.0, slack)
         if found != Contact.NONE:
             return found
     return Contact.NONE

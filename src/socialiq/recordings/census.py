@@ -15,7 +15,7 @@ from jaxtyping import Float64, Int64
 
 from socialiq.errors import UserError
 from socialiq.recordings.directions import Directions, directions
-from socialiq.recordings.ego_swap import Swapped
+from socialiq.recordings.ego_swap import Swapped, check_distinct
 from socialiq.social.angle import angle_of
 from socialiq.social.estimate import resampled
 from socialiq.types import Ending
@@ -134,8 +134,9 @@ def take(
         resamples: How many.
 
     Raises:
-        UserError: If no vehicle meets a conflict.
+        UserError: If no vehicle meets a conflict, or a recording was given twice.
     """
+    check_distinct(swapped)
     drivers = [
         _driver(each, place, confidence) for each in swapped for place in range(len(each.episodes))
     ]

@@ -11,11 +11,13 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.interop.plain_text import one_line
 from socialiq.recordings.annotate import Driven, driven
 from socialiq.recordings.reading import Reading
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.routes import OFF_THE_MAP, Crossing
 from socialiq.recordings.scene import Scene
+from socialiq.recordings.tracks import Tracks
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.interface import ACTIONS
 
@@ -24,8 +26,10 @@ HUMAN = "human"
 
 NOT_A_VEHICLE = "not a vehicle"
 OFF_THE_ROAD = "off the lanelets"
-NO_JUNCTION = "no conflict area on its way"
+NO_JUNCTION = "never at a conflict area"
 ALONE = "nobody in its way near in time"
+_MOVING = 0.5  # m/s; who never reaches it looks like anybody else who stands
+
 TOO_SHORT = "in view for less than a decision"
 REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT)
 """Why a track makes no episode, in the order of asking."""
@@ -44,6 +48,7 @@ class Swapped:
         episodes: One for each ego.
         left_out: How many tracks gave none, by reason.
         conflicts: Pairs of lanelets in conflict.
+        moments: Of every track that moves, what tells it from any other.
         reading: The choices that were made.
     """
 
@@ -55,6 +60,7 @@ class Swapped:
     episodes: tuple[Driven, ...]
     left_out: dict[str, int]
     conflicts: int
+    moments: frozenset[bytes]
     reading: Reading
 
     @property
@@ -113,6 +119,7 @@ def swap(recording: Recording, reading: Reading | None = None) -> Swapped:
         tuple(made),
         dict(left_out),
         len(scene.lanes.conflicts),
+        moments_of(tracks),
         chosen,
     )
 
@@ -184,6 +191,33 @@ def _in_conflict(scene: Scene, track: int, way: Crossing, other: int, other_way:
     return any(scene.lanes.conflict(one, two) for one in mine for two in theirs)
 
 
+def moments_of(tracks: Tracks) -> frozenset[bytes]:
+    """What tells the moving tracks of a recording from all others: their speeds, to 1 cm/s."""
+    speed = np.round(np.hypot(tracks.vx, tracks.vy), 2) + 0.0
+    each = np.split(speed, tracks.starts[1:-1])
+    return frozenset(one.tobytes() for one in each if len(one) and one.max() > _MOVING)
+
+
+def check_distinct(swapped: Sequence[Swapped]) -> None:
+    """Refuse recordings that were given twice, under one name or under two.
+
+    Raises:
+        UserError: If two have one name, or more than half of one's moving tracks are in another.
+    """
+    for number, one in enumerate(swapped):
+        for other in swapped[:number]:
+            if one.recording == other.recording:
+                raise UserError(
+                    f"two recordings are named '{one_line(one.recording)}': give each only once"
+                )
+            shared = len(one.moments & other.moments)
+            if shared > 0.5 * min(len(one.moments), len(other.moments)) > 0:
+                raise UserError(
+                    f"{one_line(other.recording)} and {one_line(one.recording)} hold the same "
+                    f"moments ({shared} tracks are equal): leave one of them out"
+                )
+
+
 def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
     """One table of all episodes, each with its recording and vehicle in `source`.
 
@@ -191,10 +225,7 @@ def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
         UserError: If no recording gave an episode, two have one name, or they were read
             differently.
     """
-    names = [one.recording for one in swapped]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise UserError(f"two recordings are named '{twice}': name each only once")
+    check_distinct(swapped)
     readings = {repr(one.reading) for one in swapped}
     if len(readings) > 1:
         raise UserError("the recordings were read under different choices: read them alike")

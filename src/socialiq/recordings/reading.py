@@ -26,6 +26,8 @@ class Reading:
             recording's rate, so a vehicle that brakes and speeds up again is charged as well.
         contact: When the ego has collided. "overlap": its rectangle lies on another's.
             "predicted" is the simulator's: or would in the frame before, at the speeds then.
+        slack: m by which both rectangles are shorter and narrower than recorded before they
+            overlap: recorded boxes touch where their drivers did not. 0 with "predicted".
         near: s. Two vehicles meet in a conflict if they are at it, within `reach`, at times
             that are no further apart.
         reach: m before a junction that count as being at it.
@@ -39,6 +41,7 @@ class Reading:
     target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
     loss: Loss = "between_decisions"
     contact: Contact = "overlap"
+    slack: float = 0.3
     near: float = 3.0
     reach: float = 20.0
     clock: bool = False
@@ -47,7 +50,7 @@ class Reading:
     def __post_init__(self) -> None:
         one_of("loss", self.loss, get_args(Loss))
         one_of("contact", self.contact, get_args(Contact))
-        for name in ("near", "reach"):
+        for name in ("near", "reach", "slack"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise UserError(f"{name} must be a number of at least 0, got {value}")

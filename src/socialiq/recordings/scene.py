@@ -98,7 +98,7 @@ class Scene:
             near |= (way.part == APPROACH) & (seen.along >= before.length - reach)
         return near
 
-    def contact(self, track: int, row: int, ahead: float) -> Contact:
+    def contact(self, track: int, row: int, ahead: float, slack: float) -> Contact:
         """Whom a vehicle touches, or would after some time at the speeds it has: who struck whom.
 
         By whose motion closed the gap along the line of the centres (`core.collisions`).
@@ -107,6 +107,7 @@ class Scene:
             track: The vehicle.
             row: Its row.
             ahead: s to look ahead; 0 looks at now.
+            slack: m by which rectangles are shorter and narrower than recorded.
         """
         tracks = self.tracks
         rows = self.present(int(tracks.frame[row]))
@@ -116,6 +117,7 @@ class Scene:
         velocity = self.speed[both][..., None] * np.stack([np.cos(heading), np.sin(heading)], -1)
         size = np.stack([tracks.length[tracks.track[both]], tracks.width[tracks.track[both]]], -1)
         centre = np.stack([tracks.x[both], tracks.y[both]], axis=-1)
+        size = np.maximum(size - slack, 0.0)
         found = np.flatnonzero(touching(centre, heading, size, velocity * ahead))
         if len(found) == 0:
             return Contact.NONE

@@ -6,6 +6,7 @@ from two seats. A split inside a recording would test on what was trained on.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,6 +31,18 @@ def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndar
     if len(place) != table.n_episodes:
         raise UserError("episodes were picked or repeated since the ego swap: split before that")
     return tuple(str(one["name"]) for one in listed), np.array(place, np.int64)
+
+
+def site_of(recording: str) -> str:
+    """The site of a recording: its map, where the name is a CommonRoad benchmark's.
+
+    Scenarios of one map may be cut out of one drive and show the same vehicles seconds later.
+
+    Args:
+        recording: Its name; one that says nothing of a map is a site of its own.
+    """
+    found = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
+    return found[1] if found else recording
 
 
 def split(table: Demonstrations, held_out: Sequence[str]) -> tuple[Demonstrations, Demonstrations]:

@@ -1,6 +1,6 @@
 """Agreement with recorded drivers that were held out: what a log can say of a learnt policy.
 
-Every recording is held out once, and policies learnt from the others predict its drivers' actions.
+Every site is held out once, and policies learnt from the others predict its drivers' actions.
 Agreement is no measure of an angle: the policy of 90 degrees is not meant to drive as people do.
 """
 
@@ -18,7 +18,7 @@ from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.iq_learn.config import Endings, Structure
 from socialiq.learners.iq_learn.train import train
-from socialiq.recordings.splits import recordings_of, split
+from socialiq.recordings.splits import recordings_of, site_of, split
 from socialiq.thesis.presets import (
     INTERSECTION_CALIBRATED,
     INTERSECTION_CALIBRATED_NUMBERS,
@@ -61,7 +61,7 @@ class HeldOut:
     """What was found.
 
     Attributes:
-        rows: One for each recording and method: decisions, share of them predicted, mean negative
+        rows: One for each site and method: decisions, share of them predicted, mean negative
             log-likelihood in nats.
         finite: Whether every loss was.
         failures: One line for each run that stopped.
@@ -82,7 +82,7 @@ class HeldOut:
             found.append(
                 {
                     "method": method,
-                    "recordings": len(mine),
+                    "sites": len(mine),
                     "decisions": int(size.sum()),
                     "agreement": float((shares * size).sum() / size.sum()),
                     "surprise": float((surprise * size).sum() / size.sum()),
@@ -92,26 +92,27 @@ class HeldOut:
 
 
 def held_out(table: Demonstrations, config: Config) -> HeldOut:
-    """Hold out each recording that has an episode once.
+    """Hold out each site that has an episode once, with all its recordings.
 
     Args:
         table: Of an ego swap.
         config: What is trained.
 
     Raises:
-        UserError: If fewer than two recordings have episodes.
+        UserError: If fewer than two sites have episodes.
     """
     names, place = recordings_of(table)
-    names = [name for number, name in enumerate(names) if (place == number).any()]
-    if len(names) < 2:
-        raise UserError("agreement on held-out recordings needs at least two with an episode")
-    splits = [split(table, [name]) for name in names]
+    used = [name for number, name in enumerate(names) if (place == number).any()]
+    sites = sorted({site_of(name) for name in used})
+    if len(sites) < 2:
+        raise UserError("agreement on held-out sites needs at least two with an episode")
+    splits = [split(table, [name for name in used if site_of(name) == site]) for site in sites]
     seen = [train_on for train_on, _ in splits]
     numbers = [
         dataclasses.replace(
             INTERSECTION_CALIBRATED_NUMBERS, angle=angle, dataset=place, seed=config.seed
         )
-        for place in range(len(names))
+        for place in range(len(sites))
         for angle in config.angles
     ]
     trained = train(config.structure(), numbers, seen)
@@ -119,7 +120,7 @@ def held_out(table: Demonstrations, config: Config) -> HeldOut:
         hidden=config.hidden, batch_size=config.batch_size, updates=config.updates
     )
     clones = [
-        behaviour_cloning.Numbers(dataset=place, seed=config.seed) for place in range(len(names))
+        behaviour_cloning.Numbers(dataset=place, seed=config.seed) for place in range(len(sites))
     ]
     cloned = behaviour_cloning.clone(shape, clones, seen)
     rows: list[Row] = []
@@ -133,7 +134,7 @@ def held_out(table: Demonstrations, config: Config) -> HeldOut:
                 policy = trained.policy(lane)
                 chances[f"IQ-Learn, {one.angle:g}°"] = policy.probabilities(test.observation)
         rows += [
-            {"recording": names[number], "method": method} | _score(found, test.action)
+            {"site": sites[number], "method": method} | _score(found, test.action)
             for method, found in chances.items()
         ]
     losses = np.concatenate(
