@@ -14,10 +14,10 @@ from socialiq.audit.report.surroundings import package_sha256
 from socialiq.audit.scenario import World
 from socialiq.errors import UserError
 from socialiq.interop.door import KINDS, load
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.process import Limits
 from socialiq.interop.record import Interface, Loaded, Record
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.plain_text import one_line
 from socialiq.storage import kind_of
 from socialiq.thesis import atlas
 from socialiq.thesis.experts import MODES

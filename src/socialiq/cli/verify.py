@@ -21,7 +21,7 @@ from socialiq.cli.auditing import Request, conduct
 from socialiq.cli.entrants import Trust
 from socialiq.cli.output import complain, print_json
 from socialiq.errors import UserError
-from socialiq.interop.plain_text import one_line
+from socialiq.plain_text import one_line
 
 
 @dataclass(frozen=True)

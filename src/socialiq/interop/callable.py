@@ -14,8 +14,8 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.interop.batch_policy import BatchPolicy
 from socialiq.interop.content import read_content
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.record import Interface
+from socialiq.plain_text import one_line
 
 # Of foreign code: `SystemExit` would end the audit without a word.
 _FAILURES = (Exception, SystemExit)

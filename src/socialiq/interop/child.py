@@ -14,7 +14,7 @@ from pathlib import Path
 
 from socialiq.errors import UserError
 from socialiq.interop import guard
-from socialiq.interop.plain_text import one_line
+from socialiq.plain_text import one_line
 
 _CHUNK = 65_536
 _KEPT = 4_096  # bytes of what the child says on its standard error

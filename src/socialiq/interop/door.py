@@ -12,11 +12,11 @@ from socialiq.interop.callable import read_callable
 from socialiq.interop.content import read_content, sha256_of
 from socialiq.interop.onnx_model import read_onnx
 from socialiq.interop.own import read_dial, read_policy
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.process import Limits, command_of, hash_of_command, start_process
 from socialiq.interop.record import Interface, Loaded, Record
 from socialiq.interop.sb3 import read_sb3
 from socialiq.interop.table import read_table
+from socialiq.plain_text import one_line
 from socialiq.storage import kind_of
 from socialiq.types import Policy
 

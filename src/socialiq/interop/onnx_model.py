@@ -24,8 +24,8 @@ from socialiq.interop.onnx_graph import (
     Values,
     follow,
 )
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.record import Interface
+from socialiq.plain_text import one_line
 
 ROWS = 1_024
 """Observations that are answered at once; more are cut, so that memory stays bounded."""

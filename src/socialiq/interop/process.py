@@ -17,8 +17,8 @@ from socialiq.errors import UserError
 from socialiq.interop.batch_policy import BatchPolicy
 from socialiq.interop.child import Child
 from socialiq.interop.content import MOST_BYTES
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.record import Interface
+from socialiq.plain_text import one_line
 
 PROTOCOL = "socialiq-policy"
 VERSION = 1

@@ -15,11 +15,11 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.interop.archive import Archive
 from socialiq.interop.epsilon_greedy import EpsilonGreedy
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.record import Interface
 from socialiq.interop.sb3_words import Words, read_words
 from socialiq.interop.state_dict import read_state_dict
 from socialiq.nn.q_policy import QPolicy
+from socialiq.plain_text import one_line
 
 MOST_WORDS = 8 * 1024 * 1024
 MOST_NETWORK = 32 * 1024 * 1024

@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from socialiq.errors import UserError
-from socialiq.interop.plain_text import one_line
 from socialiq.interop.record import Interface
+from socialiq.plain_text import one_line
 
 _MODULES = {
     "stable_baselines3.dqn.policies": "DQN",

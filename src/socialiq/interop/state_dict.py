@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.interop.archive import Archive
-from socialiq.interop.plain_text import one_line
+from socialiq.plain_text import one_line
 
 MOST_OPCODES = 20_000
 MOST_PROGRAM_BYTES = 1024 * 1024

@@ -221,6 +221,8 @@ def _write_road(root: ElementTree.Element, road: RoadNetwork, free: Iterable[int
         ElementTree.SubElement(sign, "virtual").text = "true"
     for identity in lights:
         light = ElementTree.SubElement(root, "trafficLight", id=str(identity))
+        # No colours are known. Other readers want the cycle to be there.
+        ElementTree.SubElement(light, "cycle")
         ElementTree.SubElement(light, "active").text = "true"
 
 
