@@ -19,7 +19,7 @@ from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.figures import census as picture
 from socialiq.figures.style import png
-from socialiq.interop.plain_text import one_line
+from socialiq.plain_text import one_line
 from socialiq.recordings import census, ego_swap, files
 from socialiq.recordings.reading import Reading
 from socialiq.thesis import held_out

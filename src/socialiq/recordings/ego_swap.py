@@ -11,7 +11,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.interop.plain_text import one_line
+from socialiq.plain_text import one_line
 from socialiq.recordings.annotate import Driven, driven
 from socialiq.recordings.reading import Reading
 from socialiq.recordings.recording import Recording
