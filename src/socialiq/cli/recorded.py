@@ -294,7 +294,7 @@ def with_total(counts: list[dict[str, Any]]) -> list[dict[str, Any]]:
     rows = [row | {"recording": one_line(str(row["recording"]))} for row in counts]
     if len(rows) == 1:
         return rows
-    total = {key: sum(row[key] for row in rows) for key in rows[0] if key != "recording"}
+    total = {key: sum(row[key] for row in counts) for key in counts[0] if key != "recording"}
     return [*rows, {"recording": "all", **total}]
 
 

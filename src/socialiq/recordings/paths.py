@@ -7,7 +7,7 @@ on an arc along the circle.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64
@@ -31,6 +31,7 @@ class Coordinates(NamedTuple):
     heading: Float64[np.ndarray, " point"]
 
 
+@runtime_checkable
 class Path(Protocol):
     """A line with coordinates along it."""
 

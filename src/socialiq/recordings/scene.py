@@ -135,8 +135,8 @@ class Scene:
 
     def heading_before(self, way: Crossing) -> float:
         """Direction in which a way enters its junction, rad."""
-        before = way.sections[APPROACH]
-        return way.sections[JUNCTION].heading_at_start if before is None else before.heading_at_end
+        before, across, _ = way.sections
+        return across.heading_at_start if before is None else before.heading_at_end
 
 
 def same_direction(one: float, other: float) -> bool:

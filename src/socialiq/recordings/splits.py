@@ -65,8 +65,8 @@ def split(table: Demonstrations, held_out: Sequence[str]) -> tuple[Demonstration
         raise UserError(f"no recording '{unknown[0]}': choose from {', '.join(names)}")
     if len(names) < 2:
         raise UserError(
-            f"there is one recording, {names[0]}, and one can't be split: its vehicles see each "
-            "other, so both sides would hold the same moments; add a recording"
+            f"there is one recording, {', '.join(names)}, and one can't be split: its vehicles "
+            "see each other, so both sides would hold the same moments; add a recording"
         )
     held = np.isin(place, [names.index(name) for name in held_out])
     if held.all() or not held.any():
