@@ -22,6 +22,7 @@ from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
 from socialiq.cli.predict import PredictLambda
 from socialiq.cli.profile import Check, New
+from socialiq.cli.recordings import Import
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
@@ -53,9 +54,10 @@ Command = (
     | Annotated[Check, _name("profile-check")]
     | Annotated[Audit, _name("audit")]
     | Annotated[Verify, _name("audit-verify")]
+    | Annotated[Import, _name("data-import")]
 )
 
-TWO_WORDS = (("profile", "new"), ("profile", "check"), ("audit", "verify"))
+TWO_WORDS = (("profile", "new"), ("profile", "check"), ("audit", "verify"), ("data", "import"))
 """Commands of two words; the parser knows them joined by a hyphen."""
 
 DESCRIPTION = (
