@@ -23,6 +23,7 @@ from socialiq.cli.output import complain
 from socialiq.cli.predict import PredictLambda
 from socialiq.cli.profile import Check, New
 from socialiq.cli.recorded import Agreement, AuditLog, TakeCensus, ToDemonstrations
+from socialiq.cli.recordings import Import
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
@@ -54,6 +55,7 @@ Command = (
     | Annotated[Check, _name("profile-check")]
     | Annotated[Audit, _name("audit")]
     | Annotated[Verify, _name("audit-verify")]
+    | Annotated[Import, _name("data-import")]
     | Annotated[ToDemonstrations, _name("data-demonstrations")]
     | Annotated[TakeCensus, _name("data-census")]
     | Annotated[Agreement, _name("data-agreement")]
@@ -64,6 +66,7 @@ TWO_WORDS = (
     ("profile", "new"),
     ("profile", "check"),
     ("audit", "verify"),
+    ("data", "import"),
     ("data", "demonstrations"),
     ("data", "census"),
     ("data", "agreement"),

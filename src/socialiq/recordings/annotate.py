@@ -21,6 +21,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
 from socialiq.worlds.intersection.state import Contact
 
+_BOUNDARY = 2.0  # m before the end of a section that may still count to it
 _KINDS = {APPROACH: geometry.APPROACH, JUNCTION: geometry.STRAIGHT, EXIT: geometry.EXIT}
 
 
@@ -123,7 +124,7 @@ def _ego(scene: Scene, way: Crossing, rows: Int64[np.ndarray, " snapshot"]) -> n
         if path is not None and here.any():
             made["along"][here] = path.coordinates(x[here], y[here]).along
             made["length"][here] = path.length
-    route = _route_coordinate(way, x, y)
+    route = _route_coordinate(way, part, x, y)
     made["advance"] = np.diff(route, prepend=route[:1])
     made["travelled"] = route - route[0]
     made["on_road"] = scene.lanes.on_road(x, y)
@@ -131,16 +132,33 @@ def _ego(scene: Scene, way: Crossing, rows: Int64[np.ndarray, " snapshot"]) -> n
 
 
 def _route_coordinate(
-    way: Crossing, x: Float64[np.ndarray, " snapshot"], y: Float64[np.ndarray, " snapshot"]
+    way: Crossing,
+    part: Int64[np.ndarray, " snapshot"],
+    x: Float64[np.ndarray, " snapshot"],
+    y: Float64[np.ndarray, " snapshot"],
 ) -> Float64[np.ndarray, " snapshot"]:
-    """Metres along the sections, one after the other, as `core.ego.route_coordinate` counts."""
-    paths = [path for path in way.sections if path is not None]
-    found, passed = np.full(len(x), np.nan), 0.0
-    for path in paths:
-        along = path.coordinates(x, y).along
-        here = np.isnan(found) & ((along <= path.length) | (path is paths[-1]))
-        found[here] = passed + np.maximum(along[here], 0.0)
-        passed += path.length
+    """Metres along the sections, one after the other.
+
+    As `core.ego.route_coordinate` counts, a vehicle is on the first section whose end it has not
+    passed; but only the section that it was matched to and those beside it are asked, because on a
+    road that bends the coordinates of others mean nothing.
+    """
+    found = np.empty(len(x))
+    lengths = [path.length if path is not None else 0.0 for path in way.sections]
+    along = [path.coordinates(x, y).along if path is not None else None for path in way.sections]
+    for row, matched in enumerate(part.tolist()):
+        section = matched
+        before, own = along[matched - 1] if matched else None, along[matched]
+        assert own is not None  # a state is in it
+        if before is not None and -_BOUNDARY <= before[row] - lengths[matched - 1] <= 0.0:
+            section = matched - 1
+        elif own[row] > lengths[matched] and matched < EXIT and along[matched + 1] is not None:
+            section = matched + 1
+        here = along[section]
+        assert here is not None
+        metres = float(here[row])
+        first = all(one is None for one in along[:section])
+        found[row] = sum(lengths[:section]) + (metres if first else max(metres, 0.0))
     return found
 
 

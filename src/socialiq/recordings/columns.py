@@ -1,7 +1,7 @@
 """Column maps: which column of a CSV file holds what, in which unit, in which frame.
 
-A map is a TOML file, so that a data set that is not known here needs no code. Maps of some data sets
-come with the package, by name.
+A map is a TOML file, so that a data set that is not known here needs no code. Maps of some data
+sets come with the package, by name.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
     if window < 3:
         return differences(x, y, dt)
     vx, vy = (
-        savgol_filter(one, window, min(2, window - 1), deriv=1, delta=dt, mode="interp")
+        np.asarray(savgol_filter(one, window, 2, deriv=1, delta=dt, mode="interp"))
         for one in (x, y)
     )
     return vx, vy

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from socialiq.recordings.tracks import Tracks
 
@@ -74,7 +74,7 @@ def _near(
     # Frames lie too far apart along a third axis for states of two of them to be near.
     frames = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
     places = np.stack([tracks.x[rows], tracks.y[rows], frames], axis=1)
-    pairs = rows[cKDTree(places).query_pairs(reach, output_type="ndarray")]
+    pairs = rows[KDTree(places).query_pairs(reach, output_type="ndarray")]
     one, other = pairs[:, 0], pairs[:, 1]
     distance = np.hypot(tracks.x[other] - tracks.x[one], tracks.y[other] - tracks.y[one])
     meet = distance < radius[tracks.track[one]] + radius[tracks.track[other]]

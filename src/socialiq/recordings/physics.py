@@ -21,8 +21,8 @@ from socialiq.recordings.tracks import RoadUser, Tracks
 SPEED_ERROR = 1.0
 """m/s; a track's mean difference of stated and driven speed may be this ..."""
 SPEED_SHARE = 0.1
-"""... and this share of its mean driven speed. Single states of NGSIM differ by up to 8.5 m/s: its
-speeds and positions were smoothed apart. Half of its tracks differ by less than 0.12 in the mean."""
+"""... and this share of its mean driven speed. Single states of NGSIM differ by up to 8.5 m/s, for
+its speeds and positions were smoothed apart; half of its tracks by less than 0.12 in the mean."""
 
 JUMP = 1.5
 """m; how much further than its speed says a road user may get from one frame to the next. The most

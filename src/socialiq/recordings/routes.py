@@ -166,40 +166,45 @@ class Matcher:
 
     def _onwards(self, number: int) -> list[int]:
         """What follows a lanelet, each time the successor that bends least."""
-        way: list[int] = []
-        length = 0.0
+        way, length = [number], 0.0
         while length < AHEAD:
-            lanelet = self._road.lanelets[way[-1] if way else number]
-            following = [one for one in lanelet.successors if one in self._place]
-            following = [one for one in following if one not in way]
+            following = [one for one in self._next(way[-1], False) if one not in way]
             if not following:
                 break
-            bends = [_bend(self._road, one) for one in following]
-            way.append(following[int(np.argmin(bends))])
+            way.append(min(following, key=lambda one: _bend(self._road, one)))
             length += self.path(way[-1]).length
-        return way
+        return way[1:]
 
-    def section(self, lanelets: list[int], from_end: bool) -> Path | None:
+    def section(self, lanelets: list[int], backwards: bool, least: float = 0.0) -> Path | None:
         """The line along lanelets that follow each other, lanes beside it left out.
 
         Args:
             lanelets: Part of a sequence.
-            from_end: Keep the last lanelet and what leads to it; otherwise the first and on.
+            backwards: Keep the last lanelet and what leads to it; otherwise the first and on.
+            least: m; a shorter line is continued beyond the sequence, where the road goes on.
         """
-        road = self._road.lanelets
         kept: list[int] = []
-        for number in reversed(lanelets) if from_end else lanelets:
-            if kept:
-                before, after = (number, kept[-1]) if from_end else (kept[-1], number)
-                if after not in road[before].successors:
-                    continue
-            kept.append(number)
+        for number in reversed(lanelets) if backwards else lanelets:
+            if not kept or number in self._next(kept[-1], backwards):
+                kept.append(number)
         if not kept:
             return None
+        length = sum(self.path(number).length for number in kept)
+        while length < least:
+            onwards = [n for n in self._next(kept[-1], backwards) if n not in kept]
+            if not onwards:
+                break
+            kept.append(min(onwards, key=lambda number: _bend(self._road, number)))
+            length += self.path(kept[-1]).length
         if len(kept) == 1:
             return self.path(kept[0])
-        points = [road[number].centre for number in (kept[::-1] if from_end else kept)]
+        points = [self._road.lanelets[n].centre for n in (kept[::-1] if backwards else kept)]
         return path_of(np.concatenate(points))
+
+    def _next(self, number: int, backwards: bool) -> list[int]:
+        lanelet = self._road.lanelets[number]
+        following = lanelet.predecessors if backwards else lanelet.successors
+        return [one for one in following if one in self._place]
 
     def crossing(self, matched: Matched, lanes: Lanes, junction: int) -> Crossing | None:
         """A track's way over a junction; none if it doesn't touch it."""
@@ -211,8 +216,8 @@ class Matcher:
         sequence = list(matched.lanelets)
         way = self.section(sequence[first : last + 1], True)
         assert way is not None  # it holds the lanelet `first`
-        approach = self.section(sequence[:first], True)
-        sections = approach, way, self.section(sequence[last + 1 :], False)
+        approach = self.section(sequence[:first], True, AHEAD)
+        sections = approach, way, self.section(sequence[last + 1 :], False, AHEAD)
         part = np.full(len(matched.place), JUNCTION)
         part[matched.place < first] = APPROACH
         part[matched.place > last] = EXIT
