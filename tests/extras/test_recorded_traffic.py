@@ -17,10 +17,13 @@ from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.recordings import files, simulated
 from socialiq.recordings.annotate import driven
+from socialiq.recordings.columns import read_map
 from socialiq.recordings.commonroad import read_commonroad
+from socialiq.recordings.csv_recording import read_csv
 from socialiq.recordings.ego_swap import demonstrations, episode_of, swap
-from socialiq.recordings.export import write_commonroad
+from socialiq.recordings.export import write_commonroad, write_csv
 from socialiq.recordings.lanes import Conflict, lanes_of
+from socialiq.recordings.maps import road_of
 from socialiq.recordings.reading import Reading
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road import RoadNetwork
@@ -80,6 +83,35 @@ def test_commonroad_there_and_back(episodes, tmp_path):
         identity = episode.recording.tracks.identity[episode.ego]
         ego = int(np.flatnonzero(back.tracks.identity == identity)[0])
         check_equal(annotated(back, ego), episode)
+
+
+@pytest.mark.parametrize("layout", ["ind", "interaction"])
+def test_csv_layouts_there_and_back(layout, episodes, tmp_path):
+    """The tracks by CSV, the road by CommonRoad, as an import does it."""
+    road = tmp_path / "road.xml"
+    write_commonroad(episodes[0].recording, road)
+    for number, episode in enumerate(episodes[::5]):
+        (tmp_path / str(number)).mkdir()
+        path = write_csv(episode.recording.tracks, layout, tmp_path / str(number))
+        (back,) = read_csv(path, read_map(layout))
+        recording = Recording(back.recording.tracks, road_of(road))
+        identity = episode.recording.tracks.identity[episode.ego]
+        ego = int(np.flatnonzero(recording.tracks.identity == identity)[0])
+        check_equal(annotated(recording, ego), episode)
+
+
+def test_ngsim_is_as_close_as_its_columns_allow(episodes, tmp_path):
+    """It has no heading and the front's centre for a position, so both are estimates."""
+    episode = episodes[0]
+    path = write_csv(episode.recording.tracks, "ngsim", tmp_path)
+    (back,) = read_csv(path, read_map("ngsim"))
+    recording = Recording(back.recording.tracks, episode.recording.road)
+    identity = episode.recording.tracks.identity[episode.ego]
+    ego = int(np.flatnonzero(recording.tracks.identity == identity)[0])
+    found = annotated(recording, ego)
+    assert len(found.action) == len(episode.action)
+    off = abs(found.pair - episode.pair)
+    assert off[:, 0].max() < 0.1 and np.median(off) < 0.01
 
 
 def test_our_file_there_and_back(episodes, tmp_path):

@@ -21,7 +21,9 @@ from socialiq.figures import census as picture
 from socialiq.figures.style import png
 from socialiq.plain_text import one_line
 from socialiq.recordings import census, ego_swap, files
+from socialiq.recordings.maps import road_of
 from socialiq.recordings.reading import Reading
+from socialiq.recordings.recording import Recording
 from socialiq.thesis import held_out
 from socialiq.thesis.store import Results, check_target, save
 
@@ -38,6 +40,8 @@ class Choices:
     """A neighbour's loss of speed: from decision to decision, or every fall between frames."""
     near: float = 3.0
     """Seconds that two vehicles may be apart at a conflict to meet there."""
+    road: Path | None = None
+    """Map of recordings that came without one, in their frame: CommonRoad XML, or a recording."""
 
     def reading(self) -> Reading:
         """The choices as the library takes them."""
@@ -71,14 +75,14 @@ class ToDemonstrations:
         """Swap, write, tell the counts and why the others are not there."""
         if self.out.exists():
             raise UserError(f"{self.out} exists already: name a new file, or remove it first")
-        swapped = swap_all(self.recordings, self.choices.reading())
+        swapped = swap_all(self.recordings, self.choices)
         table = ego_swap.demonstrations(swapped)
         sha256 = demonstration_files.save(self.out, table)
         counts = [one.counts for one in swapped]
         if self.json:
             print_json({"file": str(self.out), "sha256": sha256, "recordings": counts})
         else:
-            print_table(with_total(counts), str(self.out))
+            show_counts(counts, str(self.out))
         return 0
 
 
@@ -108,7 +112,7 @@ class TakeCensus:
         check_share(self.confidence)
         if self.out is not None:
             check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices.reading())
+        swapped = swap_all(self.recordings, self.choices)
         found = census.take(swapped, self.seed, self.confidence)
         counts = [one.counts for one in swapped]
         population = dataclasses.asdict(found.population)
@@ -123,7 +127,7 @@ class TakeCensus:
         if self.json:
             print_json({**summary, "recordings": counts, "drivers": drivers})
         else:
-            print_table(with_total(counts), "Recordings")
+            show_counts(counts, "Recordings")
             print_table([{"population": key, "value": said(v)} for key, v in population.items()])
             sys.stdout.write("\n".join(["What this can't show:", *census.LIMITS]) + "\n")
         return 0
@@ -159,7 +163,7 @@ class Agreement:
     def run(self) -> int:
         """Train, predict, write, print."""
         check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices.reading())
+        swapped = swap_all(self.recordings, self.choices)
         config = held_out.Config(self.angle, self.updates, hidden=self.hidden, seed=self.seed)
         found = held_out.held_out(ego_swap.demonstrations(swapped), config)
         methods = found.by_method()
@@ -191,6 +195,8 @@ class AuditLog:
     """The vehicle's number in the file; one for all files, or one for each."""
     profile: Path
     """The declaration: `socialiq profile new` writes one."""
+    road: Path | None = None
+    """Map of recordings that came without one, in their frame: CommonRoad XML, or a recording."""
     json: bool = False
     """Print one JSON object."""
 
@@ -201,9 +207,12 @@ class AuditLog:
         if len(self.track) not in (1, len(self.recordings)):
             raise UserError("--track takes one number for all files, or one for each")
         tracks = self.track * (len(self.recordings) if len(self.track) == 1 else 1)
+        road = None if self.road is None else road_of(self.road)
         driven = []
         for path, track in zip(self.recordings, tracks, strict=True):
-            driven.append(ego_swap.episode_of(files.load(path), track, reading))
+            recording = files.load(path)
+            recording = recording if road is None else Recording(recording.tracks, road)
+            driven.append(ego_swap.episode_of(recording, track, reading))
         verdict = judge_log(declared, driven)
         status = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}[verdict.decision]
         if self.json:
@@ -266,7 +275,7 @@ class _Trained:
     sources: list[dict[str, Any]]
 
 
-def swap_all(paths: tuple[Path, ...], reading: Reading) -> list[ego_swap.Swapped]:
+def swap_all(paths: tuple[Path, ...], choices: Choices) -> list[ego_swap.Swapped]:
     """The ego swap of some files.
 
     Raises:
@@ -274,9 +283,12 @@ def swap_all(paths: tuple[Path, ...], reading: Reading) -> list[ego_swap.Swapped
     """
     if not paths:
         raise UserError("no recording: name at least one file of `socialiq data import`")
-    found = []
+    road = None if choices.road is None else road_of(choices.road)
+    reading, found = choices.reading(), []
     for path in paths:
         recording = files.load(path)
+        if road is not None:
+            recording = Recording(recording.tracks, road)
         try:
             found.append(ego_swap.swap(recording, reading))
         except UserError as error:
@@ -289,13 +301,17 @@ def sources_of(swapped: list[ego_swap.Swapped]) -> list[dict[str, Any]]:
     return [{"recording": one.recording, "source": one.source} for one in swapped]
 
 
-def with_total(counts: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows, their names fit for a terminal, and the sums of several below them."""
-    rows = [row | {"recording": one_line(str(row["recording"]))} for row in counts]
-    if len(rows) == 1:
-        return rows
-    total = {key: sum(row[key] for row in counts) for key in counts[0] if key != "recording"}
-    return [*rows, {"recording": "all", **total}]
+def show_counts(counts: list[dict[str, Any]], title: str) -> None:
+    """What each recording gave, with the sums of several, and why the other tracks gave nothing."""
+    shown = [name for name in counts[0] if name not in ego_swap.REASONS]
+    rows = [{name: row[name] for name in shown} for row in counts]
+    rows = [row | {"recording": one_line(str(row["recording"]))} for row in rows]
+    if len(rows) > 1:
+        total = {name: sum(row[name] for row in counts) for name in shown if name != "recording"}
+        rows.append({"recording": "all", **total})
+    print_table(rows, title)
+    reasons = {name: sum(row[name] for row in counts) for name in ego_swap.REASONS}
+    print_table([{"no episode": name, "tracks": count} for name, count in reasons.items()])
 
 
 def check_share(confidence: float) -> None:

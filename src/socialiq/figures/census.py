@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.figures.style import COLORS, figure, plain
+from socialiq.recordings.census import STANDING
 
 _ENDINGS = {
     "truncated": ("o", COLORS["prosocial"], "left the view"),
@@ -36,18 +37,24 @@ def _points(axes: Any, drivers: Sequence[Mapping[str, Any]], population: Mapping
     axes.axhline(0.0, color="#aaaaaa", linewidth=0.8)
     axes.axvline(0.0, color="#aaaaaa", linewidth=0.8)
     for ending, (mark, color, label) in _ENDINGS.items():
-        mine = [one for one in drivers if one["ending"] == ending]
-        if mine:
-            axes.scatter(
-                [one["r_env"] for one in mine],
-                [one["r_social"] for one in mine],
-                s=[8.0 + 6.0 * one["decisions"] for one in mine],
-                marker=mark,
-                color=color,
-                alpha=0.55,
-                linewidths=0,
-                label=f"{label} ({len(mine)})",
-            )
+        for standing in (False, True):
+            mine = [
+                one
+                for one in drivers
+                if one["ending"] == ending and (one["speed"] < STANDING) == standing
+            ]
+            if mine:
+                axes.scatter(
+                    [one["r_env"] for one in mine],
+                    [one["r_social"] for one in mine],
+                    s=[8.0 + 6.0 * one["decisions"] for one in mine],
+                    marker=mark,
+                    facecolors="none" if standing else color,
+                    edgecolors=color,
+                    alpha=0.6,
+                    linewidths=0.9,
+                    label=f"{label}{', stood all the time' if standing else ''} ({len(mine)})",
+                )
     env, social = population["r_env"], population["r_social"]
     axes.annotate(
         "",
@@ -65,6 +72,9 @@ def _points(axes: Any, drivers: Sequence[Mapping[str, Any]], population: Mapping
         label=f"mean: {interval['estimate']:.0f}° ({share} over {unit}: "
         f"{interval['low']:.0f}° to {interval['high']:.0f}°)",
     )
+    moving = population["of_the_moving"]
+    if moving is not None and population["standing"]:
+        axes.plot([], [], " ", label=f"without those who stood: {moving['estimate']:.0f}°")
     axes.set_xlabel("mean r_env of a decision")
     axes.set_ylabel("mean r_social of a decision")
     axes.set_title(

@@ -41,6 +41,8 @@ class Driven:
         pair: r_env and r_social of every decision.
         signals: What they are made of, in the order of `SIGNALS`.
         ending: Value of `Ending`, by decision; TIMEOUT where the view or the clock ended it.
+        jump: Largest difference between a decision's advance along the route and the distance
+            driven, m; large where the lanelets don't fit the track.
         contact: Value of the simulator's `Contact`: whose motion closed the gap, if it collided.
     """
 
@@ -54,6 +56,7 @@ class Driven:
     pair: Float64[np.ndarray, "decision 2"]
     signals: Float64[np.ndarray, "decision signal"]
     ending: Int8[np.ndarray, " decision"]
+    jump: float
     contact: int
 
 
@@ -95,8 +98,17 @@ def driven(scene: Scene, track: int, way: Crossing, reading: Reading) -> Driven 
         pairs[1:],
         signals[1:],
         np.array(endings[1:], np.int8),
+        float(abs(abs(snapshots["advance"]) - _distances(scene, rows)).max()),
         int(contact) if endings[-1] == Ending.COLLISION else int(Contact.NONE),
     )
+
+
+def _distances(
+    scene: Scene, rows: Int64[np.ndarray, " snapshot"]
+) -> Float64[np.ndarray, " snapshot"]:
+    """From each snapshot to the one before, m; 0 at the first."""
+    x, y = scene.tracks.x[rows], scene.tracks.y[rows]
+    return np.hypot(np.diff(x, prepend=x[0]), np.diff(y, prepend=y[0]))
 
 
 def _decision_rows(

@@ -19,12 +19,14 @@ from socialiq.recordings.ego_swap import Swapped, check_distinct
 from socialiq.social.angle import angle_of
 from socialiq.social.estimate import resampled
 from socialiq.types import Ending
+from socialiq.worlds.intersection.settings import SIGNALS
 
 LIMITS = (
     "A neighbour's loss of speed was observed, not caused: it may have braked for somebody else, "
     "for a signal, or for its own turn.",
     "Where the recording holds no signal states, waiting at a red light counts as yielding.",
-    "A driver has few decisions, so most angles of single drivers are not known at all.",
+    "A driver has few decisions. Who stands all the time has a narrow interval that says little: "
+    "nothing changed.",
     "The intervals of single drivers take decisions as independent, which neighbouring seconds "
     "are not: true intervals are wider.",
     "Drivers of one recording meet each other; intervals over recordings allow for it, those over "
@@ -32,6 +34,9 @@ LIMITS = (
     "An episode that leaves the field of view says nothing of what came after.",
 )
 """What no census can show."""
+
+STANDING = 0.5
+"""m/s; who is slower on average stands, at a signal or in a queue."""
 
 LEAST_DECISIONS = 3
 """Of an episode that gives an interval: a plane's covariance needs three points."""
@@ -53,6 +58,9 @@ class Driver:
         low: Smallest direction of the confidence region, degrees; None if the region holds the
             origin, so that every direction is possible, or there are fewer than three decisions.
         high: Largest one.
+        speed: Mean at the ends of its decisions, m/s.
+        yielding: Mean of that signal, unweighted.
+        disruption: Mean of that signal, unweighted.
         residual: Root mean square of what the inferred actions leave unexplained, m/s.
     """
 
@@ -66,6 +74,9 @@ class Driver:
     angle: float | None
     low: float | None
     high: float | None
+    speed: float
+    yielding: float
+    disruption: float
     residual: float
 
 
@@ -91,6 +102,8 @@ class Population:
         sd_social: Likewise.
         over_drivers: Angle of the mean point, drivers drawn anew.
         over_recordings: The same, whole recordings drawn anew; None with fewer than two.
+        standing: Drivers whose mean speed is below `STANDING`.
+        of_the_moving: Angle of the mean point of the others, drivers drawn anew; None without any.
         circular_sd: Of the drivers' angles, degrees.
         with_direction: Drivers whose angle has an interval.
         confidence: Of all intervals.
@@ -104,6 +117,8 @@ class Population:
     sd_social: float
     over_drivers: Interval
     over_recordings: Interval | None
+    standing: int
+    of_the_moving: Interval | None
     circular_sd: float
     with_direction: int
     confidence: float
@@ -169,6 +184,9 @@ def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
         angle=angle_of(env, social) if env or social else None,
         low=found.low if found else None,
         high=found.high if found else None,
+        speed=float(one.speed[1:].mean()),
+        yielding=float(one.signals[:, SIGNALS.index("yielding")].mean()),
+        disruption=float(one.signals[:, SIGNALS.index("disruption")].mean()),
         residual=float(np.sqrt((one.residual**2).mean())),
     )
 
@@ -188,6 +206,7 @@ def _population(
     spread = points.std(axis=0, ddof=1) if len(points) > 1 else np.full(2, np.nan)
     one_each = np.ones(len(points))
     mean = points.mean(axis=0)
+    moving = np.array([one.speed >= STANDING for one in drivers])
     return Population(
         drivers=len(drivers),
         recordings=count,
@@ -198,6 +217,12 @@ def _population(
         over_drivers=_interval(points, one_each, seed, confidence, resamples),
         over_recordings=(
             _interval(sums, sizes, seed, confidence, resamples) if count > 1 else None
+        ),
+        standing=int((~moving).sum()),
+        of_the_moving=(
+            _interval(points[moving], one_each[moving], seed, confidence, resamples)
+            if moving.any()
+            else None
         ),
         circular_sd=circular_sd(known),
         with_direction=sum(one.low is not None for one in drivers),

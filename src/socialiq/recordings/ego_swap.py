@@ -28,10 +28,12 @@ NOT_A_VEHICLE = "not a vehicle"
 OFF_THE_ROAD = "off the lanelets"
 NO_JUNCTION = "never at a conflict area"
 ALONE = "nobody in its way near in time"
+_LARGEST_JUMP = 5.0  # m
 _MOVING = 0.5  # m/s; who never reaches it looks like anybody else who stands
 
 TOO_SHORT = "in view for less than a decision"
-REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT)
+NO_WAY = "its way doesn't fit the lanelets"
+REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT, NO_WAY)
 """Why a track makes no episode, in the order of asking."""
 
 
@@ -138,7 +140,10 @@ def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
         return ALONE
     way = scene.crossing(track, met)
     assert way is not None  # the junction is on its way
-    return driven(scene, track, way, reading) or TOO_SHORT
+    found = driven(scene, track, way, reading)
+    if found is None:
+        return TOO_SHORT
+    return found if found.jump <= _LARGEST_JUMP else NO_WAY
 
 
 def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:

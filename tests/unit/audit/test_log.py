@@ -44,6 +44,7 @@ def drive(angle, decisions=8, noise=0.0, seed=0, ending=Ending.TIMEOUT, contact=
         pair,
         np.zeros((decisions, 9)),
         endings,
+        0.0,
         int(contact),
     )
 

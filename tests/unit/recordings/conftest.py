@@ -29,6 +29,7 @@ def drive():
             pair=pair,
             signals=np.zeros((count, 9)),
             ending=endings,
+            jump=0.0,
             contact=contact,
         )
 
