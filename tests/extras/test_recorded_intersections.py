@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 pytest.importorskip("shapely", reason="extra `data` is not installed")
-FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
-pytestmark = pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder")
 
 from socialiq.errors import UserError
 from socialiq.recordings.commonroad import read_commonroad
 from socialiq.recordings.ego_swap import check_distinct, demonstrations, swap
 from socialiq.recordings.splits import recordings_of, split
 from socialiq.types import Ending
+
+FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
+pytestmark = pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder")
 
 
 @pytest.fixture(scope="module")
