@@ -22,7 +22,8 @@ from socialiq.cli.evaluate import Evaluate
 from socialiq.cli.output import complain
 from socialiq.cli.predict import PredictLambda
 from socialiq.cli.profile import Check, New
-from socialiq.cli.recorded import Agreement, AuditLog, TakeCensus, ToDemonstrations
+from socialiq.cli.recorded import Agreement, TakeCensus, ToDemonstrations
+from socialiq.cli.recorded_audit import AuditLog
 from socialiq.cli.recordings import Import
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve

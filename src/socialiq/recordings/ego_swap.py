@@ -132,7 +132,9 @@ def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
         return NOT_A_VEHICLE
     if scene.matched(track).off > OFF_THE_MAP:
         return OFF_THE_ROAD
-    near = [j for j in scene.junctions(track) if _presence(scene, track, j, reading) is not None]
+    near = [
+        j for j in scene.junctions(track) if scene.presence(track, j, reading.reach) is not None
+    ]
     if not near:
         return NO_JUNCTION
     met = next((junction for junction in near if meets(scene, track, junction, reading)), None)
@@ -164,22 +166,13 @@ def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:
     return episode
 
 
-def _presence(scene: Scene, track: int, junction: int, reading: Reading) -> tuple[int, int] | None:
-    """First and last frame of a track at a junction."""
-    at = np.flatnonzero(scene.at_junction(track, junction, reading.reach))
-    if len(at) == 0:
-        return None
-    first = int(scene.tracks.frame[scene.rows(track).start])
-    return first + int(at[0]), first + int(at[-1])
-
-
 def meets(scene: Scene, track: int, junction: int, reading: Reading) -> bool:
     """Whether somebody's way is in conflict with a vehicle's, and they are there near in time."""
-    way, mine = scene.crossing(track, junction), _presence(scene, track, junction, reading)
+    way, mine = scene.crossing(track, junction), scene.presence(track, junction, reading.reach)
     if way is None or mine is None:
         return False
     for other in scene.vehicles.tolist():
-        theirs = None if other == track else _presence(scene, other, junction, reading)
+        theirs = None if other == track else scene.presence(other, junction, reading.reach)
         if theirs is None or scene.matched(other).off > OFF_THE_MAP:
             continue
         apart = max(theirs[0] - mine[1], mine[0] - theirs[1], 0) * scene.tracks.dt

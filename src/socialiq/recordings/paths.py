@@ -7,6 +7,7 @@ on an arc along the circle.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -67,18 +68,18 @@ class Polyline:
 
     points: Float64[np.ndarray, "point 2"]
 
-    @property
+    @cached_property
     def steps(self) -> Float64[np.ndarray, "piece 2"]:
         """From each point to the next, m."""
         return np.diff(self.points, axis=0)
 
-    @property
+    @cached_property
     def starts(self) -> Float64[np.ndarray, " piece"]:
         """How far along the line each piece begins, m."""
         lengths = np.hypot(*self.steps.T)
         return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Length in m."""
         return float(np.hypot(*self.steps.T).sum())

@@ -46,6 +46,7 @@ class Scene:
         self._starts = tracks.starts
         self._matched: dict[int, Matched] = {}
         self._crossings: dict[tuple[int, int], Crossing | None] = {}
+        self._presences: dict[tuple[int, int, float], tuple[int, int] | None] = {}
 
     def rows(self, track: int) -> slice:
         """The rows of a track."""
@@ -86,8 +87,23 @@ class Scene:
         row = rows.start + frame - int(self.tracks.frame[rows.start])
         return row if rows.start <= row < rows.stop else None
 
-    def at_junction(self, track: int, junction: int, reach: float) -> Bool[np.ndarray, " state"]:
-        """In which of its states a track is inside a junction, or within reach before it."""
+    def presence(self, track: int, junction: int, reach: float) -> tuple[int, int] | None:
+        """First and last frame of a track inside a junction, or within reach before it.
+
+        Args:
+            track: Its number.
+            junction: Place in `Lanes.junctions`.
+            reach: m.
+        """
+        key = (track, junction, reach)
+        if key not in self._presences:
+            at = np.flatnonzero(self._at_junction(track, junction, reach))
+            first = int(self.tracks.frame[self.rows(track).start])
+            found = (first + int(at[0]), first + int(at[-1])) if len(at) else None
+            self._presences[key] = found
+        return self._presences[key]
+
+    def _at_junction(self, track: int, junction: int, reach: float) -> Bool[np.ndarray, " state"]:
         way, rows = self.crossing(track, junction), self.rows(track)
         if way is None:
             return np.zeros(rows.stop - rows.start, bool)
