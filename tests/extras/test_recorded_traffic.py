@@ -42,13 +42,13 @@ TOLERANCE = 1e-5
 
 @pytest.fixture(scope="module")
 def episodes():
-    """Thirty episodes: five drivers, three destinations, two seeds each."""
-    cases = itertools.product(DRIVERS, DESTINATIONS, range(2))
+    """Fifteen episodes: five drivers, three destinations."""
+    cases = itertools.product(DRIVERS, DESTINATIONS)
     return [
         simulated.record(
             Options(canonical=True, destination=destination), policy(driver), 100 + number
         )
-        for number, (driver, destination, _) in enumerate(cases)
+        for number, (driver, destination) in enumerate(cases)
     ]
 
 
@@ -71,12 +71,12 @@ def test_the_tracks_alone_give_the_simulators_numbers(episodes):
         check_equal(annotated(episode.recording, episode.ego), episode)
         decisions += len(episode.action)
         kinds.add(Ending(int(episode.ending[-1])))
-    assert decisions > 300
+    assert decisions > 150
     assert kinds == {Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT}
 
 
 def test_commonroad_there_and_back(episodes, tmp_path):
-    for number, episode in enumerate(episodes[::5]):
+    for number, episode in enumerate(episodes[::3]):
         path = tmp_path / f"{number}.xml"
         write_commonroad(episode.recording, path)
         back = read_commonroad(path).recording
@@ -137,10 +137,10 @@ def test_the_simulators_road_has_its_conflicts():
     assert kind(south + LEFT, south + STRAIGHT) is None  # from one approach
     assert kind(south + STRAIGHT, 10 + STRAIGHT) is None  # oncoming
     assert kind(south + RIGHT, west + LEFT) is None
-    # every way straight on crosses two others straight on, two left turns of the cross road, and
-    # the oncoming left turn; it merges with two turns
-    mine = [pair for pair in lanes.conflicts if first + STRAIGHT in pair]
-    assert len(mine) == 7
+    # a way straight on crosses both of the cross road, a left turn from there and the oncoming one,
+    # and leaves by the arm of a left and a right turn
+    mine = [found for pair, found in lanes.conflicts.items() if first + STRAIGHT in pair]
+    assert (mine.count(Conflict.CROSSING), mine.count(Conflict.MERGING)) == (4, 2)
 
 
 def test_all_vehicles_become_egos_and_everybody_else_has_a_reason(episodes):
