@@ -74,15 +74,18 @@ class Polyline:
         return np.diff(self.points, axis=0)
 
     @cached_property
-    def starts(self) -> Float64[np.ndarray, " piece"]:
-        """How far along the line each piece begins, m."""
-        lengths = np.hypot(*self.steps.T)
-        return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    def _lengths(self) -> Float64[np.ndarray, " piece"]:
+        return np.hypot(*self.steps.T)
 
     @cached_property
+    def starts(self) -> Float64[np.ndarray, " piece"]:
+        """How far along the line each piece begins, m."""
+        return np.concatenate([[0.0], np.cumsum(self._lengths)[:-1]])
+
+    @property
     def length(self) -> float:
         """Length in m."""
-        return float(np.hypot(*self.steps.T).sum())
+        return float(self._lengths.sum())
 
     @property
     def heading_at_start(self) -> float:
@@ -98,8 +101,7 @@ class Polyline:
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Coordinates:
         """Projection on the nearest piece, of equally near ones the first."""
-        steps, starts = self.steps, self.starts
-        lengths = np.hypot(*steps.T)
+        steps, starts, lengths = self.steps, self.starts, self._lengths
         unit = steps / lengths[:, None]
         dx, dy = x[:, None] - self.points[:-1, 0], y[:, None] - self.points[:-1, 1]
         along = dx * unit[:, 0] + dy * unit[:, 1]
