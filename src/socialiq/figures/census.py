@@ -101,7 +101,7 @@ def _angles(axes: Any, drivers: Sequence[Mapping[str, Any]]) -> None:
         ".",
         color="#b5b5b5",
         markersize=4,
-        label=f"any direction is possible ({int((~sure).sum())})",
+        label=f"no interval ({int((~sure).sum())})",
     )
     axes.plot(
         angle[sure],
