@@ -6,6 +6,7 @@ Observation, reward pair and ending must be the simulator's. This needs the extr
 import dataclasses
 import itertools
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -52,26 +53,44 @@ def episodes():
     ]
 
 
+@pytest.fixture(scope="module")
+def busy():
+    """Two episodes with more traffic, in which the ego stops at the line."""
+    options = Options(canonical=True)
+    return [simulated.record(options, policy("stop_line"), seed) for seed in (3, 7)]
+
+
 def annotated(recording, ego):
     scene = Scene(recording)
     way = scene.crossing(ego, scene.junctions(ego)[0])
     return driven(scene, ego, way, SIMULATORS)
 
 
-def check_equal(found, episode):
+def shows_its_way(recording, ego, episode):
+    """Whether the ego drives far enough into the junction to be known to turn or to go on."""
+    return episode.way in Scene(recording).matched(ego).lanelets
+
+
+def check_equal(recording, ego, episode):
+    """Where nobody can know the way from the tracks, progress is that of another turn's start."""
+    found = annotated(recording, ego)
+    atol = TOLERANCE if shows_its_way(recording, ego, episode) else 100 * TOLERANCE
     assert len(found.action) == len(episode.action)
     assert found.ending[-1] == episode.ending[-1]
-    np.testing.assert_allclose(found.pair, episode.pair, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(found.pair, episode.pair, rtol=0, atol=atol)
     np.testing.assert_allclose(found.observation, episode.observation, rtol=0, atol=TOLERANCE)
 
 
 def test_the_tracks_alone_give_the_simulators_numbers(episodes):
     decisions, kinds = 0, set()
+    hidden = 0
     for episode in episodes:
-        check_equal(annotated(episode.recording, episode.ego), episode)
+        check_equal(episode.recording, episode.ego, episode)
+        hidden += not shows_its_way(episode.recording, episode.ego, episode)
         decisions += len(episode.action)
         kinds.add(Ending(int(episode.ending[-1])))
     assert decisions > 150
+    assert hidden <= 2  # they stop just behind the line until the end
     assert kinds == {Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT}
 
 
@@ -82,7 +101,7 @@ def test_commonroad_there_and_back(episodes, tmp_path):
         back = read_commonroad(path).recording
         identity = episode.recording.tracks.identity[episode.ego]
         ego = int(np.flatnonzero(back.tracks.identity == identity)[0])
-        check_equal(annotated(back, ego), episode)
+        check_equal(back, ego, episode)
 
 
 @pytest.mark.parametrize("layout", ["ind", "interaction"])
@@ -97,7 +116,7 @@ def test_csv_layouts_there_and_back(layout, episodes, tmp_path):
         recording = Recording(back.recording.tracks, road_of(road))
         identity = episode.recording.tracks.identity[episode.ego]
         ego = int(np.flatnonzero(recording.tracks.identity == identity)[0])
-        check_equal(annotated(recording, ego), episode)
+        check_equal(recording, ego, episode)
 
 
 def test_ngsim_is_as_close_as_its_columns_allow(episodes, tmp_path):
@@ -116,7 +135,7 @@ def test_ngsim_is_as_close_as_its_columns_allow(episodes, tmp_path):
 
 def test_our_file_there_and_back(episodes, tmp_path):
     files.save(tmp_path / "r.safetensors", episodes[0].recording)
-    check_equal(annotated(files.load(tmp_path / "r.safetensors"), episodes[0].ego), episodes[0])
+    check_equal(files.load(tmp_path / "r.safetensors"), episodes[0].ego, episodes[0])
 
 
 def test_the_simulators_road_has_its_conflicts():
@@ -143,13 +162,13 @@ def test_the_simulators_road_has_its_conflicts():
     assert (mine.count(Conflict.CROSSING), mine.count(Conflict.MERGING)) == (4, 2)
 
 
-def test_all_vehicles_become_egos_and_everybody_else_has_a_reason(episodes):
-    found = swap(episodes[0].recording)
+def test_all_vehicles_become_egos_and_everybody_else_has_a_reason(busy):
+    found = swap(busy[0].recording)
     assert len(found.episodes) >= 3
     assert len(found.episodes) + sum(found.left_out.values()) == found.n_tracks
     assert len({one.track for one in found.episodes}) == len(found.episodes)
     assert found.identity == tuple(
-        episodes[0].recording.tracks.identity[one.track] for one in found.episodes
+        busy[0].recording.tracks.identity[one.track] for one in found.episodes
     )
     table = demonstrations([found])
     assert table.n_features == 70 and table.n_actions == 3
@@ -163,7 +182,7 @@ def test_all_vehicles_become_egos_and_everybody_else_has_a_reason(episodes):
 def test_a_turned_and_moved_road_changes_nothing(episodes):
     episode = episodes[0]
     turned = _turned(episode.recording, 0.7, 1234.5, -987.6)
-    check_equal(annotated(turned, episode.ego), episode)
+    check_equal(turned, episode.ego, episode)
 
 
 def _turned(recording, angle, dx, dy):
@@ -195,33 +214,31 @@ def test_speed_may_be_lost_within_a_decision(episodes):
         ).all()
 
 
-def test_a_higher_rate_gives_more_decisions(episodes):
-    slow, fast = (swap(episodes[0].recording, Reading(policy_rate=rate)) for rate in (1, 5))
+def test_a_higher_rate_gives_more_decisions(busy):
+    slow, fast = (swap(busy[0].recording, Reading(policy_rate=rate)) for rate in (1, 5))
     assert fast.n_transitions > 4 * slow.n_transitions
 
 
-def test_pedestrians_and_strangers_make_no_episode(episodes):
-    tracks = episodes[0].recording.tracks
+def test_pedestrians_and_strangers_make_no_episode(busy):
+    tracks = busy[0].recording.tracks
     users = tracks.road_user.copy()
-    users[episodes[0].ego] = RoadUser.PEDESTRIAN
-    found = swap(
-        Recording(dataclasses.replace(tracks, road_user=users), episodes[0].recording.road)
-    )
+    users[busy[0].ego] = RoadUser.PEDESTRIAN
+    found = swap(Recording(dataclasses.replace(tracks, road_user=users), busy[0].recording.road))
     assert found.left_out["not a vehicle"] == 1
     far = dataclasses.replace(tracks, x=tracks.x + 500.0)
-    found = swap(Recording(far, episodes[0].recording.road))
+    found = swap(Recording(far, busy[0].recording.road))
     assert found.left_out == {"off the lanelets": tracks.n_tracks}
     with pytest.raises(UserError, match="makes no episode: off the lanelets"):
-        episode_of(Recording(far, episodes[0].recording.road), 1, Reading())
+        episode_of(Recording(far, busy[0].recording.road), 1, Reading())
     with pytest.raises(UserError, match="no road network"):
         swap(Recording(tracks, RoadNetwork()))
 
 
 @pytest.fixture(scope="module")
-def recorded(episodes, tmp_path_factory):
+def recorded(busy, tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded")
     paths = []
-    for number, episode in enumerate(episodes[:3]):
+    for number, episode in enumerate(busy):
         paths.append(str(folder / f"{number}.safetensors"))
         files.save(folder / f"{number}.safetensors", episode.recording)
     return paths
@@ -264,14 +281,14 @@ def test_agreement_holds_out_each_recording(recorded, tmp_path, capsys):
         "behaviour cloning",
         "IQ-Learn, 45°",
     ]
-    assert told["finite"] and all(one["sites"] == 3 for one in told["methods"])
+    assert told["finite"] and all(one["sites"] == 2 for one in told["methods"])
 
 
 def test_a_log_audit_of_one_vehicle_decides_nothing(recorded, tmp_path, capsys):
     profile = tmp_path / "profile.toml"
     declare = ["profile", "new", "--world", "intersection", "--angle", "45"]
     assert main([*declare, "--degrees", "60", "--out", str(profile)]) == 0
-    told = swap(files.load(recorded[0])).identity
+    told = swap(files.load(Path(recorded[0]))).identity
     capsys.readouterr()
     ask = ["data", "audit", recorded[0], "--track", str(told[0]), "--profile", str(profile)]
     assert main([*ask, "--json"]) in (1, 3)

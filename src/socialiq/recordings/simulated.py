@@ -34,6 +34,7 @@ class Episode:
     Attributes:
         recording: Tracks and road.
         ego: Number of the ego's track.
+        way: The lanelet on which the ego means to cross the junction.
         observation: At every decision and at the end.
         action: Of the ego.
         pair: r_env and r_social.
@@ -42,6 +43,7 @@ class Episode:
 
     recording: Recording
     ego: int
+    way: int
     observation: Float32[np.ndarray, "decision_and_one feature"]
     action: Int64[np.ndarray, " decision"]
     pair: Float64[np.ndarray, "decision 2"]
@@ -92,7 +94,10 @@ def record(options: Options, policy: Policy, seed: int, name: str = "") -> Episo
     batch = Batch(options, 1, traced=True)
     batch.reset([seed])
     frames, seen = [_now(batch)], [batch.observation[0]]
-    ego = int(batch.buffers.vehicles[0]["identity"][batch.buffers.episodes[0]["ego"]])
+    slot = batch.buffers.episodes[0]["ego"]
+    ego, origin, destination = (
+        int(batch.buffers.vehicles[0][name][slot]) for name in ("identity", "origin", "destination")
+    )
     actions, pairs, endings = [], [], []
     while not endings or endings[-1] == Ending.NONE:
         action, _ = policy.predict(batch.observation)
@@ -108,6 +113,7 @@ def record(options: Options, policy: Policy, seed: int, name: str = "") -> Episo
     return Episode(
         Recording(tracks, road()),
         int(np.flatnonzero(tracks.identity == ego + 1)[0]),
+        FIRST_LANELET + geometry.turn(origin, destination),
         np.array(seen),
         np.array(actions, np.int64),
         np.array(pairs),
