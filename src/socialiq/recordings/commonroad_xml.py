@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -27,6 +27,7 @@ _LEAVES = ("exact", "x", "y", "intervalStart", "intervalEnd")
 _REGIONS = ("rectangle", "circle", "polygon", "lanelet")
 
 
+@runtime_checkable
 class Consumer(Protocol):
     """What is told about a file."""
 
