@@ -26,9 +26,9 @@ from socialiq.recordings.motion import differences, wrapped
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.tracks import Tracks
 
-MOST_STATES = 10_000_000
-"""States of a file that are read by default: 1.5 GB of memory at the peak. A file of 1 GB has two
-million."""
+MOST_STATES = 5_000_000
+"""States of a file that are read by default: 1.5 GB of memory at the peak, 300 bytes for each
+(`socialiq bench recordings`). An XML file of 1 GB has two or three million."""
 
 LICENCE = "the scenario's own: see its source, and the terms under which it was obtained"
 
@@ -87,7 +87,7 @@ class _Draft:
         if self._n_states > self._most:
             raise UserError(
                 f"{self._path} holds more than {self._most:,} states: cut it into recordings, or "
-                "raise --most-states where there is memory for them (about 150 bytes each)"
+                "raise --most-states where there is memory for them (about 300 bytes each)"
             )
         try:
             if "region" in state:

@@ -17,7 +17,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.plain_text import one_line
 
-_ROWS = 20_000
+_ROWS = 4_000
 _MOST_LINE = 1 << 20
 _MISSING = frozenset({"", "nan", "null", "none", "na"})
 _ID = re.compile(r"[A-Za-z]{0,3}(-?\d{1,18})(?:\.0*)?")
@@ -93,7 +93,7 @@ class Table:
         if self.n_rows + len(chunk) > self._most:
             raise UserError(
                 f"{self.path} holds more than {self._most:,} states: cut it into recordings, or "
-                "raise --most-states where there is memory for them (about 250 bytes each)"
+                "raise --most-states where there is memory for them (about 400 bytes each)"
             )
         needed = max(places.values())
         short = next((at for at, row in enumerate(chunk) if len(row) <= needed), None)

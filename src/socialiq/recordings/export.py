@@ -251,10 +251,13 @@ def _write_lanelet(root: ElementTree.Element, lanelet: Lanelet) -> ElementTree.E
 
 def _write_obstacles(root: ElementTree.Element, tracks: Tracks) -> None:
     along, across = tracks.along_and_across()
-    # A lateral part at the level of rounding is none.
-    slips = np.abs(across) > 1e-9
+    # A lateral part at the level of rounding is none. Other readers want the states of a track to
+    # have the same values, so one that slides gives all of its track a slip angle.
+    slides = np.zeros(tracks.n_tracks, bool)
+    np.logical_or.at(slides, tracks.track, np.abs(across) > 1e-9)
+    slips = slides[tracks.track]
     speed = np.where(slips, np.hypot(along, across), along)
-    slip = np.where(slips, np.arctan2(across, along), 0.0)
+    slip = np.arctan2(across, along)
     for one, (first, end) in enumerate(zip(tracks.starts[:-1], tracks.starts[1:], strict=True)):
         identity = str(tracks.identity[one])
         element = ElementTree.SubElement(root, "dynamicObstacle", id=identity)

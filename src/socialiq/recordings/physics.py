@@ -175,7 +175,8 @@ def _check_speeds(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
     moves = np.maximum(driven, stated) > MOVING
     if 2 * (bad & moves).sum() > max(moves.sum(), 1):
         ratio = float(np.median(driven[bad & moves] / np.maximum(stated[bad & moves], 1e-9)))
-        unit = next((told for one, told in _RATIOS.items() if abs(ratio / one - 1) < 0.1), "")
+        nearest = min(_RATIOS, key=lambda one: abs(ratio / one - 1))
+        unit = _RATIOS[nearest] if abs(ratio / nearest - 1) < 0.1 else ""
         raise UserError(
             f"in {(bad & moves).sum()} of {moves.sum()} moving tracks the driven speed is about "
             f"{ratio:.3g} times the stated one: "
@@ -230,6 +231,8 @@ def _check_directions(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> Non
 
 def _headings_read_as(steps: _Steps, along: np.ndarray, n_tracks: int) -> str:
     for told, read in _HEADINGS.items():
+        if "as degrees" in told and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
+            continue  # A turn of radians is six degrees.
         angle = _axis_angle(steps.direction[along] - read(steps.heading[along]))
         medians = _medians(angle, steps.track[along], n_tracks)
         if 2 * (medians <= HEADING_ERROR).sum() > (~np.isnan(medians)).sum():
