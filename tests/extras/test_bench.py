@@ -36,3 +36,11 @@ def test_bench_dial_prints_one_json_object(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["intersection_thesis_updates"] == found["intersection_dial_updates"]
     assert found["crossing7_ratio"] > 0 and found["intersection_ratio"] > 0
+
+
+def test_bench_recordings_prints_one_json_object(capsys):
+    assert main(["bench", "recordings", "--repeats", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    for layout in ("commonroad", "ind", "interaction", "ngsim"):
+        assert found[f"{layout}_states_per_s"] > 0
+    assert found["bytes_per_state_60000"] < 1.2 * found["bytes_per_state_30000"]

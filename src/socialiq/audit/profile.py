@@ -25,6 +25,7 @@ from socialiq.audit.fields import Field as Declared
 from socialiq.audit.lines import line_of
 from socialiq.audit.scenario import World, check_options, identity, world_of
 from socialiq.errors import UserError
+from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.worlds.registry import WORLDS
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
@@ -245,9 +246,18 @@ class _Reader:
         if key not in holder:
             self.refuse(one.path, f"{one.path} is missing: add {one.demand}")
         given = holder[key]
+        if one.path == "scenario.world" and isinstance(given, str):
+            self._check_reacts(given)
         if not _fits(one, given):
             self.refuse(one.path, f"{one.path} must be {one.demand}, got {_shown(given)}")
         return float(given) if one.kind == "number" else given
+
+    def _check_reacts(self, world: str) -> None:
+        """A recording is no scenario, and the reason is worth more than a list of worlds."""
+        try:
+            refuse_recording(world)
+        except UserError as error:
+            self.refuse("scenario.world", str(error))
 
     def _check_scenario(self, values: Mapping[str, Any]) -> None:
         """The world must exist, and be the very one whose hashes were declared."""

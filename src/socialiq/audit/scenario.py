@@ -11,6 +11,7 @@ from typing import Any
 from socialiq.audit.environment import Environment
 from socialiq.audit.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.errors import UserError, one_of
+from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.ids import IDS
@@ -56,6 +57,7 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
         UserError: If the world or an option is unknown, a value is of the wrong type or size, or
             an environment can't be made.
     """
+    refuse_recording(name)
     if is_environment(name) and name not in IDS.values():
         check_options(options)
         return Environment.of(name, options, allow_code)

@@ -13,7 +13,7 @@ import socialiq
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 
-BENCHMARKS = ("learners", "worlds", "experts", "dial")
+BENCHMARKS = ("learners", "worlds", "experts", "dial", "recordings")
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,14 @@ class Bench:
     """Measure speed beside the real peers.
 
     learners: beside eager PyTorch. worlds: beside highway-env. experts: deep Q-learning beside
-    Stable-Baselines3 on highway-env. dial: beside one run of the thesis' learner.
+    Stable-Baselines3 on highway-env. dial: beside one run of the thesis' learner. recordings:
+    import of recorded traffic, beside commonroad-io where SOCIALIQ_COMMONROAD_PYTHON has it.
 
     Example: socialiq bench worlds
     """
 
     benchmark: Annotated[str, tyro.conf.Positional]
-    """learners, worlds, experts or dial."""
+    """learners, worlds, experts, dial or recordings."""
     repeats: int = 3
     """Runs of each side, in turn; medians and their ratios are printed."""
     json: bool = False

@@ -19,6 +19,7 @@ from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.interop.door import load
 from socialiq.nn.q_policy import QPolicy
+from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.thesis.intersection.rows import Played, policy_row
 from socialiq.worlds.enumerate import tabulate
@@ -86,6 +87,7 @@ class Evaluate:
 
     def measured(self) -> list[dict[str, Any]]:
         """One row for each policy."""
+        refuse_recording(self.world)
         if self.world == "intersection":
             return [self.intersection(str(path)) for path in self.policies]
         if self.world not in GRIDWORLDS:

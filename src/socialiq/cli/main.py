@@ -25,6 +25,9 @@ from socialiq.cli.export import Export
 from socialiq.cli.output import complain
 from socialiq.cli.predict import PredictLambda
 from socialiq.cli.profile import Check, New
+from socialiq.cli.recorded import Agreement, TakeCensus, ToDemonstrations
+from socialiq.cli.recorded_audit import AuditLog
+from socialiq.cli.recordings import Import
 from socialiq.cli.render import Render
 from socialiq.cli.solve import Front, Solve
 from socialiq.cli.studies import Reproduce
@@ -61,6 +64,11 @@ Command = (
     | Annotated[Check, _name("profile-check")]
     | Annotated[Audit, _name("audit")]
     | Annotated[Verify, _name("audit-verify")]
+    | Annotated[Import, _name("data-import")]
+    | Annotated[ToDemonstrations, _name("data-demonstrations")]
+    | Annotated[TakeCensus, _name("data-census")]
+    | Annotated[Agreement, _name("data-agreement")]
+    | Annotated[AuditLog, _name("data-audit")]
 )
 
 TWO_WORDS = (
@@ -71,6 +79,11 @@ TWO_WORDS = (
     ("data", "from-trajectories"),
     ("data", "from-minari"),
     ("data", "to-minari"),
+    ("data", "import"),
+    ("data", "demonstrations"),
+    ("data", "census"),
+    ("data", "agreement"),
+    ("data", "audit"),
 )
 """Commands of two words; the parser knows them joined by a hyphen."""
 

@@ -25,6 +25,7 @@ from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.outside import Outside
 from socialiq.learners.state import Lanes
 from socialiq.learners.tensorboard import EventFiles
+from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.thesis.presets import PRESETS
 from socialiq.thesis.store import Row, as_csv, rounded, versions
@@ -170,6 +171,7 @@ class Train:
         """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
         if not self.world:
             return None, None
+        refuse_recording(self.world)
         if self.world in GRIDWORLDS:
             return make_grid(self.world), None
 

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float64
+
+from socialiq.errors import UserError
 
 
 class Sign(enum.IntEnum):
@@ -37,6 +40,10 @@ class Lanelet:
         speed_limit: m/s; infinity where none is known.
         sign: Who goes first.
         stop_line: Two points, where the file has one.
+
+    Raises:
+        UserError: If a bound has fewer than two points, they are not as many on both sides, or one
+            isn't finite.
     """
 
     identity: int
@@ -49,6 +56,20 @@ class Lanelet:
     speed_limit: float = float("inf")
     sign: Sign = Sign.NONE
     stop_line: Float64[np.ndarray, "2 2"] | None = None
+
+    # Run-time type checkers leave the constructor to `__post_init__`, whose lines name the mend.
+    __no_type_check__: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check the bounds."""
+        left, right = np.asarray(self.left), np.asarray(self.right)
+        if left.ndim != 2 or left.shape != right.shape or len(left) < 2 or left.shape[1] != 2:
+            raise UserError(
+                f"lanelet {self.identity}: its bounds have {len(left)} and {len(right)} points: "
+                "give both as many, two or more, each (x, y)"
+            )
+        if not (np.isfinite(left).all() and np.isfinite(right).all()):
+            raise UserError(f"lanelet {self.identity}: a point of its bounds is not finite")
 
     @property
     def centre(self) -> Float64[np.ndarray, "point 2"]:

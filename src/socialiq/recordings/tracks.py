@@ -7,11 +7,15 @@ position is the centre of the road user's rectangle. All times are multiples of 
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float64, Int8, Int32, Int64
+from jaxtyping import Bool, Float64, Int8, Int32, Int64
+
+from socialiq.demonstrations.columns import json_able
+from socialiq.errors import UserError
+from socialiq.recordings import checks
 
 
 class RoadUser(enum.IntEnum):
@@ -48,6 +52,9 @@ class Tracks:
         dt: s between frames.
         recording: Its name; data are split by it.
         source: What was read: file, its SHA-256, format, licence line, as JSON would give it back.
+
+    Raises:
+        UserError: If a column breaks any of this; the line names it and its first bad place.
     """
 
     track: Int32[np.ndarray, " state"]
@@ -64,6 +71,40 @@ class Tracks:
     dt: float
     recording: str
     source: dict[str, Any]
+
+    # Run-time type checkers leave the constructor to `__post_init__`, whose lines name the mend.
+    __no_type_check__: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check every column, and detach `source` from the caller's dict."""
+        checks.check(self.arrays(), self.dt, self.recording, RoadUser)
+        object.__setattr__(self, "source", json_able(self.source))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All columns by name, in a file's order."""
+        return {name: getattr(self, name) for name in (*checks.STATES, *checks.ROAD_USERS)}
+
+    def along_and_across(
+        self,
+    ) -> tuple[Float64[np.ndarray, " state"], Float64[np.ndarray, " state"]]:
+        """Velocity along the heading and to its left, m/s."""
+        east, north = np.cos(self.heading), np.sin(self.heading)
+        return self.vx * east + self.vy * north, self.vy * east - self.vx * north
+
+    def kept(self, keep: Bool[np.ndarray, " track"]) -> Tracks:
+        """Only these tracks, numbered anew.
+
+        Raises:
+            UserError: If none is left.
+        """
+        if not keep.any():
+            raise UserError(f"recording {self.recording}: no track is left")
+        rows = keep[self.track]
+        number = (np.cumsum(keep) - 1).astype(np.int32)
+        states = {name: getattr(self, name)[rows] for name in checks.STATES}
+        states["track"] = number[states["track"]]
+        users = {name: getattr(self, name)[keep] for name in checks.ROAD_USERS}
+        return replace(self, **states, **users)
 
     @property
     def n_states(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.geometry import LANES, VEHICLE_LENGTH, distance, longitudinal
+from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH, distance
 from socialiq.worlds.intersection.core.traffic import clip
 from socialiq.worlds.intersection.interface import POSITION_RANGE, SPEED_RANGE
 
@@ -13,7 +13,7 @@ PERCEPTION = 200.0  # m
 
 
 @kernel
-def observe(vehicles, count, ego, tie, observation):
+def observe(vehicles, count, ego, along, tie, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
 
     Vehicles more than 10 m behind are not seen. Vehicles on a crossing lane share one coordinate
@@ -24,13 +24,12 @@ def observe(vehicles, count, ego, tie, observation):
         vehicles: VEHICLE records.
         count: How many are there.
         ego: The ego's slot.
+        along: By slot, the coordinate along the ego's lane, m.
         tie: Distances closer than this are equal, m.
         observation: Rows of seven, float32, overwritten.
     """
     observation[:] = 0.0
     _write(vehicles[ego], observation[0])
-    lane = LANES[vehicles[ego].lane]
-    mine = longitudinal(lane, vehicles[ego].x, vehicles[ego].y)
     slots, distances, seen = np.empty(count, np.int64), np.empty(count), 0
     for slot in range(count):
         if slot == ego:
@@ -38,7 +37,7 @@ def observe(vehicles, count, ego, tie, observation):
         other = vehicles[slot]
         if not distance(other.x, other.y, vehicles[ego].x, vehicles[ego].y) < PERCEPTION:
             continue
-        ahead = longitudinal(lane, other.x, other.y) - mine
+        ahead = along[slot] - along[ego]
         if not ahead > -2 * VEHICLE_LENGTH:
             continue
         place = seen

@@ -1,8 +1,8 @@
-"""The reward pair of thesis 4.1: named signals of two consecutive snapshots, weighted and summed.
+"""The reward pair of thesis 4.1: named signals of a decision, weighted and summed.
 
-A snapshot is the vehicles at a decision (before) or when its sub-steps are over (after), before
-anyone is cleared or spawned. Nobody comes or goes in between, so a vehicle has the same slot in
-both.
+Nothing here knows a road. What depends on one (the advance along the route, the zone, which
+neighbours count) is handed in: by `surroundings` for the simulator, by `recordings` for traffic
+that was recorded. So both are judged by the same code.
 """
 
 from __future__ import annotations
@@ -11,10 +11,8 @@ from typing import get_args
 
 from socialiq.types import Ending
 from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.ego import arrived, route_coordinate
-from socialiq.worlds.intersection.core.geometry import LANES, distance, on_lane
+from socialiq.worlds.intersection.core.geometry import distance
 from socialiq.worlds.intersection.core.traffic import clip
-from socialiq.worlds.intersection.core.zone import counts, in_zone
 from socialiq.worlds.intersection.options import Crash, Disruption
 from socialiq.worlds.intersection.settings import ENV_SIGNALS, SIGNALS
 
@@ -38,24 +36,25 @@ _NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT = (
 
 
 @kernel
-def ending_of(ego, out_of_time):
+def ending_of(crashed, arrived, out_of_time):
     """How the episode ends with this snapshot; a collision comes before an arrival."""
-    if ego.crashed:
+    if crashed:
         return _COLLIDED
-    if arrived(ego):
+    if arrived:
         return _ARRIVED
     return _TIMED_OUT if out_of_time else _NO_ENDING
 
 
 @kernel
-def env_signals(before, after, ending, settings, signals):
+def env_signals(advance, on_road, speed, ending, settings, signals):
     """Write the signals of r_env (Eq 4.1).
 
     Collision and arrival replace what was earned on the way; a timeout comes on top of it.
 
     Args:
-        before: The ego's VEHICLE record at the decision.
-        after: The same when the sub-steps are over.
+        advance: Metres that the ego came forward along its route.
+        on_road: Whether it is on the road after the decision.
+        speed: Its speed then, m/s.
         ending: Value of `Ending`.
         settings: SETTINGS record.
         signals: All signals in the order of `SIGNALS`, overwritten up to `TIMEOUT`.
@@ -67,24 +66,22 @@ def env_signals(before, after, ending, settings, signals):
     if ending == _ARRIVED:
         signals[_ARRIVAL] = 1.0
         return
-    if on_lane(LANES[after.lane], after.x, after.y, 0.0):
-        advance = route_coordinate(after) - route_coordinate(before)
+    if on_road:
         signals[_PROGRESS] = advance / settings.progress_unit
-        signals[_SPEED] = clip(after.speed / settings.max_speed, 0.0, 1.0)
+        signals[_SPEED] = clip(speed / settings.max_speed, 0.0, 1.0)
     signals[_STEP] = 1.0
     signals[_TIMEOUT] = 1.0 if ending == _TIMED_OUT else 0.0
 
 
 @kernel
-def social_signals(before, after, count, ego, start, ending, settings, signals, braking):
+def social_signals(speed, within, counted, lost, ending, settings, signals, braking):
     """Write the signals of r_social (Eq 4.2), 0 outside the influence zone.
 
     Args:
-        before: VEHICLE records at the decision.
-        after: The same vehicles, in the same slots, when the sub-steps are over.
-        count: How many there are.
-        ego: The ego's slot.
-        start: Route coordinate at which the ego began, m.
+        speed: The ego's speed after the decision, m/s.
+        within: Whether the ego is in the influence zone then.
+        counted: By slot, which vehicles are neighbours that count.
+        lost: By slot, how much speed each lost, m/s.
         ending: Value of `Ending`.
         settings: SETTINGS record.
         signals: All signals in the order of `SIGNALS`, overwritten from `YIELDING` on.
@@ -96,16 +93,16 @@ def social_signals(before, after, count, ego, start, ending, settings, signals, 
         signals[_NEIGHBOUR_COLLISION] = 1.0
         if settings.crash == _OVERRIDE:
             return
-    if not in_zone(after[ego], start, settings):
+    if not within:
         return
     neighbours = 0
-    for slot in range(count):
-        if slot != ego and counts(after[slot], after[ego], settings):
+    for slot in range(len(counted)):
+        if counted[slot]:
             neighbours += 1
-            share = disruption(before[slot].speed - after[slot].speed, settings)
+            share = disruption(lost[slot], settings)
             signals[_DISRUPTION] += share
             braking[slot] = share > 0
-    signals[_YIELDING] = yielding(after[ego].speed, neighbours, settings)
+    signals[_YIELDING] = yielding(speed, neighbours, settings)
 
 
 @kernel
@@ -141,14 +138,17 @@ def pair(signals, settings):
 
 
 @kernel
-def classical(before, after, count, ego, settings):
+def classical(before, after, on_road, count, ego, settings):
     """The classical formulation (thesis A.1): the ego's own reward and its neighbours' mean.
 
     Everybody is paid by Eq 4.1 without arrival and timeout, a fresh collision replacing the step.
+    A snapshot is the vehicles at a decision (before) or when its sub-steps are over (after),
+    before anyone is cleared or spawned; nobody comes or goes in between, so a vehicle has the
+    same slot in both.
     """
     own, others = 0.0, 0.0
     for slot in range(count):
-        paid = _paid(before[slot], after[slot], settings)
+        paid = _paid(before[slot], after[slot], on_road[slot], settings)
         if slot == ego:
             own = paid
         else:
@@ -157,12 +157,12 @@ def classical(before, after, count, ego, settings):
 
 
 @kernel
-def _paid(before, after, settings):
+def _paid(before, after, on_road, settings):
     weights = settings.weights
     if after.crashed and not before.crashed:
         return weights[_COLLISION]
     earned = 0.0
-    if on_lane(LANES[after.lane], after.x, after.y, 0.0):
+    if on_road:
         advance = distance(after.x, after.y, before.x, before.y)
         ratio = clip(after.speed / settings.max_speed, 0.0, 1.0)
         earned = weights[_PROGRESS] * advance / settings.progress_unit + weights[_SPEED] * ratio

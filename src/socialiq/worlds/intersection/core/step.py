@@ -9,11 +9,10 @@ import numba
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP
-from socialiq.worlds.intersection.core import rewards, spawn, stream
+from socialiq.worlds.intersection.core import rewards, spawn, stream, surroundings
 from socialiq.worlds.intersection.core.collisions import collide
 from socialiq.worlds.intersection.core.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.intersection.core.ego import choose, control, route_coordinate
-from socialiq.worlds.intersection.core.observation import observe
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.traffic import drive, move
 from socialiq.worlds.intersection.state import Contact
@@ -84,15 +83,13 @@ def annotate(buffers, row, settings):
     before, after = buffers.before[row], buffers.after[row]
     count, ego = buffers.present[row]
     episode = buffers.episodes[row]
-    observe(after, count, ego, settings.tie, buffers.reached[row])
-    ending = rewards.ending_of(after[ego], episode.time >= settings.duration)
-    signals = buffers.signals[row]
-    rewards.env_signals(before[ego], after[ego], ending, settings, signals)
-    start, braking = episode.start, buffers.braking[row]
-    rewards.social_signals(before, after, count, ego, start, ending, settings, signals, braking)
+    surroundings.see(after, count, ego, settings.tie, buffers.reached[row])
+    ending = surroundings.ending_of(after[ego], episode.time >= settings.duration)
+    signals, start, braking = buffers.signals[row], episode.start, buffers.braking[row]
+    surroundings.write_signals(before, after, count, ego, start, ending, settings, signals, braking)
     r_env, r_social = rewards.pair(signals, settings)
     buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
-    own, others = rewards.classical(before, after, count, ego, settings)
+    own, others = surroundings.classical(before, after, count, ego, settings)
     buffers.classical[row, 0], buffers.classical[row, 1] = own, others
     buffers.speed[row] = after[ego].speed
     buffers.ending[row] = ending
@@ -125,7 +122,7 @@ def _one(buffers, row, command, action, settings):
     if command == RESET or (command == DECIDE_AND_RESET and ending != _NOTHING):
         reset(episode, vehicles, settings)
         count, ego = episode.vehicles, episode.ego
-        observe(vehicles, count, ego, settings.tie, buffers.observation[row])
+        surroundings.see(vehicles, count, ego, settings.tie, buffers.observation[row])
 
 
 def _entry(sources: int):

@@ -1,0 +1,138 @@
+"""How fast recorded traffic is imported: ours beside commonroad-io, and the CSV layouts.
+
+One recording is made up, so that no data set is needed: cars side by side, each state with the
+digits that real files have. Reading, checking and making the table are timed, in one process.
+commonroad-io needs an environment of its own; SOCIALIQ_COMMONROAD_PYTHON names its Python.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.recordings.columns import read_map
+from socialiq.recordings.export import write_commonroad, write_csv
+from socialiq.recordings.importing import import_file
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.road import RoadNetwork
+from socialiq.recordings.tracks import Tracks
+
+N_TRACKS, N_FRAMES = 60, 500
+LAYOUTS = ("ind", "interaction", "ngsim")
+
+_PEER = """
+import json, logging, sys, time
+from commonroad.common.file_reader import CommonRoadFileReader
+logging.disable(logging.CRITICAL)
+begin = time.process_time()
+scenario, _ = CommonRoadFileReader(sys.argv[1]).open()
+seconds = time.process_time() - begin
+states = sum(1 + len(one.prediction.trajectory.state_list) for one in scenario.dynamic_obstacles)
+print(json.dumps({"seconds": seconds, "states": states}))
+"""
+
+
+def run(repeats: int) -> dict[str, Any]:
+    """Import each format, `repeats` times.
+
+    Returns:
+        Median states per second of processor time by name, the peer's where there is one, and
+        bytes of memory at the peak for each state, at one and at two times as many states.
+    """
+    python = os.environ.get("SOCIALIQ_COMMONROAD_PYTHON", "")
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        tracks = made_up(N_TRACKS)
+        files = {"commonroad": _commonroad(tracks, Path(folder))}
+        files |= {layout: write_csv(tracks, layout, Path(folder)) for layout in LAYOUTS}
+        rates: dict[str, list[float]] = {name: [] for name in files}
+        peer = []
+        for _ in range(repeats):
+            for name, path in files.items():
+                rates[name].append(tracks.n_states / _seconds(name, path))
+            if python:
+                peer.append(_peer(python, files["commonroad"]))
+        found |= {f"{name}_states_per_s": statistics.median(one) for name, one in rates.items()}
+        if python:
+            found["commonroad_io_states_per_s"] = statistics.median(peer)
+            found["ratio"] = statistics.median(
+                ours / theirs for ours, theirs in zip(rates["commonroad"], peer, strict=True)
+            )
+        for factor in (1, 2):
+            larger = made_up(factor * N_TRACKS)
+            path = _commonroad(larger, Path(folder))
+            found[f"bytes_per_state_{larger.n_states}"] = _peak(path) / larger.n_states
+        found["file_bytes_per_state"] = path.stat().st_size / larger.n_states
+    return found | {"states": tracks.n_states, "repeats": repeats}
+
+
+def made_up(n_tracks: int) -> Tracks:
+    """Cars in lanes of their own whose speeds swing."""
+    random = np.random.default_rng(0)
+    track = np.repeat(np.arange(n_tracks, dtype=np.int32), N_FRAMES)
+    frame = np.tile(np.arange(N_FRAMES, dtype=np.int32), n_tracks)
+    phase = random.uniform(0, 6, n_tracks)[track] + frame / 40
+    speed = 10 + np.sin(phase)
+    made = frame - 4 * (np.cos(phase) - np.cos(phase - frame / 40))
+    heading = np.full(len(track), 0.3)
+    return Tracks(
+        track=track,
+        frame=frame,
+        x=made * np.cos(0.3) - 5 * track * np.sin(0.3),
+        y=made * np.sin(0.3) + 5 * track * np.cos(0.3),
+        heading=heading,
+        vx=speed * np.cos(heading),
+        vy=speed * np.sin(heading),
+        identity=np.arange(1, n_tracks + 1),
+        road_user=np.zeros(n_tracks, np.int8),
+        length=np.full(n_tracks, 4.5),
+        width=np.full(n_tracks, 1.8),
+        dt=0.1,
+        recording="ZAM_Bench-1_1_T-1",
+        source={"made_by": "benchmarks/recordings.py"},
+    )
+
+
+def _commonroad(tracks: Tracks, folder: Path) -> Path:
+    path = folder / f"{tracks.n_tracks}.xml"
+    write_commonroad(Recording(tracks, RoadNetwork()), path)
+    return path
+
+
+def _import(name: str, path: Path) -> None:
+    if name == "commonroad":
+        import_file(path)
+    else:
+        import_file(path, "csv", read_map(name))
+
+
+def _seconds(name: str, path: Path) -> float:
+    begin = time.process_time()
+    _import(name, path)
+    return time.process_time() - begin
+
+
+def _peer(python: str, path: Path) -> float:
+    clean = {name: one for name, one in os.environ.items() if not name.startswith("PYTHON")}
+    command = [python, "-c", _PEER, str(path)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=sys.stderr, check=True, env=clean)
+    told = json.loads(done.stdout)
+    return told["states"] / told["seconds"]
+
+
+def _peak(path: Path) -> int:
+    tracemalloc.start()
+    _import("commonroad", path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak

@@ -1,0 +1,204 @@
+"""Log audit: is what a recorded vehicle did consistent with a declared profile?
+
+A recording gives the vehicle's reward pair by the declared weights, and no more. Regret, on which
+an audit turns, needs reference drivers on the same episodes, and nobody can drive a recording
+again. So this asks less: whether the direction of the mean rewards lies within the declared margin
+of degrees, and whether collisions stay below the declared floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from socialiq.audit.competence import FloorTest, floor_tests
+from socialiq.audit.decision import Decision
+from socialiq.audit.outcomes import Outcomes
+from socialiq.audit.profile import Profile
+from socialiq.errors import UserError
+from socialiq.recordings.annotate import Driven
+from socialiq.recordings.directions import Directions, directions
+from socialiq.recordings.reading import Reading
+from socialiq.social.angle import angle_difference, angle_of
+from socialiq.worlds.intersection.world import Intersection
+
+LEAST = 3
+"""Episodes, or else decisions, that a confidence region needs."""
+
+TESTED = ("at_fault", "struck")
+"""Criteria of the floor that a recording can speak about."""
+
+NOT_TESTED = {
+    "regret": "nobody can drive the recorded moments again, so there is nothing to compare with",
+    "arrival": "a recorded vehicle leaves the field of view, whether or not it arrives",
+    "timeout": "a recorded driver has no clock",
+    "calibrated angle": "the curve from declared to shown angles is the simulator's, not this "
+    "road's",
+}
+"""What an audit tests, a log audit can't, and why."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Direction of the mean rewards, degrees, with the ends of its confidence region."""
+
+    angle: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class LogVerdict:
+    """What a recording says about one vehicle and a declaration.
+
+    Attributes:
+        decision: PASS: consistent. FAIL: not consistent. INCONCLUSIVE: not decided.
+        reason: In one sentence.
+        declared: Angle, degrees.
+        margin: Degrees.
+        episodes: Of the vehicle.
+        decisions: In them.
+        unit: What the intervals take as independent: "episode", or "decision" if there are fewer
+            than three episodes.
+        r_env: Mean over the units.
+        r_social: Likewise.
+        shown: α̂ with its interval; None if every direction is possible.
+        competence: The criteria that can be tested.
+        not_tested: What can't, and why.
+        confidence: Declared.
+    """
+
+    decision: Decision
+    reason: str
+    declared: float
+    margin: float
+    episodes: int
+    decisions: int
+    unit: str
+    r_env: float
+    r_social: float
+    shown: Shown | None
+    competence: tuple[FloorTest, ...]
+    not_tested: dict[str, str]
+    confidence: float
+
+
+def reading_of(profile: Profile) -> Reading:
+    """How recordings are read to speak about a declaration: by its rewards and its decisions.
+
+    Raises:
+        UserError: If it declares another world's angle.
+    """
+    world = profile.world()
+    if not isinstance(world, Intersection):
+        raise UserError(
+            f"the profile is of {world.name}, and recorded traffic is judged by the rewards of "
+            "intersection: declare one with `socialiq profile new --world intersection`"
+        )
+    options = world.options
+    return Reading(
+        policy_rate=options.policy_frequency, target_speeds=options.target_speeds, options=options
+    )
+
+
+def judge_log(profile: Profile, driven: Sequence[Driven]) -> LogVerdict:
+    """Hold a vehicle's episodes against a declaration.
+
+    Either error is at most 1 - confidence, as far as the units are independent: a pass needs
+    direction and collisions to pass, a fail shares its error between the two, as in `verdict`.
+
+    Args:
+        profile: The declaration.
+        driven: Episodes of the vehicle, read as `reading_of` says.
+
+    Raises:
+        UserError: If there is no episode.
+    """
+    if not driven:
+        raise UserError("the vehicle has no episode: there is nothing to hold against the profile")
+    outcomes = _outcomes(driven)
+    unit = "episode" if len(driven) >= LEAST else "decision"
+    rows = outcomes.totals if unit == "episode" else np.concatenate([one.pair for one in driven])
+    error = round(1.0 - profile.confidence, 9)
+    tests = floor_tests(outcomes, profile.competence, error, error / 2)
+    competence = tuple(one for one in tests if one.name in TESTED)
+    region = directions(rows, 1.0 - error) if len(rows) >= LEAST else None
+    wider = directions(rows, 1.0 - error / 2) if len(rows) >= LEAST else None
+    direction = _direction(profile.angle, profile.margin.degrees, region, wider)
+    decisions = {direction, *(one.decision for one in competence)}
+    decision = Decision.INCONCLUSIVE
+    if Decision.FAIL in decisions:
+        decision = Decision.FAIL
+    elif decisions == {Decision.PASS}:
+        decision = Decision.PASS
+    env, social = rows.mean(axis=0).tolist()
+    shown = Shown(angle_of(env, social), *region) if region is not None else None
+    return LogVerdict(
+        decision=decision,
+        reason=_reason(decision, direction, shown, competence, len(driven), len(rows), unit),
+        declared=profile.angle,
+        margin=profile.margin.degrees,
+        episodes=len(driven),
+        decisions=sum(len(one.action) for one in driven),
+        unit=unit,
+        r_env=env,
+        r_social=social,
+        shown=shown,
+        competence=competence,
+        not_tested=NOT_TESTED,
+        confidence=profile.confidence,
+    )
+
+
+def _outcomes(driven: Sequence[Driven]) -> Outcomes:
+    return Outcomes(
+        "recorded vehicle",
+        np.array([one.pair.sum(axis=0) for one in driven]),
+        np.array([one.ending[-1] for one in driven], np.int8),
+        np.array([one.contact for one in driven], np.int8),
+        np.array([len(one.action) for one in driven], np.int64),
+    )
+
+
+def _direction(
+    declared: float, margin: float, region: Directions | None, wider: Directions | None
+) -> Decision:
+    """PASS if the region lies within the margin, FAIL if the wider one has no part in it."""
+    if region is not None:
+        ends = [angle_difference(end, declared) for end in region]
+        width = region.high - region.low
+        if max(map(abs, ends)) <= margin and width <= 2 * margin:
+            return Decision.PASS
+    if wider is not None:
+        middle, half = (wider.low + wider.high) / 2, (wider.high - wider.low) / 2
+        if abs(angle_difference(middle, declared)) > margin + half:
+            return Decision.FAIL
+    return Decision.INCONCLUSIVE
+
+
+def _reason(
+    decision: Decision,
+    direction: Decision,
+    shown: Shown | None,
+    competence: Sequence[FloorTest],
+    episodes: int,
+    rows: int,
+    unit: str,
+) -> str:
+    """Why, for anybody."""
+    if decision is Decision.PASS:
+        return "the shown angle lies within the declared margin, and collisions below the floor"
+    if decision is Decision.FAIL:
+        broken = [one.name.replace("_", " ") for one in competence if one.decision is Decision.FAIL]
+        if broken:
+            return f"the share of collisions ({', '.join(broken)}) is above the declared floor"
+        return "the shown angle lies outside the declared margin"
+    if direction is Decision.PASS:
+        return f"{episodes} episodes are too few to bound the share of collisions"
+    if rows < LEAST:
+        return f"{rows} decisions show no direction: at least {LEAST} are needed"
+    if shown is None:
+        return f"{rows} {unit}s leave every direction possible"
+    return f"after {rows} {unit}s the shown angle may still lie inside or outside the margin"

@@ -1,0 +1,246 @@
+"""`data demonstrations`, `data census`, `data agreement`: what recordings are good for."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from socialiq.cli.output import print_json, print_table
+from socialiq.demonstrations import files as demonstration_files
+from socialiq.errors import UserError
+from socialiq.figures import census as picture
+from socialiq.figures.style import png
+from socialiq.plain_text import one_line
+from socialiq.recordings import census, ego_swap, files
+from socialiq.recordings.maps import road_of
+from socialiq.recordings.reading import Reading
+from socialiq.recordings.recording import Recording
+from socialiq.thesis import held_out
+from socialiq.thesis.store import Results, check_target, save
+
+
+@dataclass(frozen=True)
+class Choices:
+    """How recordings are read as episodes."""
+
+    policy_rate: int = 1
+    """Decisions per second; divides the recording's rate."""
+    speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
+    """Target speeds that actions step through, m/s; the last is v_max of the rewards."""
+    loss: Literal["between_decisions", "summed"] = "between_decisions"
+    """A neighbour's loss of speed: from decision to decision, or every fall between frames."""
+    near: float = 3.0
+    """Seconds that two vehicles may be apart at a conflict to meet there."""
+    road: Path | None = None
+    """Map of recordings that came without one, in their frame: CommonRoad XML, or a recording."""
+
+    def reading(self) -> Reading:
+        """The choices as the library takes them."""
+        return Reading(
+            policy_rate=self.policy_rate,
+            target_speeds=self.speeds,
+            loss=self.loss,
+            near=self.near,
+        )
+
+
+_Choices = tyro.conf.OmitArgPrefixes[Choices]
+
+
+@dataclass(frozen=True)
+class ToDemonstrations:
+    """Make every recorded vehicle that meets a conflict the ego of one episode, in one file.
+
+    Example: socialiq data demonstrations junction.safetensors --out human.safetensors
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`."""
+    out: Path
+    """Demonstrations file to write; must not exist."""
+    choices: _Choices = dataclasses.field(default_factory=Choices)
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Swap, write, tell the counts and why the others are not there."""
+        if self.out.exists():
+            raise UserError(f"{self.out} exists already: name a new file, or remove it first")
+        swapped = swap_all(self.recordings, self.choices)
+        table = ego_swap.demonstrations(swapped)
+        sha256 = demonstration_files.save(self.out, table)
+        counts = [one.counts for one in swapped]
+        if self.json:
+            print_json({"file": str(self.out), "sha256": sha256, "recordings": counts})
+        else:
+            show_counts(counts, str(self.out))
+        return 0
+
+
+@dataclass(frozen=True)
+class TakeCensus:
+    """Where recorded drivers lie in the plane of the two rewards, and how sure that is.
+
+    Example: socialiq data census junction.safetensors --out census
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`."""
+    out: Path | None = None
+    """Folder to write: every driver, the counts, the summary, a picture."""
+    choices: _Choices = dataclasses.field(default_factory=Choices)
+    confidence: float = 0.95
+    """Of all intervals."""
+    seed: int = 0
+    """Of the resampling."""
+    replace: bool = False
+    """Replace an earlier census in the folder."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Count, estimate, write, print."""
+        check_share(self.confidence)
+        if self.out is not None:
+            check_target(self.out, self.replace)
+        swapped = swap_all(self.recordings, self.choices)
+        found = census.take(swapped, self.seed, self.confidence)
+        counts = [one.counts for one in swapped]
+        population = dataclasses.asdict(found.population)
+        summary = {"population": population, "limits": list(census.LIMITS)}
+        drivers = [dataclasses.asdict(one) for one in found.drivers]
+        if self.out is not None:
+            tables = {"drivers": drivers, "recordings": counts}
+            config = _Asked(self.choices, self.confidence, self.seed, sources_of(swapped))
+            results = Results.of("recordings census", config, tables, summary)
+            pictures = png({"census": picture.census(drivers, population)})
+            save(results, self.out, pictures, self.replace)
+        if self.json:
+            print_json({**summary, "recordings": counts, "drivers": drivers})
+        else:
+            show_counts(counts, "Recordings")
+            print_table([{"population": key, "value": said(v)} for key, v in population.items()])
+            sys.stdout.write("\n".join(["What this can't show:", *census.LIMITS]) + "\n")
+        return 0
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Train on all sites but one, predict its drivers' actions, for each in turn.
+
+    The recordings of one CommonRoad map are one site; any other recording is a site of its own.
+
+    Example: socialiq data agreement a.safetensors b.safetensors --angle 0 45 90 --out agreement
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`, of at least two sites."""
+    out: Path
+    """Folder to write."""
+    choices: _Choices = dataclasses.field(default_factory=Choices)
+    angle: tuple[float, ...] = (0.0, 45.0, 90.0)
+    """Target angles of IQ-Learn, degrees."""
+    updates: int = 2000
+    """Gradient steps of each run."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers."""
+    seed: int = 0
+    """Of training."""
+    replace: bool = False
+    """Replace earlier results in the folder."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Train, predict, write, print."""
+        check_target(self.out, self.replace)
+        swapped = swap_all(self.recordings, self.choices)
+        config = held_out.Config(self.angle, self.updates, hidden=self.hidden, seed=self.seed)
+        found = held_out.held_out(ego_swap.demonstrations(swapped), config)
+        methods = found.by_method()
+        summary = {"methods": methods, "finite": found.finite, "failures": list(found.failures)}
+        asked = _Trained(self.choices, config, sources_of(swapped))
+        tables = {"held_out": found.rows, "methods": methods}
+        results = Results.of("recordings agreement", asked, tables, summary)
+        save(results, self.out, {}, self.replace)
+        if self.json:
+            print_json(summary)
+        else:
+            print_table(methods, "Held-out decisions; surprise: mean negative log-likelihood, nats")
+        return 1 if found.failures or not found.finite else 0
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a census was made of."""
+
+    choices: Choices
+    confidence: float
+    seed: int
+    sources: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class _Trained:
+    """What an agreement was made of."""
+
+    choices: Choices
+    training: held_out.Config
+    sources: list[dict[str, Any]]
+
+
+def swap_all(paths: tuple[Path, ...], choices: Choices) -> list[ego_swap.Swapped]:
+    """The ego swap of some files.
+
+    Raises:
+        UserError: If there is none, or one can't be read or swapped; the line names it.
+    """
+    if not paths:
+        raise UserError("no recording: name at least one file of `socialiq data import`")
+    road = None if choices.road is None else road_of(choices.road)
+    reading, found = choices.reading(), []
+    for path in paths:
+        recording = files.load(path)
+        if road is not None:
+            recording = Recording(recording.tracks, road)
+        try:
+            found.append(ego_swap.swap(recording, reading))
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from error
+    return found
+
+
+def sources_of(swapped: list[ego_swap.Swapped]) -> list[dict[str, Any]]:
+    """What was read, by recording."""
+    return [{"recording": one.recording, "source": one.source} for one in swapped]
+
+
+def show_counts(counts: list[dict[str, Any]], title: str) -> None:
+    """What each recording gave, with the sums of several, and why the other tracks gave nothing."""
+    shown = [name for name in counts[0] if name not in ego_swap.REASONS]
+    rows = [{name: row[name] for name in shown} for row in counts]
+    rows = [row | {"recording": one_line(str(row["recording"]))} for row in rows]
+    if len(rows) > 1:
+        total = {name: sum(row[name] for row in counts) for name in shown if name != "recording"}
+        rows.append({"recording": "all", **total})
+    print_table(rows, title)
+    reasons = {name: sum(row[name] for row in counts) for name in ego_swap.REASONS}
+    print_table([{"no episode": name, "tracks": count} for name, count in reasons.items()])
+
+
+def check_share(confidence: float) -> None:
+    """Refuse what is no level of confidence."""
+    if not 0.5 <= confidence < 1.0:
+        raise UserError(f"confidence must be at least 0.5 and below 1, got {confidence:g}")
+
+
+def said(value: Any) -> Any:
+    """A cell for people: an interval in one piece."""
+    if isinstance(value, dict):
+        return f"{value['estimate']:.1f} ({value['low']:.1f} to {value['high']:.1f})"
+    return "not known" if value is None else value

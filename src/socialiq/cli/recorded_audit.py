@@ -1,0 +1,97 @@
+"""`data audit`: one recorded vehicle against a declaration."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.audit import profile as profiles
+from socialiq.audit.decision import Decision
+from socialiq.audit.log import LogVerdict, judge_log, reading_of
+from socialiq.audit.plain import as_json
+from socialiq.cli.output import print_json, print_table
+from socialiq.errors import UserError
+from socialiq.recordings import ego_swap, files
+from socialiq.recordings.maps import road_of
+from socialiq.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class AuditLog:
+    """Is this recorded vehicle's driving consistent with a declared profile?
+
+    Exit status: 0 consistent, 1 not consistent, 2 a mistake in the call, 3 not decided. One vehicle
+    has few decisions, so most answers are 3. Regret can't be computed from a recording.
+
+    Example: socialiq data audit junction.safetensors --track 17 --profile profile.toml
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`."""
+    track: tuple[int, ...]
+    """The vehicle's number in the file; one for all files, or one for each."""
+    profile: Path
+    """The declaration: `socialiq profile new` writes one."""
+    road: Path | None = None
+    """Map of recordings that came without one, in their frame: CommonRoad XML, or a recording."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Annotate the vehicle, hold it against the profile, print the verdict."""
+        declared = profiles.load(self.profile)
+        reading = reading_of(declared)
+        if len(self.track) not in (1, len(self.recordings)):
+            raise UserError("--track takes one number for all files, or one for each")
+        tracks = self.track * (len(self.recordings) if len(self.track) == 1 else 1)
+        road = None if self.road is None else road_of(self.road)
+        driven = []
+        for path, track in zip(self.recordings, tracks, strict=True):
+            recording = files.load(path)
+            recording = recording if road is None else Recording(recording.tracks, road)
+            driven.append(ego_swap.episode_of(recording, track, reading))
+        verdict = judge_log(declared, driven)
+        status = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}[verdict.decision]
+        if self.json:
+            print_json(as_json(verdict) | {"consistent": WORDS[verdict.decision]})
+        else:
+            _show(verdict)
+        return status
+
+
+WORDS = {
+    Decision.PASS: "consistent",
+    Decision.FAIL: "not consistent",
+    Decision.INCONCLUSIVE: "not decided",
+}
+
+
+def _show(verdict: LogVerdict) -> None:
+    sys.stdout.write(f"{WORDS[verdict.decision].upper()}: {verdict.reason}\n")
+    shown = verdict.shown
+    rows: list[dict[str, Any]] = [
+        {
+            "test": "shown angle, degrees",
+            "estimate": shown.angle if shown else "not known",
+            "low": shown.low if shown else "",
+            "high": shown.high if shown else "",
+            "asked for": f"{verdict.declared:g} ± {verdict.margin:g}",
+        }
+    ]
+    rows += [
+        {
+            "test": one.name.replace("_", " "),
+            "estimate": one.share,
+            "low": one.low,
+            "high": one.high,
+            "asked for": f"{one.side} {one.limit:g}",
+        }
+        for one in verdict.competence
+    ]
+    print_table(rows)
+    for what, why in verdict.not_tested.items():
+        sys.stdout.write(f"Not tested: {what}; {why}.\n")

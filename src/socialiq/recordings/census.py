@@ -1,0 +1,262 @@
+"""Census: where recorded drivers lie in the plane of the two rewards, and how sure that is.
+
+A driver's point is the mean reward pair of a decision, over its one episode; its angle is the
+point's direction. An angle so found is a description of what happened around a vehicle. It isn't
+what the driver wanted, and not an angle that a policy could be trained at: see `LIMITS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from socialiq.errors import UserError
+from socialiq.recordings.directions import Directions, directions
+from socialiq.recordings.ego_swap import Swapped, check_distinct
+from socialiq.social.angle import angle_of
+from socialiq.social.estimate import resampled
+from socialiq.types import Ending
+from socialiq.worlds.intersection.settings import SIGNALS
+
+LIMITS = (
+    "A neighbour's loss of speed was observed, not caused: it may have braked for somebody else, "
+    "for a signal, or for its own turn.",
+    "Where the recording holds no signal states, waiting at a red light counts as yielding.",
+    "A driver has few decisions. Who stands all the time has a narrow interval that says little: "
+    "nothing changed.",
+    "The intervals of single drivers take decisions as independent, which neighbouring seconds "
+    "are not: true intervals are wider.",
+    "Drivers of one recording meet each other; intervals over recordings allow for it, those over "
+    "drivers do not.",
+    "An episode that leaves the field of view says nothing of what came after.",
+)
+"""What no census can show."""
+
+STANDING = 0.5
+"""m/s; who is slower on average stands, at a signal or in a queue."""
+
+LEAST_DECISIONS = 3
+"""Of an episode that gives an interval: a plane's covariance needs three points."""
+
+
+@dataclass(frozen=True)
+class Driver:
+    """One recorded driver.
+
+    Attributes:
+        recording: Its name.
+        identity: The vehicle's number in the file.
+        decisions: Of its episode.
+        seconds: Of its episode.
+        ending: "arrival", "collision", or "truncated" where it left the view.
+        r_env: Mean of a decision.
+        r_social: Mean of a decision.
+        angle: Direction of the two, degrees; None if both are 0.
+        low: Smallest direction of the confidence region, degrees; None if the region holds the
+            origin, so that every direction is possible, or there are fewer than three decisions.
+        high: Largest one.
+        speed: Mean at the ends of its decisions, m/s.
+        yielding: Mean of that signal, unweighted.
+        disruption: Mean of that signal, unweighted.
+        residual: Root mean square of what the inferred actions leave unexplained, m/s.
+    """
+
+    recording: str
+    identity: int
+    decisions: int
+    seconds: float
+    ending: str
+    r_env: float
+    r_social: float
+    angle: float | None
+    low: float | None
+    high: float | None
+    speed: float
+    yielding: float
+    disruption: float
+    residual: float
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with a percentile interval, degrees; unwrapped around the estimate."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Population:
+    """All drivers together, each counted once.
+
+    Attributes:
+        drivers: How many.
+        recordings: How many they come from.
+        r_env: Mean of the drivers' points.
+        r_social: Mean of the drivers' points.
+        sd_env: Standard deviation of the drivers' points; it holds their noise too.
+        sd_social: Likewise.
+        over_drivers: Angle of the mean point, drivers drawn anew.
+        over_recordings: The same, whole recordings drawn anew; None with fewer than two.
+        standing: Drivers whose mean speed is below `STANDING`.
+        of_the_moving: Angle of the mean point of the others, drivers drawn anew; None without any.
+        circular_sd: Of the drivers' angles, degrees.
+        with_direction: Drivers whose angle has an interval.
+        confidence: Of all intervals.
+    """
+
+    drivers: int
+    recordings: int
+    r_env: float
+    r_social: float
+    sd_env: float
+    sd_social: float
+    over_drivers: Interval
+    over_recordings: Interval | None
+    standing: int
+    of_the_moving: Interval | None
+    circular_sd: float
+    with_direction: int
+    confidence: float
+
+
+@dataclass(frozen=True)
+class Census:
+    """What was found.
+
+    Attributes:
+        drivers: One by one.
+        population: Together.
+    """
+
+    drivers: tuple[Driver, ...]
+    population: Population
+
+
+def take(
+    swapped: Sequence[Swapped], seed: int = 0, confidence: float = 0.95, resamples: int = 2000
+) -> Census:
+    """Take the census of some recordings.
+
+    Args:
+        swapped: Of the ego swap.
+        seed: Of the resampling.
+        confidence: Of all intervals.
+        resamples: How many.
+
+    Raises:
+        UserError: If no vehicle meets a conflict, or a recording was given twice.
+    """
+    check_distinct(swapped)
+    drivers = [
+        _driver(each, place, confidence) for each in swapped for place in range(len(each.episodes))
+    ]
+    if not drivers:
+        raise UserError(
+            "no vehicle of these recordings meets a conflict, so there is nobody to count: "
+            "`socialiq data demonstrations` tells the reasons"
+        )
+    names = [one.recording for one in drivers]
+    group = np.unique(names, return_inverse=True)[1]
+    points = np.array([[one.r_env, one.r_social] for one in drivers])
+    return Census(tuple(drivers), _population(drivers, points, group, seed, confidence, resamples))
+
+
+def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
+    one = swapped.episodes[place]
+    env, social = one.pair.mean(axis=0).tolist()
+    found: Directions | None = None
+    if len(one.pair) >= LEAST_DECISIONS:
+        found = directions(one.pair, confidence)
+    ending = Ending(int(one.ending[-1]))
+    return Driver(
+        recording=swapped.recording,
+        identity=swapped.identity[place],
+        decisions=len(one.pair),
+        seconds=len(one.pair) / swapped.reading.policy_rate,
+        ending="truncated" if ending == Ending.TIMEOUT else ending.name.lower(),
+        r_env=env,
+        r_social=social,
+        angle=angle_of(env, social) if env or social else None,
+        low=found.low if found else None,
+        high=found.high if found else None,
+        speed=float(one.speed[1:].mean()),
+        yielding=float(one.signals[:, SIGNALS.index("yielding")].mean()),
+        disruption=float(one.signals[:, SIGNALS.index("disruption")].mean()),
+        residual=float(np.sqrt((one.residual**2).mean())),
+    )
+
+
+def _population(
+    drivers: Sequence[Driver],
+    points: Float64[np.ndarray, "driver 2"],
+    group: Int64[np.ndarray, " driver"],
+    seed: int,
+    confidence: float,
+    resamples: int,
+) -> Population:
+    known = np.radians([one.angle for one in drivers if one.angle is not None])
+    count = int(group.max()) + 1
+    sums = np.stack([np.bincount(group, points[:, axis]) for axis in range(2)], axis=1)
+    sizes = np.bincount(group).astype(np.float64)
+    spread = points.std(axis=0, ddof=1) if len(points) > 1 else np.full(2, np.nan)
+    one_each = np.ones(len(points))
+    mean = points.mean(axis=0)
+    moving = np.array([one.speed >= STANDING for one in drivers])
+    return Population(
+        drivers=len(drivers),
+        recordings=count,
+        r_env=float(mean[0]),
+        r_social=float(mean[1]),
+        sd_env=float(spread[0]),
+        sd_social=float(spread[1]),
+        over_drivers=_interval(points, one_each, seed, confidence, resamples),
+        over_recordings=(
+            _interval(sums, sizes, seed, confidence, resamples) if count > 1 else None
+        ),
+        standing=int((~moving).sum()),
+        of_the_moving=(
+            _interval(points[moving], one_each[moving], seed, confidence, resamples)
+            if moving.any()
+            else None
+        ),
+        circular_sd=circular_sd(known),
+        with_direction=sum(one.low is not None for one in drivers),
+        confidence=confidence,
+    )
+
+
+def _interval(
+    sums: Float64[np.ndarray, "unit 2"],
+    sizes: Float64[np.ndarray, " unit"],
+    seed: int,
+    confidence: float,
+    resamples: int,
+) -> Interval:
+    """Angle of the mean point with whole units drawn anew; deviations are wrapped."""
+    angle = angle_of(*(sums.sum(axis=0) / sizes.sum()).tolist())
+    means = [
+        sums[rows].sum(axis=1) / sizes[rows].sum(axis=1, keepdims=True)
+        for rows in resampled(len(sizes), resamples, seed)
+    ]
+    drawn = np.concatenate(means)
+    deviations = np.degrees(np.arctan2(drawn[:, 1], drawn[:, 0])) - angle
+    wrapped = (deviations + 180.0) % 360.0 - 180.0
+    low, high = angle + np.quantile(wrapped, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return Interval(angle, float(low), float(high))
+
+
+def circular_sd(angles: Float64[np.ndarray, " driver"]) -> float:
+    """Circular standard deviation sqrt(-2 ln R) in degrees (Mardia & Jupp 2000, 2.3.11).
+
+    Args:
+        angles: rad.
+    """
+    if len(angles) == 0:
+        return float("nan")
+    length = float(np.hypot(np.cos(angles).mean(), np.sin(angles).mean()))
+    return float(np.degrees(np.sqrt(-2 * np.log(min(length, 1.0))))) if length > 0 else float("inf")

@@ -1,0 +1,60 @@
+"""Velocities and headings from positions, for files that have none."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.signal import savgol_filter
+
+STILL = 0.5
+"""m/s; slower than this, the direction of a smoothed displacement is noise and the last direction
+at speed is kept."""
+
+WINDOW = 1.1
+"""s over which positions are smoothed by a quadratic before they are differenced."""
+
+Column = Float64[np.ndarray, " state"]
+
+
+def wrapped(angle: Column) -> Column:
+    """The same direction in (-π, π]; an angle that lies there keeps its bits."""
+    outside = (angle <= -np.pi) | (angle > np.pi)
+    return np.where(outside, np.pi - np.mod(np.pi - angle, 2 * np.pi), angle)
+
+
+def differences(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
+    """Velocity of one track by central differences; one-sided at its ends, 0 for a single state."""
+    if len(x) < 2:
+        return np.zeros(len(x)), np.zeros(len(x))
+    return np.gradient(x, dt), np.gradient(y, dt)
+
+
+def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
+    """Velocity of one track, in m/s, by a local quadratic over `WINDOW` (Savitzky and Golay 1964).
+
+    Its frames are as many as fit the window and the track, an odd number; a track of fewer than
+    three states is differenced.
+    """
+    window = min(2 * round(WINDOW / dt / 2) + 1, len(x) - (len(x) + 1) % 2)
+    if window < 3:
+        return differences(x, y, dt)
+    vx, vy = (
+        np.asarray(savgol_filter(one, window, 2, deriv=1, delta=dt, mode="interp"))
+        for one in (x, y)
+    )
+    return vx, vy
+
+
+def heading_of_motion(vx: Column, vy: Column) -> Column | None:
+    """The direction of travel; where one track is `STILL`, that of the last state that was not.
+
+    Before a track first moves it is the direction in which it then moves off.
+
+    Returns:
+        rad in (-π, π], or None where the track never moves and so shows no heading.
+    """
+    moving = np.flatnonzero(np.hypot(vx, vy) >= STILL)
+    if not len(moving):
+        return None
+    last = np.maximum(np.searchsorted(moving, np.arange(len(vx)), side="right") - 1, 0)
+    return np.arctan2(vy, vx)[moving[last]]

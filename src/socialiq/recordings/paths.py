@@ -1,0 +1,192 @@
+"""Lines that are driven along, and coordinates along them: how far, and how far to the side.
+
+A point before a line's start or behind its end is measured along the line's straight extension,
+on an arc along the circle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64
+
+ARC_TOLERANCE = 1e-6  # m; points this close to a circle were made from one
+_LEAST_POINTS = 8  # of an arc: three points lie on a circle anyway
+_LARGEST_RADIUS = 1000.0  # m; what is flatter is a polyline
+
+
+class Coordinates(NamedTuple):
+    """Points seen from a line.
+
+    Attributes:
+        along: m from the line's start; negative before it.
+        lateral: m to the left of it.
+        heading: Direction of the line there, rad.
+    """
+
+    along: Float64[np.ndarray, " point"]
+    lateral: Float64[np.ndarray, " point"]
+    heading: Float64[np.ndarray, " point"]
+
+
+@runtime_checkable
+class Path(Protocol):
+    """A line with coordinates along it."""
+
+    @property
+    def length(self) -> float:
+        """Length in m."""
+        ...
+
+    @property
+    def heading_at_start(self) -> float:
+        """Direction of the line where it begins, rad."""
+        ...
+
+    @property
+    def heading_at_end(self) -> float:
+        """Direction of the line where it ends, rad."""
+        ...
+
+    def coordinates(
+        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
+    ) -> Coordinates:
+        """Where points lie along and beside the line."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Polyline:
+    """Straight pieces from point to point.
+
+    Attributes:
+        points: At least two, no two neighbours the same.
+    """
+
+    points: Float64[np.ndarray, "point 2"]
+
+    @cached_property
+    def steps(self) -> Float64[np.ndarray, "piece 2"]:
+        """From each point to the next, m."""
+        return np.diff(self.points, axis=0)
+
+    @cached_property
+    def _lengths(self) -> Float64[np.ndarray, " piece"]:
+        return np.hypot(*self.steps.T)
+
+    @cached_property
+    def starts(self) -> Float64[np.ndarray, " piece"]:
+        """How far along the line each piece begins, m."""
+        return np.concatenate([[0.0], np.cumsum(self._lengths)[:-1]])
+
+    @property
+    def length(self) -> float:
+        """Length in m."""
+        return float(self._lengths.sum())
+
+    @property
+    def heading_at_start(self) -> float:
+        """Direction of the first piece, rad."""
+        return float(np.arctan2(self.steps[0, 1], self.steps[0, 0]))
+
+    @property
+    def heading_at_end(self) -> float:
+        """Direction of the last piece, rad."""
+        return float(np.arctan2(self.steps[-1, 1], self.steps[-1, 0]))
+
+    def coordinates(
+        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
+    ) -> Coordinates:
+        """Projection on the nearest piece, of equally near ones the first."""
+        steps, starts, lengths = self.steps, self.starts, self._lengths
+        unit = steps / lengths[:, None]
+        dx, dy = x[:, None] - self.points[:-1, 0], y[:, None] - self.points[:-1, 1]
+        along = dx * unit[:, 0] + dy * unit[:, 1]
+        left = dy * unit[:, 0] - dx * unit[:, 1]
+        low, high = np.zeros(len(steps)), lengths.copy()
+        low[0], high[-1] = -np.inf, np.inf
+        outside = along - np.clip(along, low, high)
+        piece = np.argmin(np.hypot(outside, left), axis=1)
+        rows = np.arange(len(x))
+        beside = np.copysign(np.hypot(outside, left), left)[rows, piece]
+        inside = np.clip(along, low, high)[rows, piece]
+        heading = np.arctan2(unit[:, 1], unit[:, 0])[piece]
+        return Coordinates(starts[piece] + inside, beside, heading)
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A part of a circle.
+
+    Attributes:
+        x: Centre, m.
+        y: Centre, m.
+        radius: m.
+        phase: Angle at which it starts, rad.
+        sense: 1 counter-clockwise, -1 clockwise.
+        length: m.
+    """
+
+    x: float
+    y: float
+    radius: float
+    phase: float
+    sense: float
+    length: float
+
+    @property
+    def heading_at_start(self) -> float:
+        """Direction of the tangent where it starts, rad."""
+        return self.phase + self.sense * np.pi / 2
+
+    @property
+    def heading_at_end(self) -> float:
+        """Direction of the tangent where it ends, rad."""
+        return self.heading_at_start + self.sense * self.length / self.radius
+
+    def coordinates(
+        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
+    ) -> Coordinates:
+        """Polar coordinates, the angle counted at most half a turn either way from the start."""
+        dx, dy = x - self.x, y - self.y
+        turned = wrapped(np.arctan2(dy, dx) - self.phase)
+        lateral = self.sense * (self.radius - np.hypot(dx, dy))
+        heading = wrapped(self.phase + turned + self.sense * np.pi / 2)
+        return Coordinates(self.sense * turned * self.radius, lateral, heading)
+
+
+def wrapped(angle: Float64[np.ndarray, " point"]) -> Float64[np.ndarray, " point"]:
+    """The same angles in [-π, π)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def path_of(points: Float64[np.ndarray, "point 2"]) -> Path:
+    """The line through some points: an arc if they were made from one, else straight pieces."""
+    moved = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 0])
+    kept = points[moved]
+    return _arc_of(kept) or Polyline(kept)
+
+
+def _arc_of(points: Float64[np.ndarray, "point 2"]) -> Arc | None:
+    if len(points) < _LEAST_POINTS:
+        return None
+    first, middle, last = points[0], points[len(points) // 2], points[-1]
+    system = 2 * np.array([middle - first, last - first])
+    if abs(np.linalg.det(system)) < ARC_TOLERANCE:
+        return None
+    sides = [middle @ middle - first @ first, last @ last - first @ first]
+    centre = np.linalg.solve(system, np.array(sides))
+    away = points - centre
+    radius = float(np.hypot(*away[0]))
+    if radius > _LARGEST_RADIUS or (abs(np.hypot(*away.T) - radius) > ARC_TOLERANCE).any():
+        return None
+    phases = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    turn = float(phases[-1] - phases[0])
+    if abs(turn) > np.pi:
+        return None
+    sense = float(np.sign(turn))
+    x, y = centre.tolist()
+    return Arc(x, y, radius, float(phases[0]), sense, radius * abs(turn))

@@ -1,0 +1,267 @@
+"""Whether tracks can be true: speeds against displacements, headings, sizes, overlaps.
+
+A recording is measured, so nothing fits exactly, and the tolerances say how much is allowed. They
+are set by twelve scenarios of NGSIM, whose noise is known to be large, so that what they refuse is
+no noise (docs/recordings.md has the figures). A track that fails is left out with its reason; if
+most fail in the same way, the file is refused and the unit that explains it is named.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from socialiq.errors import UserError
+from socialiq.recordings.imported import Refused
+from socialiq.recordings.overlaps import overlaps
+from socialiq.recordings.tracks import RoadUser, Tracks
+
+SPEED_ERROR = 1.0
+"""m/s; a track's mean difference of stated and driven speed may be this ..."""
+SPEED_SHARE = 0.1
+"""... and this share of its mean driven speed. Single states of NGSIM differ by up to 8.5 m/s, for
+its speeds and positions were smoothed apart; half of its tracks by less than 0.12 in the mean."""
+
+JUMP = 1.5
+"""m; how much further than its speed says a road user may get from one frame to the next. The most
+among the twelve is 0.85."""
+
+FASTEST = 70.0
+"""m/s; 252 km/h."""
+
+MOVING = 2.0
+"""m/s; directions are judged where the driven speed is at least this."""
+
+HEADING_ERROR = np.radians(20.0)
+"""A track's median angle between heading, or velocity, and displacement. The middle of a car of 5 m
+that turns with a radius of 6 m moves some 14° beside its heading; measured headings add a few."""
+
+FEWEST_STEPS = 3
+"""Directions of a track with fewer moving steps are not judged."""
+
+LONGEST, WIDEST = 30.0, 4.5
+"""m; road trains are as long, wide loads as wide."""
+SHORTEST = 0.2
+"""m; a pedestrian's box."""
+
+DEEPEST_OVERLAP = 0.5
+"""m; the accuracy of positions from video. The deepest among the twelve is 0.49."""
+
+_FOOT = 0.3048
+
+_RATIOS = {
+    1 / _FOOT: "positions are in feet",
+    _FOOT: "velocities are in feet per second",
+    1 / 3.6: "velocities are in km/h",
+    0.44704: "velocities are in miles per hour",
+}
+"""What a ratio of driven to stated speed says."""
+
+_HEADINGS = {
+    "degrees, read as radians": lambda heading: np.radians(heading),
+    "radians, read as degrees": lambda heading: np.degrees(heading),
+    "clockwise: does y point down?": lambda heading: -heading,
+    "clockwise from north": lambda heading: np.pi / 2 - heading,
+}
+
+
+def sift(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
+    """Leave out the tracks that cannot be true.
+
+    Returns:
+        The others, and why each was left out.
+
+    Raises:
+        UserError: If no track is left, or most fail in a way that a wrong unit explains.
+    """
+    reasons = np.full(tracks.n_tracks, "", object)
+    steps = _steps(tracks)
+    for check in (_check_sizes, _check_speeds, _check_jumps, _check_directions):
+        check(tracks, steps, reasons)
+    good = reasons == ""
+    if good.any():
+        _check_overlaps(tracks, good, reasons)
+    refused = [
+        Refused(str(tracks.identity[one]), str(reasons[one]))
+        for one in np.flatnonzero(reasons != "")
+    ]
+    if len(refused) == tracks.n_tracks:
+        raise UserError(
+            f"none of the {len(refused)} tracks can be true; the first, {refused[0].identity}: "
+            f"{refused[0].reason}"
+        )
+    return tracks.kept(reasons == ""), refused
+
+
+class _Steps(NamedTuple):
+    """From each state to the next of its track."""
+
+    track: Int64[np.ndarray, " step"]
+    row: Int64[np.ndarray, " step"]
+    driven: Float64[np.ndarray, " step"]
+    stated: Float64[np.ndarray, " step"]
+    to_heading: Float64[np.ndarray, " step"]
+    to_velocity: Float64[np.ndarray, " step"]
+    direction: Float64[np.ndarray, " step"]
+    heading: Float64[np.ndarray, " step"]
+
+
+def _steps(tracks: Tracks) -> _Steps:
+    row = np.flatnonzero(np.diff(tracks.track) == 0)
+    after = row + 1
+    dx, dy = tracks.x[after] - tracks.x[row], tracks.y[after] - tracks.y[row]
+    speed = np.hypot(tracks.vx, tracks.vy)
+    direction = np.arctan2(dy, dx)
+    vx, vy = tracks.vx[row] + tracks.vx[after], tracks.vy[row] + tracks.vy[after]
+    east = np.cos(tracks.heading[row]) + np.cos(tracks.heading[after])
+    north = np.sin(tracks.heading[row]) + np.sin(tracks.heading[after])
+    heading = np.arctan2(north, east)
+    return _Steps(
+        track=tracks.track[row].astype(np.int64),
+        row=row,
+        driven=np.hypot(dx, dy) / tracks.dt,
+        stated=(speed[row] + speed[after]) / 2,
+        to_heading=_axis_angle(direction - heading),
+        to_velocity=_angle(direction - np.arctan2(vy, vx)),
+        direction=direction,
+        heading=heading,
+    )
+
+
+def _angle(difference: np.ndarray) -> np.ndarray:
+    """Between two directions, in [0, π]."""
+    return np.abs(np.mod(difference + np.pi, 2 * np.pi) - np.pi)
+
+
+def _axis_angle(difference: np.ndarray) -> np.ndarray:
+    """Between two axes, in [0, π/2]: who reverses moves along its axis too."""
+    angle = _angle(difference)
+    return np.minimum(angle, np.pi - angle)
+
+
+def _mean(values: np.ndarray, track: np.ndarray, n_tracks: int) -> np.ndarray:
+    """Mean by track; 0 where a track has no step."""
+    counts = np.bincount(track, minlength=n_tracks)
+    return np.bincount(track, values, n_tracks) / np.maximum(counts, 1)
+
+
+def _check_sizes(tracks: Tracks, _: _Steps, reasons: np.ndarray) -> None:
+    bad = _wrong_size(tracks, 1.0)
+    if 2 * bad.sum() > len(bad) and 2 * _wrong_size(tracks, _FOOT)[bad].sum() < bad.sum():
+        raise UserError(
+            f"{bad.sum()} of {len(bad)} tracks have impossible sizes, which are possible in feet: "
+            "give sizes in metres, or say that they are in feet"
+        )
+    for one in np.flatnonzero(bad):
+        reasons[one] = (
+            f"{tracks.length[one]:.3g} m long and {tracks.width[one]:.3g} m wide: no road user is "
+            f"({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
+        )
+
+
+def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
+    length, width = tracks.length * unit, tracks.width * unit
+    # A person may be wider than long, so the least of the two is judged.
+    return (np.minimum(length, width) < SHORTEST) | (length > LONGEST) | (width > WIDEST)
+
+
+def _check_speeds(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
+    n = tracks.n_tracks
+    driven, stated = (_mean(one, steps.track, n) for one in (steps.driven, steps.stated))
+    error = _mean(np.abs(steps.driven - steps.stated), steps.track, n)
+    bad = error > SPEED_ERROR + SPEED_SHARE * driven
+    moves = np.maximum(driven, stated) > MOVING
+    if 2 * (bad & moves).sum() > max(moves.sum(), 1):
+        ratio = float(np.median(driven[bad & moves] / np.maximum(stated[bad & moves], 1e-9)))
+        nearest = min(_RATIOS, key=lambda one: abs(ratio / one - 1))
+        unit = _RATIOS[nearest] if abs(ratio / nearest - 1) < 0.1 else ""
+        raise UserError(
+            f"in {(bad & moves).sum()} of {moves.sum()} moving tracks the driven speed is about "
+            f"{ratio:.3g} times the stated one: "
+            f"{unit or 'positions, velocities or the frame rate have another unit'}"
+        )
+    for one in np.flatnonzero(bad & (reasons == "")):
+        reasons[one] = (
+            f"drives {driven[one]:.2f} m/s but states {stated[one]:.2f} (means; {error[one]:.2f} "
+            "apart from frame to frame)"
+        )
+    fastest = np.zeros(n)
+    np.maximum.at(fastest, tracks.track, np.hypot(tracks.vx, tracks.vy))
+    for one in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
+        reasons[one] = f"states {fastest[one]:.1f} m/s, more than {FASTEST:g}"
+
+
+def _check_jumps(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
+    further = (steps.driven - steps.stated) * tracks.dt
+    for step in np.flatnonzero(further > JUMP):
+        one = steps.track[step]
+        if reasons[one] == "":
+            reasons[one] = (
+                f"jumps {further[step]:.2f} m further than its speed says after frame "
+                f"{tracks.frame[steps.row[step]]}"
+            )
+
+
+def _check_directions(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
+    moving = steps.driven >= MOVING
+    # People walk backwards and sideways, and their boxes have no front.
+    walks = tracks.road_user == RoadUser.PEDESTRIAN
+    along = moving & ~walks[steps.track]
+    medians = _medians(steps.to_heading[along], steps.track[along], tracks.n_tracks)
+    bad, judged = medians > HEADING_ERROR, ~np.isnan(medians)
+    if 2 * bad.sum() > max(judged.sum(), 1):
+        raise UserError(
+            f"in {bad.sum()} of {judged.sum()} tracks the heading is not the way they move: "
+            f"{_headings_read_as(steps, along, tracks.n_tracks)}"
+        )
+    for one in np.flatnonzero(bad & (reasons == "")):
+        reasons[one] = f"heading {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+    medians = _medians(steps.to_velocity[moving], steps.track[moving], tracks.n_tracks)
+    bad, judged = medians > HEADING_ERROR, ~np.isnan(medians)
+    if 2 * bad.sum() > max(judged.sum(), 1):
+        raise UserError(
+            f"in {bad.sum()} of {judged.sum()} tracks the velocity does not point the way they "
+            "move: do positions and velocities have the same axes, and does y point up?"
+        )
+    for one in np.flatnonzero(bad & (reasons == "")):
+        reasons[one] = f"velocity {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+
+
+def _headings_read_as(steps: _Steps, along: np.ndarray, n_tracks: int) -> str:
+    for told, read in _HEADINGS.items():
+        if "as degrees" in told and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
+            continue  # A turn of radians is six degrees.
+        angle = _axis_angle(steps.direction[along] - read(steps.heading[along]))
+        medians = _medians(angle, steps.track[along], n_tracks)
+        if 2 * (medians <= HEADING_ERROR).sum() > (~np.isnan(medians)).sum():
+            return f"headings are {told}"
+    return "headings are wrong, or the axes of positions are not those of headings"
+
+
+def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
+    """Median by track, NaN where a track has fewer than `FEWEST_STEPS`; rows in order of tracks."""
+    found = np.full(n_tracks, np.nan)
+    ends = np.searchsorted(track, np.arange(n_tracks + 1))
+    for one in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
+        found[one] = np.median(values[ends[one] : ends[one + 1]])
+    return found
+
+
+def _check_overlaps(tracks: Tracks, good: Bool[np.ndarray, " track"], reasons: np.ndarray) -> None:
+    """Nobody can tell which of two that overlap is wrong, so both go."""
+    kept, numbers = tracks.kept(good), np.flatnonzero(good)
+    found = overlaps(kept)
+    # The deepest first: it is the one that is told.
+    for place in np.argsort(-found.depth, kind="stable"):
+        if found.depth[place] <= DEEPEST_OVERLAP:
+            break
+        rows = int(found.first[place]), int(found.second[place])
+        for row, beside in (rows, rows[::-1]):
+            one = numbers[kept.track[row]]
+            if reasons[one] == "":
+                reasons[one] = (
+                    f"lies {found.depth[place]:.2f} m deep in {kept.identity[kept.track[beside]]} "
+                    f"at frame {kept.frame[row]}"
+                )

@@ -1,0 +1,80 @@
+"""How recorded driving is read as episodes: every choice by name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, get_args
+
+from socialiq.errors import UserError, one_of
+from socialiq.worlds.intersection.options import Options
+
+Loss = Literal["between_decisions", "summed"]
+Contact = Literal["overlap", "predicted"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The readings that a recording needs beside those of the simulator.
+
+    Attributes:
+        policy_rate: Decisions per second; divides the recording's rate.
+        target_speeds: Speeds in m/s that actions step through; the last is v_max of the rewards.
+        loss: A neighbour's loss of speed. "between_decisions" is the simulator's: its speed at
+            one decision less that at the next, or since it came into view, each taken from the
+            recording's own frame. "summed" adds up every fall from frame to frame at the
+            recording's rate, so a vehicle that brakes and speeds up again is charged as well.
+        contact: When the ego has collided. "overlap": its rectangle lies on another's.
+            "predicted" is the simulator's: or would in the frame before, at the speeds then.
+        slack: m by which both rectangles are shorter and narrower than recorded before they
+            overlap: recorded boxes touch where their drivers did not. 0 with "predicted".
+        near: s. Two vehicles meet in a conflict if they are at it, within `reach`, at times
+            that are no further apart.
+        reach: m before a junction that count as being at it.
+        clock: Whether an episode times out after the options' duration, with that penalty.
+            Recorded drivers have no such clock.
+        options: Readings and weights of the rewards; the three frequencies, speeds and the
+            canonical order are set from this reading and the recording.
+    """
+
+    policy_rate: int = 1
+    target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
+    loss: Loss = "between_decisions"
+    contact: Contact = "overlap"
+    slack: float = 0.3
+    near: float = 3.0
+    reach: float = 20.0
+    clock: bool = False
+    options: Options = field(default_factory=Options)
+
+    def __post_init__(self) -> None:
+        one_of("loss", self.loss, get_args(Loss))
+        one_of("contact", self.contact, get_args(Contact))
+        for name in ("near", "reach", "slack"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise UserError(f"{name} must be a number of at least 0, got {value}")
+
+    def options_at(self, dt: float) -> Options:
+        """The simulator's options at a recording's rate.
+
+        Args:
+            dt: s between frames.
+
+        Raises:
+            UserError: If the rate is no whole number or no multiple of the policy rate.
+        """
+        rate = round(1 / dt)
+        if abs(rate * dt - 1) > 1e-6 or rate % self.policy_rate:
+            raise UserError(
+                f"the recording has a frame every {dt:g} s, and a decision needs a whole number "
+                f"of them: choose a policy rate that divides {1 / dt:g}"
+            )
+        given: dict[str, Any] = {f.name: getattr(self.options, f.name) for f in fields(Options)}
+        given |= {
+            "simulation_frequency": rate,
+            "policy_frequency": self.policy_rate,
+            "target_speeds": self.target_speeds,
+            "canonical": True,
+        }
+        return Options(**given)

@@ -1,0 +1,53 @@
+"""The twelve recorded CommonRoad scenarios, where the environment names their folder."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("shapely", reason="extra `data` is not installed")
+
+from socialiq.errors import UserError
+from socialiq.recordings.commonroad import read_commonroad
+from socialiq.recordings.ego_swap import check_distinct, demonstrations, swap
+from socialiq.recordings.splits import recordings_of, split
+from socialiq.types import Ending
+
+FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
+pytestmark = pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder")
+
+
+@pytest.fixture(scope="module")
+def swapped():
+    paths = sorted(Path(FOLDER).glob("*.xml"))
+    assert len(paths) == 12
+    return {path.stem: swap(read_commonroad(path).recording) for path in paths}
+
+
+def test_everybody_is_an_episode_or_has_a_reason(swapped):
+    assert sum(one.n_tracks for one in swapped.values()) == 336
+    for one in swapped.values():
+        assert len(one.episodes) + sum(one.left_out.values()) == one.n_tracks
+    assert sum(len(one.episodes) for one in swapped.values()) > 150
+    assert sum(one.n_transitions for one in swapped.values()) > 700
+
+
+def test_two_of_the_twelve_are_the_same_moments(swapped):
+    with pytest.raises(UserError, match="USA_Lanker-1_17_T-1 and USA_Lanker-1_3_T-1 hold the same"):
+        check_distinct([swapped["USA_Lanker-1_17_T-1"], swapped["USA_Lanker-1_3_T-1"]])
+
+
+def test_the_table_is_sound(swapped):
+    table = demonstrations([one for name, one in swapped.items() if name != "USA_Lanker-1_17_T-1"])
+    own = table.observation.reshape(-1, 10, 7)[:, 0]
+    assert (own[:, 0] == 1.0).all()
+    assert (abs(table.rewards.env) < 3.0).all()
+    # nobody collides: recorded boxes that touch by less than the slack are no collisions
+    assert not (table.ending == Ending.COLLISION).any()
+    # at the start of an episode the ego is south of the junction and looks north, within 45°
+    south = own[table.episode_starts]
+    assert np.mean((south[:, 2] > 0) & (south[:, 6] < -0.7)) > 0.9
+    train, test = split(table, ["USA_Peach-4_1_T-1"])
+    assert "USA_Peach-4_1_T-1" not in recordings_of(train)[0]
+    assert train.n_episodes + test.n_episodes == table.n_episodes

@@ -1,0 +1,96 @@
+"""`socialiq data import`: what is written, what is printed, what is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.recordings import files
+from socialiq.recordings.export import write_csv
+
+EXAMPLES = sorted((Path(__file__).parents[3] / "examples" / "recordings").glob("*.xml"))
+
+
+def refused(capsys, *arguments):
+    assert main(["data", "import", *map(str, arguments)]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1
+    return said.err
+
+
+def test_scenarios_become_files(tmp_path, capsys):
+    out = tmp_path / "out"
+    call = ["data", "import", "commonroad", *map(str, EXAMPLES), "--out", str(out)]
+    assert main([*call, "--json"]) == 0
+    first, second = json.loads(capsys.readouterr().out)["recordings"]
+    assert (first["recording"], first["tracks"], first["states"]) == (
+        "ZAM_Crossing-1_1_T-1",
+        3,
+        120,
+    )
+    assert first["refused"] == [] and second["skipped"] == {"planningProblem": 1}
+    found = files.load(out / first["file"])
+    assert found.tracks.identity.tolist() == [101, 102, 103] and len(found.road.lanelets) == 9
+    assert sorted(one.name for one in out.iterdir()) == [
+        "ZAM_Crossing-1_1_T-1.safetensors",
+        "ZAM_Crossing-2_1_T-1.safetensors",
+        "refused.csv",
+    ]
+    # The folder is never written over.
+    assert "exists already" in refused(capsys, "commonroad", EXAMPLES[0], "--out", out)
+
+
+def test_refused_tracks_are_printed_and_written(tmp_path, capsys):
+    text = EXAMPLES[0].read_text().replace("<length>4.5</length>", "<length>45.0</length>")
+    path, out = tmp_path / "s.xml", tmp_path / "out"
+    path.write_text(text)
+    assert main(["data", "import", "commonroad", str(path), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "refused tracks" in said and "45 m long" in said
+    lines = (out / "refused.csv").read_text().splitlines()
+    assert lines[0] == "recording,identity,reason"
+    assert lines[1].startswith('ZAM_Crossing-1_1_T-1,101,"45 m long and 1.8 m wide')
+
+
+def test_csv_needs_a_column_map_and_has_one(tmp_path, capsys):
+    path = write_csv(files_of_example().tracks, "ind", tmp_path)
+    out = tmp_path / "out"
+    assert "--columns goes with csv" in refused(capsys, "csv", path, "--out", out)
+    assert "--columns goes with csv" in refused(
+        capsys, "commonroad", EXAMPLES[0], "--columns", "ind", "--out", out
+    )
+    assert main(["data", "import", "csv", str(path), "--columns", "ind", "--out", str(out)]) == 0
+    assert "120" in capsys.readouterr().out
+
+
+def files_of_example():
+    from socialiq.recordings.importing import import_file
+
+    return import_file(EXAMPLES[0])[0].recording
+
+
+def test_mistakes_leave_nothing_behind(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert "no such file" in refused(capsys, "commonroad", tmp_path / "absent.xml", "--out", out)
+    assert "unknown format 'waymo'" in refused(capsys, "waymo", EXAMPLES[0], "--out", out)
+    assert "at least one file" in refused(capsys, "commonroad", "--out", out)
+    assert "is named ZAM_Crossing-1_1_T-1 too" in refused(
+        capsys, "commonroad", EXAMPLES[0], EXAMPLES[0], "--out", out
+    )
+    line = refused(capsys, "commonroad", EXAMPLES[0], "--most-states", 100, "--out", out)
+    assert "more than 100 states" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a\x1b[2Jb"])
+def test_names_of_recordings_stay_inside_the_folder(tmp_path, capsys, name):
+    escaped = name.replace("\x1b", "&#27;")
+    text = EXAMPLES[0].read_text().replace("ZAM_Crossing-1_1_T-1", escaped)
+    path, out = tmp_path / "s.xml", tmp_path / "out"
+    path.write_text(text)
+    if "\x1b" in name:  # XML itself has no such character
+        assert "not XML" in refused(capsys, "commonroad", path, "--out", out)
+        return
+    assert main(["data", "import", "commonroad", str(path), "--out", str(out)]) == 0
+    assert len(list(out.glob("*evil.safetensors"))) == 1
