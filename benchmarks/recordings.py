@@ -71,8 +71,11 @@ def run(repeats: int) -> dict[str, Any]:
         for factor in (1, 2):
             larger = made_up(factor * N_TRACKS)
             path = _commonroad(larger, Path(folder))
-            found[f"bytes_per_state_{larger.n_states}"] = _peak(path) / larger.n_states
-        found["file_bytes_per_state"] = path.stat().st_size / larger.n_states
+            states = write_csv(larger, "ind", Path(folder))
+            n = larger.n_states
+            found[f"bytes_per_state_{n}"] = _peak("commonroad", path) / n
+            found[f"csv_bytes_per_state_{n}"] = _peak("ind", states) / n
+        found["file_bytes_per_state"] = path.stat().st_size / n
     return found | {"states": tracks.n_states, "repeats": repeats}
 
 
@@ -130,9 +133,9 @@ def _peer(python: str, path: Path) -> float:
     return told["states"] / told["seconds"]
 
 
-def _peak(path: Path) -> int:
+def _peak(name: str, path: Path) -> int:
     tracemalloc.start()
-    _import("commonroad", path)
+    _import(name, path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak

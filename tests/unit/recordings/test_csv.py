@@ -1,5 +1,7 @@
 """CSV files by column maps: the shipped layouts, and everything that can be wrong with a file."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -202,6 +204,21 @@ def test_more_states_than_allowed_are_refused_before_they_fill_the_memory(read, 
     assert read(rows, most_states=10)[0].recording.tracks.n_states == 10
     with pytest.raises(UserError, match="more than 9 states"):
         read(rows, most_states=9)
+
+
+def test_memory_is_linear_in_the_states(read, monkeypatch):
+    monkeypatch.setattr(csv_table, "_ROWS", 50)
+
+    def peak(n):
+        rows = "\n".join([HEAD, *(row for one in range(n) for row in rows_of(one, range(50)))])
+        tracemalloc.start()
+        read(rows)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    read(GOOD)  # whatever is imported late
+    assert peak(80) < 4.4 * peak(20)
 
 
 def test_pieces_of_any_size_give_the_same(read, monkeypatch):
