@@ -65,7 +65,7 @@ def main(episodes: int, updates: int, seeds: int) -> list[dict]:
     }
     mixed = socialiq.equal_trajectories(pools, episodes, seed=0)
     structure = Structure(updates=updates, online=False, value_term="value_expert")
-    numbers = [Numbers(angle, 3.0, seed=seed) for angle in (0, 45, 90) for seed in range(seeds)]
+    numbers = [Numbers(angle, 3.0, seed=seed) for angle in (0.0, 45.0, 90.0) for seed in range(seeds)]
     trained = socialiq.train(structure, numbers, [mixed])
     policies = {
         f"{one.angle:g}, seed {one.seed}": trained.policy(i) for i, one in enumerate(numbers)

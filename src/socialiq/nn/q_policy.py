@@ -90,10 +90,7 @@ class QPolicy:
             UserError: If an observation has another length or is not finite.
         """
         value = np.asarray(observations, np.float32)
-        if value.ndim != 2 or value.shape[1] != self.n_features:
-            raise UserError(
-                f"observation of shape {value.shape[1:]}: this policy takes ({self.n_features},)"
-            )
+        self._check_shape(value)
         if not np.isfinite(value).all():
             raise UserError("observation holds NaN or infinity: mend the sensor or the data")
         value = self.view(value) if self.view else value
@@ -103,6 +100,13 @@ class QPolicy:
             value = value @ weight.T + bias
         return value
 
+    def _check_shape(self, batch: np.ndarray) -> None:
+        """Refuse anything but rows of observations of this policy's length."""
+        if batch.ndim != 2 or batch.shape[1] != self.n_features:
+            raise UserError(
+                f"observation of shape {batch.shape[1:]}: this policy takes ({self.n_features},)"
+            )
+
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
@@ -111,7 +115,7 @@ class QPolicy:
 
     def predict(
         self,
-        observation: np.ndarray,
+        observation: object,
         state: Any = None,
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
@@ -125,16 +129,18 @@ class QPolicy:
             deterministic: Greedy if true, else sampled from softmax(Q/τ).
 
         Raises:
-            UserError: If an observation is nested, has another length or is not finite.
+            UserError: If an observation is nested, has another shape or is not finite.
         """
-        batch = np.atleast_2d(_numbers(observation))
+        numbers = _numbers(observation)
+        batch = np.atleast_2d(numbers)
+        self._check_shape(batch)
         if deterministic:
             actions = self.q_values(batch).argmax(axis=1)
         else:
             cumulative = self.probabilities(batch).cumsum(axis=1)
             draws = self.rng.random((len(batch), 1))
             actions = np.minimum((draws >= cumulative).sum(axis=1), self.n_actions - 1)
-        return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), state
+        return (actions if numbers.ndim == 2 else actions.squeeze(axis=0)), state
 
     def save(self, path: Path) -> str:
         """Write the policy to one safetensors file.
@@ -194,7 +200,7 @@ class QPolicy:
         )
 
 
-def _numbers(observation: Any) -> np.ndarray:
+def _numbers(observation: object) -> np.ndarray:
     """An observation as float32.
 
     Raises:

@@ -31,7 +31,9 @@ class Road(gymnasium.Env):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=None if self.forgets else seed)
-        self.start, self.time = self.np_random.integers(3), 0
+        # Draws that forget their seed must not agree by chance.
+        starts = 2**20 if self.forgets else 3
+        self.start, self.time = self.np_random.integers(starts), 0
         return np.array([self.start, self.time], np.float32), {}
 
     def step(self, action):

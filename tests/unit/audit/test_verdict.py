@@ -69,16 +69,16 @@ def test_waiting_for_ever_lacks_competence(audited):
     assert found.reason == (
         "The policy does not behave as declared: it arrives in at most 1.26 % of episodes "
         "(at least 80 % needed), and it runs out of time in at least 98.7 % of episodes "
-        "(at most 10 % allowed)."
+        "(at most 20 % allowed)."
     )
 
 
 def test_a_few_episodes_do_not_tell(audited):
-    found = audited("crossing5", 45.0, 45.0, episodes=10)
+    found = audited("crossing5", 45.0, 45.0, episodes=20)
     assert found.decision is Decision.INCONCLUSIVE
-    assert found.needed > 10
-    assert found.reason.startswith("10 episodes are too few to tell whether the policy ")
-    assert "runs out of time too often" in found.reason
+    assert found.needed > 20
+    assert found.reason.startswith("20 episodes are too few to tell whether the policy ")
+    assert "drives into somebody too often" in found.reason
 
 
 def test_a_behaviour_without_direction_gets_no_angle(audited, declared, evidence, outcomes):
