@@ -15,6 +15,7 @@ from socialiq import Numbers, RewardPairWrapper, Structure, Transition
 
 CONFIG = {"simulation_frequency": 5}  # Hz; a third of the default, so about three times as fast
 FASTER, SLOWER = 3, 4
+ANGLES = (0.0, 45.0, 90.0)  # degrees
 ENTRY, RING = 25.0, 15.0  # m: where the ego enters, and how near to that somebody else counts
 
 
@@ -65,7 +66,7 @@ def main(episodes: int, updates: int, seeds: int) -> list[dict]:
     }
     mixed = socialiq.equal_trajectories(pools, episodes, seed=0)
     structure = Structure(updates=updates, online=False, value_term="value_expert")
-    numbers = [Numbers(angle, 3.0, seed=seed) for angle in (0.0, 45.0, 90.0) for seed in range(seeds)]
+    numbers = [Numbers(angle, 3.0, seed=seed) for angle in ANGLES for seed in range(seeds)]
     trained = socialiq.train(structure, numbers, [mixed])
     policies = {
         f"{one.angle:g}, seed {one.seed}": trained.policy(i) for i, one in enumerate(numbers)
