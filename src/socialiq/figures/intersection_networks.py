@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ def egoists(results: Results) -> Figure:
     return drawn
 
 
-def with_target(panels: Sequence[Axes], target: Mapping[str, float]) -> None:
+def with_target(panels: Iterable[Axes], target: Mapping[str, float]) -> None:
     """Draw what a good egoist should reach into a panel of collisions and one of arrivals."""
     for axes, metric in zip(panels, ("collision", "arrival"), strict=True):
         limit = 100 * target[metric]
