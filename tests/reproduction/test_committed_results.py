@@ -21,6 +21,7 @@ from socialiq.thesis import (
 )
 from socialiq.thesis.audits import contestants
 from socialiq.thesis.audits import study as audits
+from socialiq.thesis.intersection import ahead
 from socialiq.thesis.intersection.pools import Recording
 from socialiq.thesis.intersection.stages import BATCH, Evaluation
 from socialiq.thesis.priors.config import EPISODES_EACH, Config
@@ -35,7 +36,7 @@ from socialiq.worlds.intersection.options import Options
 def committed():
     folder = claims.packaged_results()
     names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
-    names += ("intersection-world", "intersection", "audits")
+    names += ("intersection-world", "intersection", "intersection-ahead", "audits")
     return {name: store.load(folder / name) for name in names}
 
 
@@ -213,6 +214,22 @@ def test_the_demonstrations_of_the_altruist_pay_as_before(committed, batch):
     for signal, ours in pairs.items():
         assert again[ours] == pytest.approx(theirs[signal]["mean"], abs=0.02)
         assert again[f"{ours}_sd"] == pytest.approx(theirs[signal]["sd"], abs=0.02)
+
+
+@pytest.mark.parametrize("traffic", ahead.TRAFFIC)
+def test_the_network_alone_drives_as_before_in_other_traffic(committed, traffic):
+    """Thinking ahead takes minutes and is left to the study."""
+    (theirs,) = [
+        row
+        for row in committed["intersection-ahead"].tables["policies"]
+        if row["policy"] == f"atlas/egoistic/{traffic}/plain"
+    ]
+    seeds = np.arange(20_000_000, 20_000_000 + theirs["episodes"])
+    again = episodes_of(Batch(ahead.TRAFFIC[traffic], 128), atlas.load("set_egoistic"), seeds)
+    found = intersection_world.outcome_row(again)
+    for name in ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck"):
+        # As above, a few episodes.
+        assert found[name] == pytest.approx(theirs[name], abs=5 / theirs["episodes"]), name
 
 
 def test_audits_come_out_as_before(committed, tmp_path):
