@@ -28,6 +28,9 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
+FOREIGN = (".onnx", ".zip")
+"""Suffixes of policies that were made or written elsewhere."""
+
 Measure = Callable[[QPolicy], dict[str, Any]]
 
 
@@ -92,6 +95,12 @@ class Evaluate:
             return [self.intersection(str(path)) for path in self.policies]
         if self.world not in GRIDWORLDS:
             return self.environment()
+        for path in self.policies:
+            if path.suffix in FOREIGN:
+                raise UserError(
+                    f"{path}: `evaluate` reads {self.world}'s policies as `train` wrote"
+                    " them; `socialiq audit` drives other kinds too"
+                )
         measure = self.gridworld()
         return [measure(QPolicy.load(path)) for path in self.policies]
 

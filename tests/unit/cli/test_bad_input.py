@@ -76,6 +76,7 @@ def refused(capsys, *arguments):
         (["conformance", "--population", "x"], "choose one of highway_env, thesis"),
         (["conformance", "--episodes", "0"], "episodes must be at least 1"),
         (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
+        (["evaluate", "policy.onnx"], "`socialiq audit` drives other kinds too"),
         (["train", "nowhere.safetensors", "--out", "x"], "no such file: nowhere.safetensors"),
     ],
 )
