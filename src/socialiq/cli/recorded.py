@@ -114,14 +114,16 @@ class TakeCensus:
         population = dataclasses.asdict(found.population)
         summary = {"population": population, "limits": list(census.LIMITS)}
         drivers = [dataclasses.asdict(one) for one in found.drivers]
+        posterior = [one._asdict() for one in found.posterior]
         if self.out is not None:
-            tables = {"drivers": drivers, "recordings": counts}
+            tables = {"drivers": drivers, "recordings": counts, "posterior": posterior}
             config = _Asked(self.choices, self.confidence, self.seed, sources_of(swapped))
             results = Results.of("recordings census", config, tables, summary)
-            pictures = png({"census": picture.census(drivers, population)})
+            pictures = png({"census": picture.census(drivers, population, posterior)})
             save(results, self.out, pictures, self.replace)
         if self.json:
-            print_json({**summary, "recordings": counts, "drivers": drivers})
+            more = {"recordings": counts, "drivers": drivers, "posterior": posterior}
+            print_json(summary | more)
         else:
             show_counts(counts, "Recordings")
             print_table([{"population": key, "value": said(v)} for key, v in population.items()])

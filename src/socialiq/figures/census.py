@@ -18,17 +18,23 @@ _ENDINGS = {
 }
 
 
-def census(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any]) -> Figure:
-    """Points on the left, angles on the right.
+def census(
+    drivers: Sequence[Mapping[str, Any]],
+    population: Mapping[str, Any],
+    posterior: Sequence[Mapping[str, Any]],
+) -> Figure:
+    """Points, angles, and what the angles may be.
 
     Args:
-        drivers: Rows of `census.csv`.
+        drivers: Rows of `drivers.csv`.
         population: Of `summary.json`.
+        posterior: Rows of `posterior.csv`; none where nobody has one.
     """
-    drawn = figure(10.5, 4.8)
-    left, right = drawn.subplots(1, 2, width_ratios=(1.25, 1.0))
+    drawn = figure(14.5, 4.8)
+    left, middle, right = drawn.subplots(1, 3, width_ratios=(1.25, 1.0, 1.0))
     _points(left, drivers, population)
-    _angles(right, drivers)
+    _angles(middle, drivers)
+    _posterior(right, posterior)
     return drawn
 
 
@@ -115,3 +121,21 @@ def _angles(axes: Any, drivers: Sequence[Mapping[str, Any]]) -> None:
     axes.set_ylabel("drivers, by angle")
     axes.set_title("Angles of single drivers, with the intervals that exist", fontsize=10)
     axes.legend(loc="upper left", fontsize=8)
+
+
+def _posterior(axes: Any, posterior: Sequence[Mapping[str, Any]]) -> None:
+    plain(axes)
+    ends = [one["low"] for one in posterior] + [one["high"] for one in posterior[-1:]]
+    for name, color, label in (
+        ("share", "#b5b5b5", "all"),
+        ("share_moving", COLORS["prosocial"], "without those who stood"),
+    ):
+        shares = np.array([100 * one[name] for one in posterior])
+        if len(shares) and np.isfinite(shares).all():
+            axes.stairs(shares, ends, color=color, linewidth=1.8, label=label)
+            axes.legend(loc="upper left", fontsize=8)
+    axes.margins(y=0.2)  # room for the legend
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("angle shown, degrees")
+    axes.set_ylabel("posterior, % in 15 degrees")
+    axes.set_title("Which angles the drivers may show", fontsize=10)

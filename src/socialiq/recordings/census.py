@@ -16,6 +16,7 @@ from jaxtyping import Float64, Int64
 from socialiq.errors import UserError
 from socialiq.recordings.directions import Directions, directions
 from socialiq.recordings.ego_swap import Swapped, check_distinct
+from socialiq.recordings.posterior import Sector, sectors
 from socialiq.social.angle import angle_of
 from socialiq.social.estimate import resampled
 from socialiq.types import Ending
@@ -131,10 +132,13 @@ class Census:
     Attributes:
         drivers: One by one.
         population: Together.
+        posterior: Of the angles that the drivers show, each driver counted once; empty if nobody
+            has three decisions.
     """
 
     drivers: tuple[Driver, ...]
     population: Population
+    posterior: tuple[Sector, ...]
 
 
 def take(
@@ -163,7 +167,14 @@ def take(
     names = [one.recording for one in drivers]
     group = np.unique(names, return_inverse=True)[1]
     points = np.array([[one.r_env, one.r_social] for one in drivers])
-    return Census(tuple(drivers), _population(drivers, points, group, seed, confidence, resamples))
+    population = _population(drivers, points, group, seed, confidence, resamples)
+    pairs = [one.pair for each in swapped for one in each.episodes]
+    told = [
+        (pair, driver.speed >= STANDING)
+        for pair, driver in zip(pairs, drivers, strict=True)
+        if len(pair) >= LEAST_DECISIONS and driver.angle is not None
+    ]
+    return Census(tuple(drivers), population, sectors(told, seed, resamples))
 
 
 def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
