@@ -8,6 +8,7 @@ discrete, of runs whose decisions are not close calls.
 import numpy as np
 import pytest
 
+from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
 from socialiq.evaluation.play import episodes_of
 from socialiq.thesis import (
     atlas,
@@ -21,9 +22,13 @@ from socialiq.thesis import (
 )
 from socialiq.thesis.audits import contestants
 from socialiq.thesis.audits import study as audits
+from socialiq.thesis.competence import bench
+from socialiq.thesis.dial import config as dial
+from socialiq.thesis.experts import trajectory_datasets
 from socialiq.thesis.intersection import ahead
 from socialiq.thesis.intersection.pools import Recording
 from socialiq.thesis.intersection.stages import BATCH, Evaluation
+from socialiq.thesis.lanes import Ground
 from socialiq.thesis.priors.config import EPISODES_EACH, Config
 from socialiq.thesis.priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS
@@ -37,6 +42,7 @@ def committed():
     folder = claims.packaged_results()
     names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
     names += ("intersection-world", "intersection", "intersection-ahead", "audits")
+    names += ("dial", "competence")
     return {name: store.load(folder / name) for name in names}
 
 
@@ -252,3 +258,33 @@ def test_what_was_printed_gives_the_same(committed):
     rows = audits.published_tables(committed["audits"].config["episodes"])
     for name, again in rows.items():
         assert store.rounded(again) == tables[name], name
+
+
+@pytest.mark.parametrize("support", ["timed", "any time"])
+def test_the_ceiling_of_the_demonstrations_is_the_same(committed, support):
+    """The dials themselves take minutes and are left to the study."""
+    theirs = [
+        (row["angle"], row["regret"])
+        for row in committed["dial"].tables["ceilings"]
+        if (row["support"], row["seed"]) == (support, 30)
+    ]
+    angles = [angle for angle, _ in theirs]
+    ground = dial.with_clock(Ground.of("crossing7"), True)
+    (data,) = trajectory_datasets(ground.table, [30], committed["dial"].config["episodes_each"])
+    ceiling = support_ceiling(data, ground.part, timed=support == "timed")
+    again = ceiling_regrets(ceiling, ground.optimum, angles)
+    assert len(angles) == 19
+    assert list(again) == pytest.approx([regret for _, regret in theirs], abs=2e-6)
+
+
+def test_without_data_the_hidden_skill_is_missed_as_before(committed):
+    theirs = {
+        (row["method"], row["angle"], row["readout"]): row
+        for row in committed["competence"].tables["scores"]
+    }
+    rows = list(bench.Bench.of(bench.Config()).without_data())
+    assert len(rows) == 28
+    for again in rows:
+        their = theirs[again["method"], again["angle"], again["readout"]]
+        for name in ("score", "skill"):
+            assert again[name] == pytest.approx(their[name], abs=2e-6)

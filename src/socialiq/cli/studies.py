@@ -220,6 +220,11 @@ def show(results: Results) -> None:
         shown = ("world", "policy", "declared", "truthful", "verdict", "decided_by", "regret")
         rows = [{key: row[key] for key in shown} for row in results.tables["audits"]]
         print_table(rows, "regret at the declared angle, in reward per episode")
+    elif results.study == "dial":
+        shown = ("run", "readout", "key_regret_mean", "key_regret_high", "ceiling_mean")
+        shown += ("rise_r_env_high", "drop_r_social_high", "least_share_of_support_low")
+        rows = [{key: row[key] for key in shown} for row in results.tables["pooled"]]
+        print_table(rows, "over seeds; key regret: mean regret at 0, 15, ..., 90 degrees, exact")
     elif results.study == "lambda-sweep":
         kind = results.config["target_kinds"][0]
         rows = [

@@ -60,6 +60,6 @@ def _angles(results: Results) -> Figure:
         axes.axhline(true, color=color, linestyle=":", label=f"{mode}: {true:g}°")
     axes.set(xlabel="round of expectation-maximisation", ylabel="inferred angle, degrees")
     axes.set_title("Demonstrators' angles, inferred beside what they share")
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(loc="center left", bbox_to_anchor=(0.0, 0.72), fontsize=8)
     plain(axes)
     return drawn

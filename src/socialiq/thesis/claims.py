@@ -30,6 +30,7 @@ STUDIES = (
     "intersection",
     "compare-priors",
     "audits",
+    "competence",
     "none",
 )
 
@@ -46,6 +47,7 @@ _COMMANDS = {
     "intersection": "socialiq reproduce intersection --parts main",
     "compare-priors": "socialiq compare priors",
     "audits": "socialiq reproduce audits",
+    "competence": "socialiq reproduce competence",
     "none": "",
 }
 
