@@ -29,7 +29,7 @@ class Sector(NamedTuple):
 
 
 def sectors(
-    drivers: Sequence[tuple[Float64[np.ndarray, "decision 2"], bool]], seed: int, draws: int
+    drivers: Sequence[tuple[Float64[np.ndarray, "_ 2"], bool]], seed: int, draws: int
 ) -> tuple[Sector, ...]:
     """The mixture of all drivers' posteriors, each driver counted once.
 
