@@ -11,7 +11,6 @@ import json
 import os
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 import tracemalloc
@@ -128,7 +127,7 @@ def _seconds(name: str, path: Path) -> float:
 def _peer(python: str, path: Path) -> float:
     clean = {name: one for name, one in os.environ.items() if not name.startswith("PYTHON")}
     command = [python, "-c", _PEER, str(path)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=sys.stderr, check=True, env=clean)
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, env=clean)
     told = json.loads(done.stdout)
     return told["states"] / told["seconds"]
 
