@@ -29,11 +29,13 @@ def draw(results: Results) -> dict[str, Figure]:
 
 
 def _scores(results: Results) -> Figure:
-    """R(α) + h over the angle."""
+    """R(α) + c h over the angle."""
     drawn = figure(8.6, 5.0)
     axes = drawn.subplots()
     _draw(axes, results, "score")
-    axes.set(xlabel="angle, degrees (0, 45 and 90 are demonstrated)", ylabel="R(α) + h, an episode")
+    axes.set(
+        xlabel="angle, degrees (0, 45 and 90 are demonstrated)", ylabel="R(α) + c h, an episode"
+    )
     axes.set_title("Mean over training seeds, band from least to largest", fontsize=10)
     axes.legend(frameon=False, fontsize=8)
     plain(axes)
@@ -66,7 +68,7 @@ def _draw(axes: object, results: Results, name: str) -> None:
 
 
 def _learning(results: Results) -> Figure:
-    """R(α) + h of each dial while it trains: mean over the demonstrated angles."""
+    """R(α) + c h of each dial while it trains: mean over the demonstrated angles."""
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
     colors = {
@@ -80,7 +82,7 @@ def _learning(results: Results) -> Figure:
         rows = of(curves, run=name)
         updates, totals = ([row[key] for row in rows] for key in ("updates", "total"))
         axes.plot(updates, totals, color=colors[name.split("/")[0]][0], linewidth=0.9, alpha=0.7)
-    axes.set(xlabel="updates", ylabel="R(α) + h, mean of 0°, 45°, 90°")
+    axes.set(xlabel="updates", ylabel="R(α) + c h, mean of 0°, 45°, 90°")
     axes.set_title("Dials while they train, colours as in the scores", fontsize=10)
     plain(axes)
     return drawn

@@ -1,1 +1,1 @@
-"""A hidden skill in the intersection: what demonstrations add beyond the reward pair, with networks."""
+"""A hidden skill in the intersection: what demonstrations add to RL on the reward pair."""

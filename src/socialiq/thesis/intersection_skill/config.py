@@ -14,7 +14,6 @@ from socialiq.thesis import presets
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection.plan import finer
 from socialiq.thesis.intersection_dial.config import NUMBERS, STRUCTURE
-from socialiq.thesis.intersection_skill.skill import Skill
 
 ALONE, PRIOR, RETURNS = "RL on R(α)", "prior on rewards", "prior on returns-to-go"
 SHARED, INFERRED = "shared competence", "shared competence, angles inferred"
@@ -37,6 +36,13 @@ RETURNS_LEARNER = dataclasses.replace(
 )
 """The thesis' learner, on returns-to-go, one run for each angle; 256 rows an update."""
 
+EXPERT = dqn.Structure("set", (128, 128), steps=240_000, steps_per_update=12)
+EXPERT_NUMBERS = finer(dqn.Numbers(learning_rate=5e-4, polyak=0.01, seed=70))
+"""Of a demonstrator: settings of the experts that see a set (intersection-networks)."""
+
+CLONE = cloning.Structure(hidden=(128, 128), view="set", batch_size=256, updates=3000)
+"""Of a clone."""
+
 
 @dataclass(frozen=True)
 class Config:
@@ -49,13 +55,12 @@ class Config:
     """Which of them; RL on R(α) is always among them."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """At which policies are driven, in degrees; 0, 45 and 90 are demonstrated."""
-    skill: Skill = Skill()
-    """What the demonstrators, and they alone, are told beside R(α)."""
-    expert_structure: dqn.Structure = dqn.Structure(
-        "set", (128, 128), steps=240_000, steps_per_update=12
-    )
+    weight: float = 0.5
+    """c: what a level of speed changed, or a decision that ends standing in the junction, costs
+    the demonstrators in units of reward."""
+    expert_structure: dqn.Structure = EXPERT
     """Of a demonstrator, who is trained on R(α) + h."""
-    expert_numbers: dqn.Numbers = finer(dqn.Numbers(learning_rate=5e-4, polyak=0.01, seed=70))
+    expert_numbers: dqn.Numbers = EXPERT_NUMBERS
     """Of a demonstrator, but for the angle."""
     pool_episodes: int = 1500
     """Episodes recorded of each demonstrator."""
@@ -71,9 +76,7 @@ class Config:
     """Of the prior on returns-to-go."""
     returns_numbers: iq.Numbers = presets.INTERSECTION_CALIBRATED_NUMBERS
     """Of the prior on returns-to-go, but for angle and seed."""
-    clone_structure: cloning.Structure = cloning.Structure(
-        hidden=(128, 128), view="set", batch_size=256, updates=3000
-    )
+    clone_structure: cloning.Structure = CLONE
     """Of the clones, one of each demonstrator."""
     grid: int = 5
     """Degrees between the angles that demonstrators' are inferred from."""

@@ -19,7 +19,7 @@ from socialiq.storage import load_arrays, save_arrays
 from socialiq.thesis import atlas
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection.stages import BATCH
-from socialiq.thesis.intersection_skill.skill import LEVEL, Skill, speed, stands_in_junction
+from socialiq.thesis.intersection_skill.skill import levels_changed, stands_in_junction
 from socialiq.thesis.jobs import Tell
 from socialiq.types import Policy
 from socialiq.worlds.intersection.batch import Batch
@@ -54,19 +54,19 @@ class Driven(NamedTuple):
         direction = exact_weights(angle)
         return direction.env * self.env + direction.social * self.social
 
-    def skill(self, skill: Skill) -> Float[np.ndarray, " episode"]:
-        """h of each episode."""
-        return -skill.comfort * self.changes - skill.clear * self.standing
+    def skill(self) -> Float[np.ndarray, " episode"]:
+        """The skill h of each episode: what learners are not told."""
+        return -self.changes - self.standing
 
-    def score(self, angle: float, skill: Skill) -> Float[np.ndarray, " episode"]:
-        """R(α) + h of each episode, undiscounted."""
-        return self.told(angle) + self.skill(skill)
+    def score(self, angle: float, weight: float) -> Float[np.ndarray, " episode"]:
+        """R(α) + c h of each episode, undiscounted; c is the weight."""
+        return self.told(angle) + weight * self.skill()
 
 
 def drive(batch: Batch, policy: Policy, seeds: np.ndarray) -> Driven:
     """Let a policy drive one episode for each seed, greedily."""
     made = record(batch, policy, seeds, "driven").transitions
-    changed = np.abs(speed(made.next_observation) - speed(made.observation)) / LEVEL
+    changed = levels_changed(made.observation, made.next_observation)
     totals = made.totals()
     last = np.append(made.episode_starts[1:], made.n_transitions) - 1
     return Driven(

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import log_softmax
 
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import write_json
 from socialiq.thesis.experts import MODES
@@ -47,30 +46,34 @@ def infer(config: Inference, folder: Path, inputs: Mapping[str, Path], tell: Tel
     angles = np.arange(family.low, family.high + 1e-9, config.grid)
     rows = []
     for number, (mode, true) in enumerate(MODES.items(), start=1):
-        logs = likelihood(family, shown[mode], angles.tolist())
+        one = shown[mode]
+        logs = likelihood(family, one.observation, one.action, angles.tolist())
         best = int(logs.argmax())
         rows.append(
             {"mode": mode, "true_angle": true, "angle": float(angles[best])}
-            | {"log_likelihood": (logs / shown[mode].n_transitions).tolist()}
+            | {"log_likelihood": (logs / one.n_transitions).tolist()}
         )
         tell(number / len(MODES))
     write_json(folder / ANGLES, rows)
 
 
 def likelihood(
-    family: DialPolicy, shown: Demonstrations, angles: Sequence[float]
+    family: DialPolicy,
+    observation: Float[np.ndarray, "step feature"],
+    action: Int[np.ndarray, " step"],
+    angles: Sequence[float],
 ) -> Float[np.ndarray, " angle"]:
     """Log-likelihood of a demonstrator's actions at each angle, at the temperature that fits best.
 
     Args:
         family: Whose softmax(Q/τ) at an angle acts as a demonstrator of that angle.
-        shown: One demonstrator's transitions.
+        observation: What the demonstrator saw.
+        action: What it did.
         angles: In degrees.
     """
-    found = []
+    found, rows = [], np.arange(len(action))
     for angle in angles:
-        q = family.at(angle).q_values(shown.observation).astype(np.float64)
+        q = family.at(angle).q_values(observation).astype(np.float64)
         logs = (log_softmax(q / one, axis=1) for one in TEMPERATURES)
-        rows = np.arange(len(q))
-        found.append(max(float(one[rows, shown.action].sum()) for one in logs))
+        found.append(max(float(one[rows, action].sum()) for one in logs))
     return np.array(found)

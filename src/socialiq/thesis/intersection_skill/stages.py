@@ -31,7 +31,7 @@ from socialiq.thesis.intersection.stages import CHECKPOINT, CHUNK, outside_of, s
 from socialiq.thesis.intersection_skill.driving import DIAL, drive, policy_name
 from socialiq.thesis.intersection_skill.inference import ANGLES
 from socialiq.thesis.intersection_skill.shown import demonstrations
-from socialiq.thesis.intersection_skill.skill import Skill, told
+from socialiq.thesis.intersection_skill.skill import told
 from socialiq.thesis.jobs import Tell
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -40,11 +40,12 @@ from socialiq.worlds.intersection.world import Intersection
 
 @dataclass(frozen=True)
 class ExpertRun:
-    """A demonstrator: a DQN on R(α) + h."""
+    """A demonstrator: a DQN on R(α) + c h."""
 
     structure: dqn.Structure
     numbers: dqn.Numbers
-    skill: Skill
+    weight: float
+    """c."""
     environments: int = 12
     options: Options = field(default_factory=Options)
 
@@ -57,7 +58,7 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
     trained = train_dqn(
         structure,
         [numbers],
-        [told(source, config.skill, numbers.angle)],
+        [told(source, config.weight, numbers.angle)],
         (world.n_features, world.n_actions),
         outside_of(folder, None, tell),
         CHUNK,
@@ -73,8 +74,8 @@ class DialRun:
     structure: dial.Structure
     numbers: dial.Numbers
     size: int
-    skill: Skill
-    """By which it is looked at; it is not told."""
+    weight: float
+    """c of the score by which it is looked at; it is not told."""
     steps_per_update: int = 12
     environments: int = 12
     options: Options = field(default_factory=Options)
@@ -120,7 +121,7 @@ def _datasets(
 
 
 def _looked(config: DialRun, learnt: Any) -> dict[str, np.ndarray]:
-    """Mean of R(α) + h over the demonstrated angles; NaN where no check is due."""
+    """Mean of R(α) + c h over the demonstrated angles; NaN where no check is due."""
     done = math.ceil(int(learnt.adam.count[0]) / CHUNK)
     if not config.checks.due(done, math.ceil(config.structure.updates / CHUNK)):
         return {"total": np.array([np.nan])}
@@ -128,7 +129,7 @@ def _looked(config: DialRun, learnt: Any) -> dict[str, np.ndarray]:
     first, count = config.checks.first_seed, config.checks.episodes
     seeds, batch = np.arange(first, first + count), Batch(config.options, min(count, 256))
     scores = [
-        drive(batch, family.at(angle), seeds).score(angle, config.skill).mean()
+        drive(batch, family.at(angle), seeds).score(angle, config.weight).mean()
         for angle in MODES.values()
     ]
     return {"total": np.array([np.mean(scores)])}

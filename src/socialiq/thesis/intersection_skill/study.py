@@ -1,8 +1,8 @@
 """Do demonstrations add anything beyond RL on R(α)? With networks, in the intersection, resumable.
 
-All demonstrators also drive smoothly and keep the junction clear (`skill.Skill`), which neither
+All demonstrators also drive smoothly and keep the junction clear (`skill.skill`), which neither
 r_env nor r_social speaks of. Every method is told R(α); all but the first see the demonstrations of
-0, 45 and 90 degrees. They are scored on R(α) + h, also at angles that nobody demonstrated.
+0, 45 and 90 degrees. They are scored on R(α) + c h, also at angles that nobody demonstrated.
 """
 
 from __future__ import annotations
@@ -82,7 +82,10 @@ def plan(config: Config) -> list[Job]:
     """Every job, each after its inputs."""
     experts = [_expert(config, angle) for angle in MODES.values()]
     taught = tuple(job.name for job in experts)
-    jobs = [*experts, Job(POOLS, record_demonstrators, Recording(config.pool_episodes), taught, 20)]
+    jobs = [
+        *experts,
+        Job(POOLS, record_demonstrators, Recording(config.pool_episodes), taught, 20.0),
+    ]
     entries = atlas.manifest()
     sha256 = tuple(entries[unskilled_name(mode)]["sha256"] for mode in MODES)
     jobs += [_driving(config, FOLDERS[EXPERTS], taught)]
@@ -94,7 +97,7 @@ def plan(config: Config) -> list[Job]:
 
 def _expert(config: Config, angle: float) -> Job:
     numbers = dataclasses.replace(config.expert_numbers, angle=angle)
-    run = ExpertRun(config.expert_structure, numbers, config.skill)
+    run = ExpertRun(config.expert_structure, numbers, config.weight)
     cost = config.expert_structure.updates / 150
     return Job(f"{FOLDERS[EXPERTS]}/{angle:g}", train_expert, run, cost=cost)
 
@@ -121,7 +124,7 @@ def _learners(config: Config, seed: int) -> Iterator[Job]:
 def _dial(config: Config, method: str, seed: int) -> Iterator[Job]:
     """A dial; where angles are inferred, an E-step before it and one after it."""
     structure, numbers = config.dial_of(method), config.numbers_of(method, seed)
-    learning = DialRun(structure, numbers, config.size, config.skill, config.steps_per_update)
+    learning = DialRun(structure, numbers, config.size, config.weight, config.steps_per_update)
     name, inputs = f"{FOLDERS[method]}/{seed}", (POOLS,) if structure.demonstrations else ()
     step = Inference(config.size, seed, config.grid)
     if method == INFERRED:

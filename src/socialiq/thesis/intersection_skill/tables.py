@@ -24,6 +24,7 @@ from socialiq.types import Ending
 GROUPS = ("all", "demonstrated", "unseen")
 """Angles over which a method's score is averaged."""
 _MEASURED = ("score", "told", "skill", "changes", "standing", "collision", "arrival", "timeout")
+_OF_CURVES = ("updates", "loss", "max_q", "total")  # all methods have them
 _RESAMPLES, _BOOTSTRAP_SEED = 2000, 0
 
 
@@ -32,19 +33,14 @@ def tabulate(
 ) -> Results:
     """Every table."""
     scores = list(_scores(config, work, folders))
-    groups = _groups(config, scores)
+    groups = _groups(scores)
     tables = {
         "pooled": _pooled(scores),
         "scores": scores,
         "groups": groups,
         "differences": _differences(config, groups) if len(config.seeds) > 1 else [],
         "angles": list(_angles(jobs, work)),
-        "curves": [
-            {"run": job.name} | row
-            for job in jobs
-            if (work / job.name / "curve.csv").is_file()
-            for row in from_csv(work / job.name / "curve.csv")
-        ],
+        "curves": list(_curves(jobs, work)),
         "times": times(jobs, work),
     }
     kept = {name: rows for name, rows in tables.items() if rows}
@@ -66,7 +62,7 @@ def _scores(config: Config, work: Path, folders: Mapping[str, str]) -> Iterator[
 
 def score_row(driven: Driven, angle: float, config: Config) -> Row:
     """Means over episodes, and the score's bootstrap interval."""
-    scores = driven.score(angle, config.skill)
+    scores = driven.score(angle, config.weight)
     low, high = interval(scores)
     endings = {
         kind.name.lower(): float((driven.ending == kind).mean())
@@ -77,7 +73,7 @@ def score_row(driven: Driven, angle: float, config: Config) -> Row:
         "score_low": low,
         "score_high": high,
         "told": float(driven.told(angle).mean()),
-        "skill": float(driven.skill(config.skill).mean()),
+        "skill": float(driven.skill().mean()),
         "r_env": float(driven.env.mean()),
         "r_social": float(driven.social.mean()),
         "changes": float(driven.changes.mean()),
@@ -90,7 +86,8 @@ def score_row(driven: Driven, angle: float, config: Config) -> Row:
 
 def interval(values: Float[np.ndarray, " episode"]) -> tuple[float, float]:
     """Percentile bootstrap of the mean over episodes, 95 %."""
-    drawn = resampled(len(values), _RESAMPLES, _BOOTSTRAP_SEED)
+    drawn = resampled(len(values), _OF_CURVES = ("updates", "loss", "max_q", "total")  # all methods have them
+_RESAMPLES, _BOOTSTRAP_SEED)
     means = np.concatenate([values[rows].mean(axis=1) for rows in drawn])
     low, high = np.quantile(means, [0.025, 0.975])
     return float(low), float(high)
@@ -111,7 +108,7 @@ def _pooled(scores: Sequence[Row]) -> list[Row]:
     return found
 
 
-def _groups(config: Config, scores: Sequence[Row]) -> list[Row]:
+def _groups(scores: Sequence[Row]) -> list[Row]:
     """Each method and seed: mean score over all angles, those demonstrated, and the others."""
     found: list[Row] = []
     for method, seed in dict.fromkeys((row["method"], row["seed"]) for row in scores):
@@ -156,6 +153,15 @@ def _angles(jobs: Sequence[Job], work: Path) -> Iterator[Row]:
             for row in read_json(work / job.name / ANGLES):
                 kept = {key: row[key] for key in ("mode", "true_angle", "angle")}
                 yield {"step": int(step), "seed": int(seed)} | kept
+
+
+def _curves(jobs: Sequence[Job], work: Path) -> Iterator[Row]:
+    """Score of each dial while it trains, a mean over the demonstrated angles."""
+    for job in jobs:
+        path = work / job.name / "curve.csv"
+        if path.is_file():
+            for row in from_csv(path):
+                yield {"run": job.name} | {name: row[name] for name in _OF_CURVES}
 
 
 def _summary(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
