@@ -25,6 +25,7 @@ GROUPS = ("all", "demonstrated", "unseen")
 """Angles over which a method's score is averaged."""
 _MEASURED = ("score", "told", "skill", "changes", "standing", "collision", "arrival", "timeout")
 _OF_CURVES = ("updates", "loss", "max_q", "total")  # all methods have them
+_OF_CURVES = ("updates", "loss", "max_q", "total")  # all methods have them
 _RESAMPLES, _BOOTSTRAP_SEED = 2000, 0
 
 
@@ -86,8 +87,7 @@ def score_row(driven: Driven, angle: float, config: Config) -> Row:
 
 def interval(values: Float[np.ndarray, " episode"]) -> tuple[float, float]:
     """Percentile bootstrap of the mean over episodes, 95 %."""
-    drawn = resampled(len(values), _OF_CURVES = ("updates", "loss", "max_q", "total")  # all methods have them
-_RESAMPLES, _BOOTSTRAP_SEED)
+    drawn = resampled(len(values), _RESAMPLES, _BOOTSTRAP_SEED)
     means = np.concatenate([values[rows].mean(axis=1) for rows in drawn])
     low, high = np.quantile(means, [0.025, 0.975])
     return float(low), float(high)
