@@ -258,5 +258,7 @@ def test_nonsense_is_refused() -> None:
         Config(methods=("magic",))
     with pytest.raises(UserError, match="compare with"):
         Config(methods=(INFERRED,))
+    with pytest.raises(UserError, match="range"):
+        Config(angles=(120.0,))
     with pytest.raises(UserError, match="episodes"):
         Config(episodes=0)

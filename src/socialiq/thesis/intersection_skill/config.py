@@ -91,6 +91,9 @@ class Config:
             one_of("method", method, METHODS)
         if ALONE not in self.methods or not self.seeds or not self.angles:
             raise UserError(f"the study needs seeds, angles, and {ALONE} to compare with")
+        low, high = self.structure.low, self.structure.high
+        if not all(low <= angle <= high for angle in self.angles):
+            raise UserError(f"angles must lie in the dials' range, {low:g} to {high:g} degrees")
         for name in ("pool_episodes", "size", "grid", "steps_per_update", "episodes"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
