@@ -26,9 +26,9 @@ REFERENCES = (CLONES, EXPERTS, UNSKILLED)
 LEARNER = dataclasses.replace(STRUCTURE, updates=12_000, expert_batch=66, replay_batch=190)
 """Of every dial: the network of the intersection's dial study, 256 rows an update."""
 
-DIAL_NUMBERS = dataclasses.replace(NUMBERS, shrinkage=0.1)
-"""Rates of the same study. Drawn to 0 twice as strongly, what demonstrators share imitated less of
-the skill; half as strongly, it imitated at R(α)'s expense."""
+DIAL_NUMBERS = dataclasses.replace(NUMBERS, shrinkage=0.3)
+"""Rates of the same study. With a shrinkage of 0.1 or less, what demonstrators share winds up while
+Q still lags behind it, and ends as imitation at R(α)'s expense."""
 
 RETURNS_LEARNER = dataclasses.replace(
     presets.INTERSECTION_CALIBRATED,
