@@ -26,6 +26,7 @@ from socialiq.figures import intersection as intersection_figures
 from socialiq.figures import intersection_ahead as intersection_ahead_figures
 from socialiq.figures import intersection_dial as intersection_dial_figures
 from socialiq.figures import intersection_networks as intersection_networks_figures
+from socialiq.figures import intersection_skill as intersection_skill_figures
 from socialiq.figures import intersection_world as intersection_world_figures
 from socialiq.figures import lambda_sweep as lambda_sweep_figures
 from socialiq.figures import poc as poc_figures
@@ -51,6 +52,7 @@ from socialiq.thesis.intersection import ahead as intersection_ahead
 from socialiq.thesis.intersection import networks as intersection_networks
 from socialiq.thesis.intersection import study as intersection
 from socialiq.thesis.intersection_dial import study as intersection_dial
+from socialiq.thesis.intersection_skill import study as intersection_skill
 from socialiq.thesis.store import Results, Row
 from socialiq.thesis.theory import study as theory
 from socialiq.worlds.intersection.batch import BACK_ENDS
@@ -85,6 +87,9 @@ STUDIES = {
         intersection_ahead, intersection_ahead_figures.draw, "policies", True
     ),
     "intersection-dial": Study(intersection_dial, intersection_dial_figures.draw, "families", True),
+    "intersection-skill": Study(
+        intersection_skill, intersection_skill_figures.draw, "pooled", True
+    ),
     "audit-power": Study(audit_power, audit_power_figures.draw, "verdicts"),
     "audits": Study(audits, audits_figures.draw, "audits"),
     "theory": Study(theory, theory_figures.draw, "predicted"),
@@ -105,8 +110,9 @@ class Reproduce:
     study: Annotated[str, tyro.conf.Positional]
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
     (D); theory, its predictions held against training; dial, competence, intersection-dial,
-    intersection-networks and intersection-ahead, which go beyond it; audits of its tables and of
-    our policies, audit-power, what an audit is worth; or classic-control, an outside check."""
+    intersection-skill, intersection-networks and intersection-ahead, which go beyond it; audits of
+    its tables and of our policies, audit-power, what an audit is worth; or classic-control, an
+    outside check."""
     out: Path | None = None
     """Folder to write; by default ./results-STUDY."""
     seeds: tuple[int, ...] = ()

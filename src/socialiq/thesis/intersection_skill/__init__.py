@@ -1,0 +1,1 @@
+"""A hidden skill in the intersection: what demonstrations add to RL on the reward pair."""
