@@ -22,6 +22,7 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.world import Intersection
 
 SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
+REPEATED = 3  # episodes of an environment that are begun twice, to see that the seed decides them
 
 Seeds = Int64[np.ndarray, " episode"]
 
@@ -102,7 +103,8 @@ def _in_environment(
             f"nothing is known about drivers in {world.name}: name at least one to compare with, "
             "--reference DRIVER"
         )
-    world.check_repeats(int(seeds[0]))
+    for seed in seeds[:REPEATED]:
+        world.check_repeats(int(seed))
     return Evidence(
         scenario=world.description,
         seeds=seeds,
