@@ -89,4 +89,4 @@ def test_it_goes_by_name_on_the_command_line(tmp_path, capsys):
     assert main([*command, "--allow-code"]) == 0 and data.exists()
     plain = ["collect", "highway_env:roundabout-v0", *drivers, "--out", str(tmp_path / "other")]
     assert main([*plain, "--allow-code"]) == 2
-    assert "takes" not in capsys.readouterr().out
+    assert "gives no reward pair" in capsys.readouterr().err

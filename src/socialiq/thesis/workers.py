@@ -21,6 +21,7 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.learners.outside import Report, Stopped
 from socialiq.thesis.jobs import Job, Progress, claimed, do, fingerprints, open_jobs
+from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
 
@@ -40,7 +41,6 @@ def run_jobs(
     work: Path,
     watch: Callable[[str], Callable[[Report], None] | None],
     processes: int = 0,
-    environment: Mapping[str, str] | None = None,
 ) -> None:
     """Do what is not done yet, each job after its inputs.
 
@@ -49,7 +49,6 @@ def run_jobs(
         work: Folder of their folders.
         watch: Given the name of a stage, what shows its progress.
         processes: How many; by default one for each core that this process may use.
-        environment: Variables that the processes see beside this one's.
 
     Raises:
         UserError: If a job fails, a process dies, or the folder is in use.
@@ -61,7 +60,7 @@ def run_jobs(
         count = min(processes or len(cores), len(still_open))
         crew: list[_Worker] = []
         try:
-            around = dict(environment or {})
+            around = _surroundings(work)
             crew += (_Worker(cores[number % len(cores)], around) for number in range(count))
             _Shift(jobs, still_open, work, watch, crew).finish()
         except KeyboardInterrupt:
@@ -162,6 +161,18 @@ class _Worker:
         self.process.terminate()
         self.process.join()
         self.pipe.close()
+
+
+def _surroundings(work: Path) -> dict[str, str]:
+    """Variables of processes that do such jobs: one arithmetic, and programs compiled once.
+
+    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
+    """
+    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work.absolute() / "compiled"))
+    return PORTABLE | {
+        "JAX_COMPILATION_CACHE_DIR": compiled,
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
 
 
 @contextmanager

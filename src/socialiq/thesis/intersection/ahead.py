@@ -27,7 +27,7 @@ from socialiq.thesis.intersection.episodes import save_episodes
 from socialiq.thesis.intersection.networks import SHARES, TARGET, reaches, set_expert
 from socialiq.thesis.intersection.plan import evaluations
 from socialiq.thesis.intersection.rows import curves, played, policy_row, times
-from socialiq.thesis.intersection.stages import BEST, surroundings
+from socialiq.thesis.intersection.stages import BEST
 from socialiq.thesis.jobs import Job, Tell
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.store import Results, Row
@@ -132,7 +132,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch, environment=surroundings(folder))
+        run_jobs(jobs, folder, watch)
         return tabulate(config, jobs, folder)
 
 

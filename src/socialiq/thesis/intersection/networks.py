@@ -29,7 +29,7 @@ from socialiq.thesis.intersection.plan import (
     on_highway,
 )
 from socialiq.thesis.intersection.rows import curves, highway, played, policy_row, times
-from socialiq.thesis.intersection.stages import ExpertRun, surroundings, train_expert
+from socialiq.thesis.intersection.stages import ExpertRun, train_expert
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.store import Results, Row
@@ -83,7 +83,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch, environment=surroundings(folder))
+        run_jobs(jobs, folder, watch)
         return tabulate(config, jobs, folder)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -42,7 +41,6 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.reference.conformance import PORTABLE
 from socialiq.worlds.intersection.world import Intersection
 
 BEST, LAST = "best.safetensors", "last.safetensors"
@@ -210,18 +208,6 @@ def _keep(policy: QPolicy, history: History, folder: Path) -> None:
     policy.save(folder / LAST)
     write_curve(history, folder / "curve.csv")
     (folder / CHECKPOINT).unlink(missing_ok=True)
-
-
-def surroundings(work: Path) -> dict[str, str]:
-    """Variables of processes that do such jobs: one arithmetic, and programs compiled once.
-
-    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
-    """
-    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work.absolute() / "compiled"))
-    return PORTABLE | {
-        "JAX_COMPILATION_CACHE_DIR": compiled,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
-    }
 
 
 def source_of(options: Options, environments: int, steps: int) -> Source:

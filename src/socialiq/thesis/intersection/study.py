@@ -24,7 +24,6 @@ from socialiq.thesis.intersection.plan import (
 )
 from socialiq.thesis.intersection.pools import POOLS
 from socialiq.thesis.intersection.rows import connected, curves, highway, played, policy_row, times
-from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.intersection.tables import best_angles, distributions, separability, table_6_2
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
@@ -54,7 +53,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
         )
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch, environment=surroundings(folder))
+        run_jobs(jobs, folder, watch)
         return tabulate(config, jobs, folder)
 
 

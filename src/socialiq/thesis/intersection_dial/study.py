@@ -19,7 +19,6 @@ from socialiq.social.angle import exact_weights
 from socialiq.thesis.intersection.episodes import load_episodes
 from socialiq.thesis.intersection.pools import POOLS, atlas_pools
 from socialiq.thesis.intersection.rows import Played, policy_row, times
-from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.intersection_dial.config import Config
 from socialiq.thesis.intersection_dial.stages import (
     DialRun,
@@ -52,7 +51,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch, environment=surroundings(folder))
+        run_jobs(jobs, folder, watch)
         return tabulate(config, jobs, folder)
 
 

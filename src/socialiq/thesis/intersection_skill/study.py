@@ -14,7 +14,6 @@ from pathlib import Path
 from socialiq.thesis import atlas
 from socialiq.thesis.experts import MODES
 from socialiq.thesis.intersection.pools import POOLS
-from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.intersection_skill.config import (
     ALONE,
     CLONES,
@@ -74,7 +73,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch, environment=surroundings(folder))
+        run_jobs(jobs, folder, watch)
         return tabulate(STUDY, config, jobs, folder, FOLDERS)
 
 

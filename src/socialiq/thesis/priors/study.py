@@ -13,7 +13,6 @@ import numpy as np
 
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.thesis.intersection.pools import atlas_pools
-from socialiq.thesis.intersection.stages import surroundings
 from socialiq.thesis.jobs import Job
 from socialiq.thesis.lanes import Watch, silent
 from socialiq.thesis.priors import intersection
@@ -46,11 +45,10 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     """
     config = config or Config()
     with work_folder(work) as folder:
-        around = surroundings(folder)
-        run_jobs(development_jobs(config), folder, watch, environment=around)
+        run_jobs(development_jobs(config), folder, watch)
         developed = list(development_rows(config, folder))
         chosen = choose(developed)
-        run_jobs(fresh_jobs(config, chosen), folder, watch, environment=around)
+        run_jobs(fresh_jobs(config, chosen), folder, watch)
         return tabulate(config, developed, chosen, list(fresh_rows(config, chosen, folder)))
 
 
