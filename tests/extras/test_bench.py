@@ -36,6 +36,8 @@ def test_bench_dial_prints_one_json_object(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["intersection_thesis_updates"] == found["intersection_dial_updates"]
     assert found["crossing7_ratio"] > 0 and found["intersection_ratio"] > 0
+    assert found["crossing7_quick_ratio"] > 0
+    assert 0 <= found["crossing7_quick_regret"] <= found["crossing7_quick_worst_seed"]
 
 
 def test_bench_recordings_prints_one_json_object(capsys):

@@ -54,19 +54,8 @@ def test_train_writes_what_metrics_csv_has(tmp_path):
     data, out, events = tmp_path / "d.safetensors", tmp_path / "run", tmp_path / "events"
     assert main(["collect", "crossing7", "--episodes", "2", "--out", str(data)]) == 0
     command = ["train", str(data), "--value-term", "value_expert", "--out", str(out)]
-    command += [
-        "--angle",
-        "0",
-        "90",
-        "--updates",
-        "20",
-        "--batch-size",
-        "8",
-        "--hidden",
-        "8",
-        "--strength",
-        "1",
-    ]
+    command += ["--angle", "0", "90", "--strength", "1", "--updates", "20"]
+    command += ["--batch-size", "8", "--hidden", "8"]
     assert main([*command, "--tensorboard", str(events)]) == 0
     with (out / "metrics.csv").open() as file:
         rows = {float(row["angle_target"]): row for row in csv.DictReader(file)}
@@ -79,6 +68,19 @@ def test_train_writes_what_metrics_csv_has(tmp_path):
         assert set(found) == set(row) - {"updates", "angle_target", "strength", "seed"}
         for name, ((step, value),) in found.items():
             assert step == 20 and value == pytest.approx(float(row[name]), abs=1e-4, rel=1e-4)
+
+
+@pytest.mark.usefixtures("quick_compiler")
+def test_train_dial_writes_what_metrics_csv_has(tmp_path):
+    out, events = tmp_path / "run", tmp_path / "events"
+    command = ["train-dial", "crossing5", "--preset", "online-alone", "--updates", "5"]
+    assert main([*command, "--out", str(out), "--tensorboard", str(events)]) == 0
+    with (out / "metrics.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    found = scalars(events / "seed_0")
+    assert set(found) == set(row) - {"updates", "seed"}
+    for name, ((step, value),) in found.items():
+        assert step == 5 and value == pytest.approx(float(row[name]), abs=1e-4, rel=1e-4)
 
 
 def test_neither_tensorflow_nor_torch_is_imported(tmp_path):

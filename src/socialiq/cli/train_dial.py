@@ -24,7 +24,7 @@ from socialiq.learners.outside import Outside
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.thesis.dial.budgets import CHUNK, exact_regret
-from socialiq.thesis.dial.config import RUNS, seen, with_clock
+from socialiq.thesis.dial.config import PRESETS, seen, with_clock
 from socialiq.thesis.lanes import Ground
 from socialiq.thesis.store import Row, as_csv, rounded, versions
 from socialiq.worlds.registry import make_grid
@@ -44,8 +44,8 @@ class TrainDial:
     data: Path | None = None
     """Demonstrations file, of `socialiq collect --clock`; a run without demonstrations has none."""
     preset: str = "online"
-    """online, online-alone (no demonstrations), online-clockless, offline, offline-redrawn (each
-    transition at times drawn anew)."""
+    """online, online-quick (seconds, less exact), online-alone (no demonstrations),
+    online-clockless, offline, offline-redrawn (each transition at times drawn anew)."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     angle: float | None = None
@@ -65,8 +65,8 @@ class TrainDial:
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
-        one_of("preset", self.preset, tuple(RUNS))
-        chosen = RUNS[self.preset]
+        one_of("preset", self.preset, tuple(PRESETS))
+        chosen = PRESETS[self.preset]
         plain = make_grid(self.world)
         world = plain.with_clock() if chosen.clock else plain
         structure = dataclasses.replace(
@@ -148,7 +148,7 @@ class TrainDial:
         if structure.updates <= CHUNK:
             raise UserError(f"a budget is looked at every {CHUNK} updates: train for more")
         budgets = np.full(len(numbers), self.budget)
-        plain, clock = make_grid(self.world), RUNS[self.preset].clock
+        plain, clock = make_grid(self.world), PRESETS[self.preset].clock
         ground = with_clock(Ground.of(plain.name), clock)
         return Budget(exact_regret(ground, structure, numbers), budgets)
 

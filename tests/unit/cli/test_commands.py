@@ -10,6 +10,7 @@ from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis.claims import packaged_results
+from socialiq.thesis.dial.config import QUICK, RUNS
 
 TINY = ["--updates", "20", "--batch-size", "8", "--hidden", "8"]
 
@@ -339,6 +340,16 @@ def test_a_dial_can_be_trained_without_demonstrations(tmp_path):
     arguments = ["train-dial", "crossing5", "--preset", "online-alone", "--out", str(out)]
     assert main([*arguments, "--updates", "5"]) == 0
     assert (out / "dial_0.safetensors").exists()
+
+
+def test_the_quick_preset_is_a_smaller_network_on_the_same_rows(clocked, tmp_path):
+    out = tmp_path / "run"
+    arguments = ["train-dial", "crossing7", "--data", str(clocked), "--out", str(out)]
+    assert main([*arguments, "--preset", "online-quick", "--updates", "5"]) == 0
+    structure = json.loads((out / "run.json").read_text())["structure"]
+    assert structure["hidden"] == list(QUICK.structure.hidden)
+    assert structure["expert_batch"] + structure["replay_batch"] == 128
+    assert structure["redraw_times"] == RUNS["online"].structure.redraw_times
 
 
 def test_a_strength_is_found_for_a_budget(clocked, tmp_path):
