@@ -28,7 +28,7 @@ OUR_STEPS = 96_000
 UPDATES = 400
 PRODUCT = 1024  # rows and columns
 
-_OURS = "import json; from experts import ours; print(json.dumps(ours()))"
+_OURS = "import json; from experts import ours; print(json.dumps(ours({steps})))"
 
 
 def run(repeats: int) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def _pinned() -> dict[str, float]:
     """Our side in a process that never sees more than one core."""
     core = min(os.sched_getaffinity(0))
     done = subprocess.run(
-        ["taskset", "-c", str(core), sys.executable, "-c", _OURS],
+        ["taskset", "-c", str(core), sys.executable, "-c", _OURS.format(steps=OUR_STEPS)],
         cwd=Path(__file__).parent,
         capture_output=True,
         text=True,
@@ -98,10 +98,10 @@ def _pinned() -> dict[str, float]:
     return json.loads(done.stdout)
 
 
-def ours() -> dict[str, float]:
+def ours(steps: int) -> dict[str, float]:
     """Steps per second with learning, updates per second, and their share of the throughput."""
     marks: list[tuple[int, float]] = []
-    train_(marks)
+    train_(steps, marks)
     (first, began), (last, ended) = marks[0], marks[-1]
     updates = updates_per_second()
     product = product_flops_per_second()
@@ -113,7 +113,7 @@ def ours() -> dict[str, float]:
     }
 
 
-def train_(marks: list[tuple[int, float]]) -> None:
+def train_(steps: int, marks: list[tuple[int, float]]) -> None:
     """A short run; notes (updates done, time) after each chunk."""
     from gymnasium.vector import AutoresetMode
 
@@ -123,7 +123,7 @@ def train_(marks: list[tuple[int, float]]) -> None:
     from socialiq.learners.outside import Outside
     from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 
-    structure = Structure(hidden=HIDDEN, steps=OUR_STEPS, steps_per_update=48, batch_size=BATCH)
+    structure = Structure(hidden=HIDDEN, steps=steps, steps_per_update=48, batch_size=BATCH)
     env = IntersectionVectorEnv(ENVIRONMENTS, autoreset_mode=AutoresetMode.SAME_STEP)
     outside = Outside(lambda report: marks.append((report.done, time.perf_counter())))
     source = from_vector_env(env, 200 * structure.steps_per_update)

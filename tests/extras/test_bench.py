@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from socialiq.cli import bench
 from socialiq.cli.main import main
 
 
@@ -23,6 +24,20 @@ def test_bench_worlds_prints_one_json_object(capsys):
     assert found["steps_per_s_2_threads"] > 0
 
 
+@pytest.fixture
+def _small_experts(monkeypatch):
+    """Whole, it takes minutes: here both sides take a few steps, the peer in two processes."""
+    load = bench.load
+
+    def smaller(name):
+        module = load(name)
+        vars(module).update(ENVIRONMENTS=2, PEER_STEPS=24, OUR_STEPS=28_800)
+        return module
+
+    monkeypatch.setattr(bench, "load", smaller)
+
+
+@pytest.mark.usefixtures("_small_experts")
 def test_bench_experts_prints_one_json_object(capsys):
     pytest.importorskip("stable_baselines3", reason="extra `sb3` is not installed")
     assert main(["bench", "experts", "--repeats", "1", "--json"]) == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated
 
 import tyro
@@ -39,7 +40,7 @@ class Bench:
         one_of("benchmark", self.benchmark, BENCHMARKS)
         if self.repeats < 1:
             raise UserError(f"repeats must be at least 1, got {self.repeats}")
-        found = _load(self.benchmark).run(self.repeats)
+        found = load(self.benchmark).run(self.repeats)
         if self.json:
             print_json(found)
         else:
@@ -47,7 +48,12 @@ class Bench:
         return 0
 
 
-def _load(name: str):
+def load(name: str) -> ModuleType:
+    """A benchmark of the checkout, as a module.
+
+    Raises:
+        UserError: In an installed package, which has none.
+    """
     path = Path(socialiq.__file__).parents[2] / "benchmarks" / f"{name}.py"
     if not path.is_file():
         raise UserError("benchmarks come with the sources, not the package: run in a checkout")
