@@ -13,6 +13,7 @@ from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.figures import priors as figures
 from socialiq.figures.style import png
+from socialiq.learners.ranges import check_seeds
 from socialiq.thesis import store
 from socialiq.thesis.priors import study
 from socialiq.thesis.priors.config import Config
@@ -69,6 +70,7 @@ class Compare:
     def compute(self) -> Results:
         """Run what is not done yet, with its progress shown, and write the folder."""
         options = {name: getattr(self, name) for name in ("worlds", "methods", "seeds")}
+        check_seeds(self.seeds)
         config = Config(**{name: value for name, value in options.items() if value})
         store.check_target(self.out, self.replace)
         work = self.work or self.out.with_name(f"{self.out.name}.work")

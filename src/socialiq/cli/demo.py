@@ -12,6 +12,7 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.cli.studies import comparison, save
 from socialiq.evaluation.play import episodes_of
+from socialiq.learners.ranges import check_seeds
 from socialiq.thesis import atlas, grid, store
 from socialiq.thesis.intersection_world import outcome_row
 from socialiq.thesis.store import Row
@@ -62,6 +63,7 @@ class Demo:
 
     def run(self) -> int:
         """Run the small grid study, print the table, say where to look next."""
+        check_seeds(self.seeds)
         store.check_target(self.out, replace=True)
         config = grid.Config(
             seeds=self.seeds, target_kinds=("running",), strengths=(2.0,), comparisons=False

@@ -33,6 +33,7 @@ from socialiq.figures import poc as poc_figures
 from socialiq.figures import theory as theory_figures
 from socialiq.figures import worlds as worlds_figures
 from socialiq.figures.style import png
+from socialiq.learners.ranges import check_seeds
 from socialiq.thesis import (
     alternatives,
     audit_power,
@@ -190,6 +191,7 @@ class Reproduce:
         for name in found:
             if name not in names:
                 raise UserError(f"{self.study} has no --{name.replace('_', '-')}: leave it out")
+        check_seeds(self.seeds)
         if "back_end" in found:
             one_of("back end", self.back_end, BACK_ENDS)
         if self.episodes is not None and self.episodes < 1:

@@ -23,6 +23,7 @@ from socialiq.learners.collect import acting_in
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.outside import Outside
+from socialiq.learners.ranges import check_seeds
 from socialiq.learners.state import Lanes
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.recordings.closed_loop import refuse_recording
@@ -142,6 +143,7 @@ class Train:
     def settings(self) -> tuple[Structure, list[Numbers]]:
         """The preset with the options laid over it."""
         one_of("preset", self.preset, tuple(PRESETS))
+        check_seeds(self.seed)
         structure, base = PRESETS[self.preset]
         structure = dataclasses.replace(
             structure, online=bool(self.world), **self._given(Structure)

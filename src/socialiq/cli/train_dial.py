@@ -21,6 +21,7 @@ from socialiq.learners.dial.budget import Budget, Look
 from socialiq.learners.dial.config import Numbers, Structure, check_fit
 from socialiq.learners.dial.train import Trained, train
 from socialiq.learners.outside import Outside
+from socialiq.learners.ranges import check_seeds
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.thesis.dial.budgets import CHUNK, exact_regret
@@ -66,6 +67,7 @@ class TrainDial:
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         one_of("preset", self.preset, tuple(PRESETS))
+        check_seeds(self.seed)
         chosen = PRESETS[self.preset]
         plain = make_grid(self.world)
         world = plain.with_clock() if chosen.clock else plain

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from socialiq.errors import UserError
@@ -91,3 +92,15 @@ def check_seed(seed: int) -> None:
     """
     if not 0 <= seed < 2**32:
         raise UserError(f"seed must lie in [0, 2^32), got {seed}")
+
+
+def check_seeds(seeds: Sequence[int]) -> None:
+    """Refuse what is no seed, and a seed that is named twice.
+
+    Raises:
+        UserError: If there is one.
+    """
+    for seed in seeds:
+        check_seed(seed)
+    if len({*seeds}) < len(seeds):
+        raise UserError("a seed is named twice: name each once")

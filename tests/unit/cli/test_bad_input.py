@@ -270,6 +270,26 @@ def test_dials_that_are_asked_for_the_impossible(capsys, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("train", "DATA", "--out", "OUT", "--seed"),
+        ("train-dial", "crossing7", "--preset", "online-alone", "--out", "OUT", "--seed"),
+        ("reproduce", "grid", "--out", "OUT", "--seeds"),
+        ("reproduce", "intersection-dial", "--out", "OUT", "--seeds"),
+        ("compare", "priors", "--out", "OUT", "--seeds"),
+        ("demo", "--out", "OUT", "--seeds"),
+    ],
+    ids=lambda command: " ".join(command[:2]),
+)
+def test_training_seeds_that_make_no_run(capsys, tmp_path, data, command):
+    places = {"DATA": str(data), "OUT": str(tmp_path / "out")}
+    given = [places.get(word, word) for word in command]
+    assert "seed must lie in [0, 2^32), got -1" in refused(capsys, *given, "-1")
+    assert "a seed is named twice: name each once" in refused(capsys, *given, "20", "20")
+    assert [path for path in tmp_path.iterdir() if path != data] == []
+
+
 def test_dials_that_cannot_be_trained(capsys, tmp_path, data):
     out = tmp_path / "run"
     mends = {
