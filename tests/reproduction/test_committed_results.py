@@ -10,6 +10,7 @@ import pytest
 
 from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
 from socialiq.evaluation.play import episodes_of
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.thesis import (
     atlas,
     claims,
@@ -42,7 +43,7 @@ def committed():
     folder = claims.packaged_results()
     names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
     names += ("intersection-world", "intersection", "intersection-ahead", "audits")
-    names += ("dial", "competence")
+    names += ("dial", "competence", "intersection-dial")
     return {name: store.load(folder / name) for name in names}
 
 
@@ -236,6 +237,27 @@ def test_the_network_alone_drives_as_before_in_other_traffic(committed, traffic)
     for name in ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck"):
         # As above, a few episodes.
         assert found[name] == pytest.approx(theirs[name], abs=5 / theirs["episodes"]), name
+
+
+@pytest.mark.parametrize("angle", [0.0, 60.0])
+def test_the_dial_drives_as_before(committed, batch, angle):
+    """The dial of the first seed, which lies beside the tables."""
+    results = committed["intersection-dial"]
+    seed, episodes = results.config["seeds"][0], results.config["episodes"]
+    (theirs,) = [
+        row
+        for row in results.tables["policies"]
+        if (row["family"], row["seed"], row["asked"]) == ("dial", seed, angle)
+    ]
+    turned = DialPolicy.load(claims.packaged_results() / "intersection-dial" / "dial.safetensors")
+    seeds = np.arange(20_000_000, 20_000_000 + episodes)
+    again = episodes_of(batch, turned.at(angle), seeds)
+    found = intersection_world.outcome_row(again) | intersection_world.reward_row(again)
+    for name in ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck"):
+        # As above, a few episodes.
+        assert found[name] == pytest.approx(theirs[name], abs=5 / episodes), name
+    for name in ("r_env", "r_social"):
+        assert found[name] == pytest.approx(theirs[name], abs=0.02), name
 
 
 def test_audits_come_out_as_before(committed, tmp_path):

@@ -4,59 +4,66 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import numpy as np
 import tyro
 
-from socialiq.cli.drivers import gridworld_of
+from socialiq.cli.drivers import gridworld_of, refuse_misfit
 from socialiq.cli.output import print_json, print_table
-from socialiq.errors import UserError
+from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial_exact import Sweep, sweep
-from socialiq.evaluation.exact import Optimum
+from socialiq.evaluation.dial_rollouts import Rolled, roll
+from socialiq.evaluation.exact import Optimum, Readout
+from socialiq.evaluation.metrics import Metrics
+from socialiq.learners.ranges import check_seed
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.social.dial import Setting, setting
+from socialiq.social.angle import angle_difference, angle_of
+from socialiq.social.dial import mixture, setting
+from socialiq.thesis.store import Row
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 
 @dataclass(frozen=True)
 class Dial:
-    """What a dial does at each angle, exactly.
+    """What a dial does at each angle: exactly in a gridworld, from episodes at the intersection.
 
-    Each row is an angle asked for. First the policy that the dial turns to: its mean sums, and its
-    regret, how far they lie below the best at that angle. Then the mixture of two of the dial's
-    policies, one drawn per episode, whose *behaviour* lies at that angle: the radius is the length
-    of its mean sums, and the share is of the longest that any policy has there.
+    Each row is an angle asked for. First the policy that the dial turns to: its mean sums, and in a
+    gridworld its regret, how far they lie below the best at that angle. Then the mixture of two of
+    the dial's policies, one drawn per episode, whose *behaviour* lies at that angle: the radius is
+    the length of its mean sums, and the share is of the longest that any policy has there. At the
+    intersection half of the episodes choose the mixture and half tell its angle, with a 95 %
+    interval.
 
     Example: socialiq dial crossing7 --policy run/dial_0.safetensors
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5 or crossing7."""
+    """crossing5, crossing7 or intersection."""
     policy: Path
-    """File that `socialiq train-dial` wrote."""
+    """Dial file, of `socialiq train-dial` or of the study intersection-dial."""
     every: int = 5
     """Degrees between the rows."""
     soft: bool = False
     """Draw actions from softmax(Q/τ) instead of taking the best."""
+    episodes: int = 500
+    """Episodes of each angle at the intersection."""
+    seed: int = 0
+    """Of the first episode there, and of the bootstrap."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Query at every degree, evaluate exactly, print."""
+        """Query, evaluate, print."""
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
+        one_of("world", self.world, tuple(WORLDS))
         dial = DialPolicy.load(self.policy)
-        part = gridworld_of(self.world, dial).reachable_part()
-        found = sweep(dial, part, "soft" if self.soft else "greedy")
-        best = Optimum(part)
-        rows = self.rows(found, best)
-        back = found.backward_steps()
-        summary = {
-            "world": self.world,
-            "policy": str(self.policy),
-            "mean_regret": float(found.regrets(best.attainable).mean()),
-            "rise_r_env": back.env,
-            "drop_r_social": back.social,
-        }
+        measure = self.rolled if self.world not in GRIDWORLDS else self.exact
+        rows, summary = measure(dial)
+        summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
         else:
@@ -64,38 +71,88 @@ class Dial:
             print_table([{"quantity": name, "value": value} for name, value in summary.items()])
         return 0
 
-    def rows(self, found: Sweep, best: Optimum) -> list[dict[str, Any]]:
-        """One for each angle."""
+    @property
+    def readout(self) -> Readout:
+        """How actions are read off Q."""
+        return "soft" if self.soft else "greedy"
+
+    def exact(self, dial: DialPolicy) -> tuple[list[Row], Row]:
+        """Rows and summary in a gridworld, queried at every degree."""
+        part = gridworld_of(self.world, dial).reachable_part()
+        found, best = sweep(dial, part, self.readout), Optimum(part)
         regrets = found.regrets(best.attainable)
-        return [
-            {
-                "angle": angle,
-                "r_env": metrics.r_env,
-                "r_social": metrics.r_social,
-                "behavioural_angle": metrics.angle,
-                "regret": float(regret),
-            }
-            | _mixed(found, angle, best)
+        rows = [
+            _queried(angle, metrics) | {"regret": float(regret)} | _mixed(found, angle, best)
             for angle, metrics, regret in zip(found.angles, found.metrics, regrets, strict=True)
             if (angle - found.angles[0]) % self.every == 0
         ]
+        return rows, {"mean_regret": float(regrets.mean())} | _backward(found)
+
+    def rolled(self, dial: DialPolicy) -> tuple[list[Row], Row]:
+        """Rows and summary at the intersection, driven at every row's angle."""
+        check_seed(self.seed)
+        options = Options()
+        refuse_misfit(str(self.policy), dial, options)
+        angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        batch = Batch(options, min(max(self.episodes, 1), 512))
+        found = roll(dial, batch, angles, seeds, self.readout)
+        rows = [
+            _queried(angle, one)
+            | {"arrival": one.arrival, "collision": one.collision}
+            | _mixed_by_episodes(found, angle, self.seed)
+            for angle, one in zip(angles, found.sweep.metrics, strict=True)
+        ]
+        return rows, {"episodes": self.episodes, "seed": self.seed} | _backward(found.sweep)
 
 
-def _mixed(found: Sweep, angle: float, best: Optimum) -> dict[str, Any]:
-    """The mixture at a behavioural angle; empty where there is none."""
+def _queried(angle: float, metrics: Metrics) -> Row:
+    """What the policy of an angle does."""
+    return {
+        "angle": angle,
+        "r_env": metrics.r_env,
+        "r_social": metrics.r_social,
+        "behavioural_angle": metrics.angle,
+    }
+
+
+def _backward(found: Sweep) -> Row:
+    """Violations of the dial's sense."""
+    back = found.backward_steps()
+    return {"rise_r_env": back.env, "drop_r_social": back.social}
+
+
+def _mixed(found: Sweep, angle: float, best: Optimum) -> Row:
+    """The exact mixture at a behavioural angle; empty where there is none."""
     names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
     try:
-        one: Setting = setting(found.points, angle)
+        one = setting(found.points, angle)
     except UserError:
         return dict.fromkeys(names, "")
     values = (
         found.angles[one.first],
         found.angles[one.second],
         one.share,
-        0.0,
+        angle_difference(angle_of(*mixture(found.points, one)), angle),
         one.radius,
         one.radius / best.attainable.radius(angle),
     )
+    return dict(zip(names, values, strict=True))
+
+
+def _mixed_by_episodes(found: Rolled, angle: float, seed: int) -> Row:
+    """The mixture at a behavioural angle, and the angle that it then had; empty if there is none.
+
+    Its radius is of the episodes that chose it.
+    """
+    names = ("mix_first", "mix_second", "mix_share", "radius")
+    names += ("mix_angle", "mix_angle_low", "mix_angle_high")
+    try:
+        one, interval = found.mixture(angle, seed)
+    except UserError:
+        return dict.fromkeys(names, "")
+    angles = found.sweep.angles
+    values = (angles[one.first], angles[one.second], one.share, one.radius, *interval)
     return dict(zip(names, values, strict=True))
 
 

@@ -33,13 +33,22 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     if name not in shipped and not Path(name).exists():
         one_of("driver", name, (*policies.NAMES, *shipped, "a policy file"))
     policy = atlas.load(name) if name in shipped else QPolicy.load(Path(name))
-    world = Intersection(options or Options())
+    refuse_misfit(name, policy, options or Options())
+    return policy
+
+
+def refuse_misfit(name: str, policy: QPolicy | DialPolicy, options: Options) -> None:
+    """Refuse a policy or dial that was trained for another world than this scenario.
+
+    Raises:
+        UserError: If it was.
+    """
+    world = Intersection(options)
     if (policy.n_features, policy.n_actions) != (world.n_features, world.n_actions):
         raise UserError(
             f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
             f"intersection has {world.n_features} and {world.n_actions}: name another policy"
         )
-    return policy
 
 
 def gridworld_of(name: str, policy: QPolicy | DialPolicy) -> Table:

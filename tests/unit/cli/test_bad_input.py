@@ -262,7 +262,9 @@ def test_dials_that_are_asked_for_the_impossible(capsys, tmp_path):
         "name the world it was trained for": ("dial", "crossing5", "--policy", dial),
         "give whole degrees": ("dial", "crossing7", "--policy", dial, "--every", 0),
         "no such file": ("dial", "crossing7", "--policy", tmp_path / "none"),
-        "choose one of crossing5, crossing7": ("dial", "intersection", "--policy", dial),
+        "choose one of crossing5, crossing7": ("dial", "mars", "--policy", dial),
+        "the intersection has 70 and 3": ("dial", "intersection", "--policy", dial),
+        "seed must lie in": ("dial", "intersection", "--policy", dial, "--seed", -1),
         "name a policy file": ("evaluate", dial, "--world", "crossing7"),
     }
     for mend, arguments in mends.items():

@@ -3,11 +3,14 @@ import itertools
 import json
 import math
 
+import jax
 import numpy as np
 import pytest
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis.claims import packaged_results
 from socialiq.thesis.dial.config import QUICK, RUNS
@@ -323,6 +326,24 @@ def test_dial_tells_what_each_angle_does(capsys, dial):
         assert row["regret"] >= 0
         assert row["share_of_radius"] == "" or 0 <= row["share_of_radius"] <= 1 + 1e-9
     assert found["rise_r_env"] >= 0 and found["drop_r_social"] >= 0
+
+
+def test_dial_tells_what_each_angle_does_at_the_intersection(capsys, tmp_path):
+    path = tmp_path / "dial.safetensors"
+    network = DialNetwork.initialise(jax.random.key(0), 70, (4,), 3)
+    DialPolicy.of(network, temperature=0.1, low=0.0, high=90.0, provenance={}).save(path)
+    options = ("--every", "45", "--episodes", "8", "--seed", "5")
+    found = json_of(capsys, "dial", "intersection", "--policy", str(path), *options)
+    assert (found["episodes"], found["seed"]) == (8, 5)
+    assert [row["angle"] for row in found["angles"]] == [0, 45, 90]
+    turned = tmp_path / "policy.safetensors"
+    json_of(capsys, "turn", str(path), "--angle", "45", "--out", str(turned))
+    options = ("--world", "intersection", "--episodes", "8", "--seed", "5")
+    alone = json_of(capsys, "evaluate", str(turned), *options)
+    for name in ("r_env", "r_social", "arrival", "collision"):
+        assert found["angles"][1][name] == pytest.approx(alone[name], abs=1e-6)
+    for row in found["angles"]:
+        assert row["mix_angle"] == "" or row["mix_angle_low"] <= row["mix_angle_high"]
 
 
 def test_a_turned_dial_is_evaluated_like_any_policy(capsys, dial, tmp_path):

@@ -90,6 +90,11 @@ def test_the_dial_of_a_run_turns_and_an_agent_does_not(results, work) -> None:
     assert agent.provenance["structure"]["updates"] == TINY.agent_updates
 
 
+def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work) -> None:
+    kept = (work / "dials" / "0" / "dial.safetensors").read_bytes()
+    assert results.files == {"dial.safetensors": kept}
+
+
 def test_curves_are_of_every_run(results) -> None:
     runs = {row["run"] for row in results.tables["curves"]}
     assert runs == {"dials/0", "dials/1"} | {f"agents/{a}/{s}" for a in (0, 90) for s in (0, 1)}

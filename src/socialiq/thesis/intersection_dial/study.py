@@ -21,6 +21,7 @@ from socialiq.thesis.intersection.pools import POOLS, atlas_pools
 from socialiq.thesis.intersection.rows import Played, policy_row, times
 from socialiq.thesis.intersection_dial.config import Config
 from socialiq.thesis.intersection_dial.stages import (
+    DIAL,
     DialRun,
     Turning,
     drive,
@@ -113,7 +114,7 @@ class Driven(NamedTuple):
 
 
 def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
-    """Every table, from the jobs' folders alone."""
+    """Every table, from the jobs' folders alone, and the dial of the first seed."""
     driven = list(_driven(config, work))
     families = _families(config, driven)
     trained = [job for job in jobs if job.work is train_dial]
@@ -129,7 +130,8 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "times": times(trained, work),
     }
     kept = {name: rows for name, rows in tables.items() if rows}
-    return Results.of(STUDY, config, kept, _summary(config, kept))
+    first = (work / dial_name(config.seeds[0]) / DIAL).read_bytes()
+    return Results.of(STUDY, config, kept, _summary(config, kept), {DIAL: first})
 
 
 def _driven(config: Config, work: Path) -> Iterator[Driven]:
