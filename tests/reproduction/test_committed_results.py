@@ -11,6 +11,7 @@ import pytest
 from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
 from socialiq.evaluation.play import episodes_of
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
 from socialiq.thesis import (
     atlas,
     claims,
@@ -27,9 +28,11 @@ from socialiq.thesis.competence import bench
 from socialiq.thesis.dial import config as dial
 from socialiq.thesis.experts import trajectory_datasets
 from socialiq.thesis.intersection import ahead
-from socialiq.thesis.intersection.pools import Recording
-from socialiq.thesis.intersection.stages import BATCH, Evaluation
+from socialiq.thesis.intersection.pools import Recording, atlas_pools
+from socialiq.thesis.intersection.stages import BATCH, LAST, Evaluation
 from socialiq.thesis.lanes import Ground
+from socialiq.thesis.priors import intersection as priors
+from socialiq.thesis.priors.budget import Lane
 from socialiq.thesis.priors.config import EPISODES_EACH, Config
 from socialiq.thesis.priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS
@@ -43,7 +46,7 @@ def committed():
     folder = claims.packaged_results()
     names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
     names += ("intersection-world", "intersection", "intersection-ahead", "audits")
-    names += ("dial", "competence", "intersection-dial")
+    names += ("dial", "competence", "intersection-dial", "compare-priors-intersection")
     return {name: store.load(folder / name) for name in names}
 
 
@@ -160,8 +163,9 @@ def test_the_clones_of_the_comparison_are_equal(committed, tmp_path):
         assert row["effective_share"] == pytest.approx(their["effective_share"], abs=1e-5)
 
 
-def test_the_bellman_shift_of_the_comparison_is_the_baseline(committed):
-    rows = committed["compare-priors"].tables["policies"]
+@pytest.mark.parametrize("study", ["compare-priors", "compare-priors-intersection"])
+def test_the_bellman_shift_of_the_comparison_is_the_baseline(committed, study):
+    rows = committed[study].tables["policies"]
     kept = ("world", "target_angle", "readout", "seed", "r_env", "r_social", "regret")
     none, shift = (
         [[row[name] for name in kept] for row in rows if row["method"] == method]
@@ -258,6 +262,29 @@ def test_the_dial_drives_as_before(committed, batch, angle):
         assert found[name] == pytest.approx(theirs[name], abs=5 / episodes), name
     for name in ("r_env", "r_social"):
         assert found[name] == pytest.approx(theirs[name], abs=0.02), name
+
+
+def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
+    """From the atlas' experts to recordings, a mixture, a clone of one mode and its J(90)."""
+    results, lane = committed["compare-priors-intersection"], Lane(90.0, 1.0, 10, 0)
+    pools, out = tmp_path / "pools", tmp_path / "clone"
+    pools.mkdir()
+    out.mkdir()
+    recording = atlas_pools(priors.STUDY.pool_episodes)
+    recording.work(recording.config, pools, {}, lambda _: None)
+    train, run = priors.LEARNERS["clone_of_mode"](Config(), BY_NAME["clone_of_mode"], lane)
+    train(run, out, {"pools": pools}, lambda _: None)
+    (theirs,) = [
+        row
+        for row in results.tables["policies"]
+        if (row["method"], row["target_angle"], row["seed"]) == ("clone_of_mode", 90.0, 10)
+        and row["readout"] == "greedy"
+    ]
+    first, episodes = Evaluation().first_seed, results.config["episodes"]
+    again = episodes_of(batch, QPolicy.load(out / LAST), np.arange(first, first + episodes))
+    # Another processor trains another network from its first rounding on.
+    assert again.metrics().value(90.0) == pytest.approx(theirs["value"], abs=0.15)
+    assert again.metrics().arrival == pytest.approx(theirs["arrival"], abs=0.01)
 
 
 def test_audits_come_out_as_before(committed, tmp_path):
