@@ -148,11 +148,12 @@ def _mixed_by_episodes(found: Rolled, angle: float, seed: int) -> Row:
     names = ("mix_first", "mix_second", "mix_share", "radius")
     names += ("mix_angle", "mix_angle_low", "mix_angle_high")
     try:
-        one, interval = found.mixture(angle, seed)
+        one, shown = found.mixture(angle, seed)
     except UserError:
         return dict.fromkeys(names, "")
     angles = found.sweep.angles
-    values = (angles[one.first], angles[one.second], one.share, one.radius, *interval)
+    values = (angles[one.first], angles[one.second], one.share, one.radius)
+    values += (shown.angle, shown.low, shown.high)
     return dict(zip(names, values, strict=True))
 
 

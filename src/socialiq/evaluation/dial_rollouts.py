@@ -13,7 +13,8 @@ from socialiq.evaluation.dial_exact import Sweep
 from socialiq.evaluation.exact import Readout
 from socialiq.evaluation.play import episodes_of
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.social.dial import Interval, Setting, mixed_angle, setting
+from socialiq.social.dial import Setting, setting
+from socialiq.social.estimate import AngleEstimate, estimate_angle
 from socialiq.worlds.intersection.batch import Batch
 
 
@@ -29,11 +30,12 @@ class Rolled:
     sweep: Sweep
     totals: tuple[Float[np.ndarray, "episode 2"], ...]
 
-    def mixture(self, wanted: float, seed: int) -> tuple[Setting, Interval]:
+    def mixture(self, wanted: float, seed: int) -> tuple[Setting, AngleEstimate]:
         """The mixture of two queried policies whose behaviour lies at an angle.
 
         The first half of the episodes chooses it, the second half measures it: an interval over the
-        episodes that chose would be about its own wish.
+        episodes that chose would be about its own wish. Both policies drove the same seeds, so what
+        is resampled is the mixture's expected sums on a seed.
 
         Args:
             wanted: Behavioural angle in degrees.
@@ -44,8 +46,9 @@ class Rolled:
         """
         half = len(self.totals[0]) // 2
         one = setting(np.array([sums[:half].mean(axis=0) for sums in self.totals]), wanted)
-        fresh = (self.totals[one.first][half:], self.totals[one.second][half:])
-        return one, mixed_angle(*fresh, one.share, seed)
+        fresh = np.stack([sums[half:] for sums in self.totals])
+        on_seed = (1.0 - one.share) * fresh[one.first] + one.share * fresh[one.second]
+        return one, estimate_angle(on_seed[:, 0], on_seed[:, 1], seed)
 
 
 def roll(

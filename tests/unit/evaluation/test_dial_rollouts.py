@@ -10,7 +10,8 @@ from socialiq.evaluation.dial_rollouts import Rolled, roll
 from socialiq.evaluation.play import episodes_of
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.social.dial import mixed_angle, setting
+from socialiq.social.angle import angle_of
+from socialiq.social.dial import mixture, setting
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
@@ -35,11 +36,24 @@ def test_every_angle_drives_the_same_episodes(dial: DialPolicy) -> None:
 def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
     rng = np.random.default_rng(0)
     totals = tuple(rng.normal(center, 0.3, (200, 2)) for center in ((3.0, 0.0), (0.0, 2.0)))
-    one, interval = Rolled(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
+    one, shown = Rolled(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
     chosen = setting(np.array([sums[:100].mean(axis=0) for sums in totals]), 45.0)
     assert one == chosen and 0.0 < one.share < 1.0
-    assert interval == mixed_angle(totals[one.first][100:], totals[one.second][100:], one.share, 7)
-    assert interval.low <= 45.0 <= interval.high and interval.angle != 45.0
+    means = np.array([sums[100:].mean(axis=0) for sums in totals])
+    assert shown.angle == pytest.approx(angle_of(*mixture(means, one)))
+    assert shown.low <= 45.0 <= shown.high and shown.angle != 45.0
+
+
+def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
+    """Where one's luck is the other's misfortune the mixture's angle is nearly certain."""
+    rng = np.random.default_rng(0)
+    luck = rng.normal(0.0, 1.0, (400, 2))
+    widths = []
+    for sign in (1.0, -1.0):
+        totals = (luck + (3.0, 0.0), sign * luck + (0.0, 3.0))
+        _, shown = Rolled(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
+        widths.append(shown.high - shown.low)
+    assert widths[1] < 0.2 * widths[0]
 
 
 def test_a_mixture_out_of_reach_and_too_few_episodes_are_said(dial: DialPolicy) -> None:
