@@ -47,10 +47,10 @@ def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
 def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
     """Where one's luck is the other's misfortune the mixture's angle is nearly certain."""
     rng = np.random.default_rng(0)
-    luck = rng.normal(0.0, 1.0, (400, 2))
+    luck, east, north = rng.normal(0.0, 1.0, (400, 2)), np.array([3.0, 0.0]), np.array([0.0, 3.0])
     widths = []
     for sign in (1.0, -1.0):
-        totals = (luck + (3.0, 0.0), sign * luck + (0.0, 3.0))
+        totals = (luck + east, sign * luck + north)
         _, shown = Rolled(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
         widths.append(shown.high - shown.low)
     assert widths[1] < 0.2 * widths[0]

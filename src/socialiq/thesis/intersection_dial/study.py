@@ -115,6 +115,7 @@ class Driven(NamedTuple):
 
 def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
     """Every table, from the jobs' folders alone, and the dial of the first seed."""
+    first = (work / dial_name(config.seeds[0]) / DIAL).read_bytes()
     driven = list(_driven(config, work))
     families = _families(config, driven)
     trained = [job for job in jobs if job.work is train_dial]
@@ -130,7 +131,6 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "times": times(trained, work),
     }
     kept = {name: rows for name, rows in tables.items() if rows}
-    first = (work / dial_name(config.seeds[0]) / DIAL).read_bytes()
     return Results.of(STUDY, config, kept, _summary(config, kept), {DIAL: first})
 
 
