@@ -224,6 +224,11 @@ def show(results: Results) -> None:
         shown = ("policy", *intersection_networks.SHARES)
         rows = [{key: row[key] for key in shown} for row in results.tables["policies"]]
         print_table(rows, "shares of episodes; foresight: with one look at the true future")
+    elif results.study == "intersection-dial":
+        shown = ("family", "seed", "hypervolume", "mean_regret", "worst_regret")
+        shown += ("rise_r_env", "drop_r_social", "most_arrivals")
+        rows = [{key: row[key] for key in shown} for row in results.tables["families"]]
+        print_table(rows, "regret against the best policy of all, over the key angles")
     elif results.study == "audits":
         shown = ("world", "policy", "declared", "truthful", "verdict", "decided_by", "regret")
         rows = [{key: row[key] for key in shown} for row in results.tables["audits"]]
