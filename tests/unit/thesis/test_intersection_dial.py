@@ -124,4 +124,6 @@ def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
         dataclasses.replace(TINY, key_angles=(15.0,))
     with pytest.raises(UserError, match="agent_updates"):
         Config(agent_updates=0)
+    with pytest.raises(UserError, match="at least one training seed"):
+        Config(seeds=())
     assert NUMBERS.discount < 1.0

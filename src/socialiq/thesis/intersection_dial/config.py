@@ -49,7 +49,9 @@ class Config:
     """Evaluation episodes of each policy, the intersection study's own."""
 
     def __post_init__(self) -> None:
-        """Refuse key angles at which no dial is driven, and empty sizes."""
+        """Refuse key angles at which no dial is driven, and what makes no run."""
+        if not self.seeds:
+            raise UserError("name at least one training seed")
         if not set(self.key_angles) <= set(self.turned):
             raise UserError("every key angle must be among the angles at which a dial is driven")
         for name in ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes"):
