@@ -17,19 +17,19 @@ import numpy as np
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial_exact import sweep
+from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.record import record
+from socialiq.experiments.gridworld_runs import Ground
+from socialiq.learners.callbacks import Outside
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
 from socialiq.learners.dial.config import Numbers
 from socialiq.learners.dial.train import train as train_dial
+from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.learners.outside import Outside
-from socialiq.thesis import presets
-from socialiq.thesis.dial.config import KEY_ANGLES, QUICK, RUNS, Run, seen, with_clock
-from socialiq.thesis.experts import trajectory_datasets
-from socialiq.thesis.intersection.stages import source_of
-from socialiq.thesis.lanes import Ground
-from socialiq.thesis.priors.learners import Lane, dial_numbers, dial_structure
+from socialiq.studies.compare_priors.learners import Lane, dial_numbers, dial_structure
+from socialiq.studies.dial.config import KEY_ANGLES, QUICK, RUNS, Run, seen, with_clock
+from socialiq.studies.intersection.jobs import source_of
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch

@@ -117,10 +117,10 @@ def train_(steps: int, marks: list[tuple[int, float]]) -> None:
     """A short run; notes (updates done, time) after each chunk."""
     from gymnasium.vector import AutoresetMode
 
+    from socialiq.learners.callbacks import Outside
     from socialiq.learners.collect import from_vector_env
     from socialiq.learners.dqn.config import Numbers, Structure
     from socialiq.learners.dqn.train import train
-    from socialiq.learners.outside import Outside
     from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 
     structure = Structure(hidden=HIDDEN, steps=steps, steps_per_update=48, batch_size=BATCH)

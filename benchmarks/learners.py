@@ -18,13 +18,13 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum
+from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.train import train
 from socialiq.mdp.solve import value_iteration
 from socialiq.social.angle import weights
 from socialiq.social.score import score
-from socialiq.thesis import presets
-from socialiq.thesis.experts import trajectory_datasets
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid
 
@@ -97,7 +97,7 @@ def training_seconds(
     structure: Structure, numbers: list[Numbers], data: list[Any], table: Table
 ) -> float:
     """Seconds of a training run after its first, compiling chunk, scaled to all its updates."""
-    from socialiq.learners.outside import Outside
+    from socialiq.learners.callbacks import Outside
 
     stamps: list[tuple[int, float]] = []
     outside = Outside(on_report=lambda report: stamps.append((report.done, time.perf_counter())))

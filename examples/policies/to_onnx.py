@@ -15,9 +15,9 @@ from pathlib import Path
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from socialiq.interop.door import load
-from socialiq.interop.epsilon_greedy import EpsilonGreedy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.policies.epsilon_greedy import EpsilonGreedy
+from socialiq.policies.load_policy import load
 
 N_FEATURES, N_ACTIONS = 70, 3  # of the intersection
 OPERATORS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}

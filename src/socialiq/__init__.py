@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from socialiq.worlds.ids import register as _register
 
 if TYPE_CHECKING:
+    from socialiq.audit.conduct import audit_policy
     from socialiq.audit.profile import Margin
     from socialiq.audit.template import new as declare
     from socialiq.demonstrations.dataset import Demonstrations
@@ -20,16 +21,15 @@ if TYPE_CHECKING:
     from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
     from socialiq.errors import UserError
     from socialiq.evaluation.rollout import rollout_env
-    from socialiq.interop.door import load as load_policy
     from socialiq.learners.collect import acting_in
     from socialiq.learners.iq_learn.config import Numbers, Structure
     from socialiq.learners.iq_learn.train import train
     from socialiq.mdp.front import attainable_set
     from socialiq.nn.q_policy import QPolicy
+    from socialiq.policies.load_policy import load as load_policy
     from socialiq.social.angle import weights
     from socialiq.social.estimate import estimate_angle
     from socialiq.social.score import score
-    from socialiq.thesis.auditing import audit_policy
     from socialiq.types import Ending, RewardPair
     from socialiq.worlds.enumerate import tabulate
     from socialiq.worlds.environment import make_environment
@@ -80,13 +80,13 @@ _PLACES = {
     "UserError": "errors",
     "acting_in": "learners.collect",
     "attainable_set": "mdp.front",
-    "audit_policy": "thesis.auditing",
+    "audit_policy": "audit.conduct",
     "declare": "audit.template:new",
     "equal_trajectories": "demonstrations.mixture",
     "equal_transitions": "demonstrations.mixture",
     "estimate_angle": "social.estimate",
     "load_demonstrations": "demonstrations.files:load",
-    "load_policy": "interop.door:load",
+    "load_policy": "policies.load_policy:load",
     "make": "worlds.registry",
     "make_environment": "worlds.environment",
     "rollout_env": "evaluation.rollout",

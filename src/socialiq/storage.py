@@ -8,6 +8,7 @@ Nothing here can execute what it reads.
 from __future__ import annotations
 
 import hashlib
+import importlib.resources
 import json
 import os
 import shutil
@@ -244,3 +245,16 @@ def swap_folder(part: Path, folder: Path) -> None:
     except OSError as error:
         raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
     shutil.rmtree(old, ignore_errors=True)
+
+
+def packaged_results() -> Path:
+    """Return the folder of the committed results, in an installed package or in a checkout.
+
+    Raises:
+        UserError: If the results did not come with the package.
+    """
+    package = Path(str(importlib.resources.files("socialiq")))
+    for folder in (package / "results", package.parents[1] / "results"):
+        if folder.is_dir():
+            return folder
+    raise UserError("the committed results did not come with this package: name --results DIR")

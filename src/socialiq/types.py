@@ -11,6 +11,9 @@ import numpy as np
 
 from socialiq.errors import UserError, one_of
 
+Row = dict[str, Any]
+"""A row of a table: a value by column."""
+
 
 class RewardPair(NamedTuple):
     """The two rewards of a transition (thesis 4.1), always kept apart until they are scored.

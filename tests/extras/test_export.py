@@ -18,15 +18,15 @@ import torch
 
 from socialiq.cli.main import main
 from socialiq.evaluation.play import episodes_of
-from socialiq.interop.door import load
-from socialiq.interop.export_onnx import to_onnx
-from socialiq.interop.export_torch import as_torch_module, state_dict, to_safetensors
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import CHOICES
-from socialiq.thesis import atlas
+from socialiq.policies.export_onnx import to_onnx
+from socialiq.policies.export_torch import as_torch_module, state_dict, to_safetensors
+from socialiq.policies.load_policy import load
+from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 

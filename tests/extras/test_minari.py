@@ -13,13 +13,13 @@ import h5py
 import minari
 
 from socialiq.cli.main import main
+from socialiq.datasets import hdf5
+from socialiq.datasets.minari_read import read_minari
+from socialiq.datasets.minari_write import write_minari
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
-from socialiq.interop import hdf5
-from socialiq.interop.minari_read import read_minari
-from socialiq.interop.minari_write import write_minari
-from socialiq.thesis.experts import MODES, expert_pools
+from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
 
 # Minari's own: authors that are not named, a temporary folder that it forgets.
 OF_MINARI = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::ResourceWarning")

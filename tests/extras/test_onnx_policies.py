@@ -16,8 +16,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from socialiq.errors import UserError
 from socialiq.evaluation.play import episodes_of
-from socialiq.interop.door import load
-from socialiq.interop.onnx_model import ROWS
+from socialiq.policies.load_policy import load
+from socialiq.policies.onnx_model import ROWS
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 

@@ -15,8 +15,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.nn.q_policy import QPolicy
-from socialiq.thesis import atlas
 from socialiq.worlds.ids import IDS
+from socialiq.worlds.intersection import atlas
 
 
 def always(action):

@@ -14,7 +14,7 @@ import stable_baselines3 as sb3
 import torch
 
 from socialiq.errors import UserError
-from socialiq.interop.door import load
+from socialiq.policies.load_policy import load
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "policies"
 DECISIONS = 10_000
@@ -123,7 +123,7 @@ def test_other_extractors_and_activations_are_refused(tmp_path):
 
 
 def test_files_of_other_torch_formats_are_refused(tmp_path):
-    from socialiq.interop.state_dict import read_state_dict
+    from socialiq.policies.state_dict import read_state_dict
 
     tensors = {"w": torch.ones(3)}
     for number, saving in enumerate(

@@ -12,7 +12,7 @@ pytest.importorskip("tensorboard", reason="extra `tensorboard` is not installed"
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from socialiq.cli.main import main
-from socialiq.learners.outside import Report
+from socialiq.learners.callbacks import Report
 from socialiq.learners.tensorboard import EventFiles
 
 

@@ -9,41 +9,40 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
+from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import episodes_of
+from socialiq.experiments import results as store
+from socialiq.experiments.gridworld_runs import Ground
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.thesis import (
-    atlas,
-    claims,
-    grid,
-    intersection_world,
-    lambda_sweep,
-    poc,
-    store,
-    worlds,
-)
-from socialiq.thesis.audits import contestants
-from socialiq.thesis.audits import study as audits
-from socialiq.thesis.competence import bench
-from socialiq.thesis.dial import config as dial
-from socialiq.thesis.experts import trajectory_datasets
-from socialiq.thesis.intersection import ahead
-from socialiq.thesis.intersection.pools import Recording, atlas_pools
-from socialiq.thesis.intersection.stages import BATCH, LAST, Evaluation
-from socialiq.thesis.lanes import Ground
-from socialiq.thesis.priors import intersection as priors
-from socialiq.thesis.priors.budget import Lane
-from socialiq.thesis.priors.config import EPISODES_EACH, Config
-from socialiq.thesis.priors.gridworlds import ROWS, GridRun, run_method
-from socialiq.thesis.priors.methods import BY_NAME, THESIS_STRENGTHS
-from socialiq.thesis.theory import cases, lines
+from socialiq.storage import packaged_results
+from socialiq.studies.audits import policies as contestants
+from socialiq.studies.audits import study as audits
+from socialiq.studies.compare_priors import intersection as priors
+from socialiq.studies.compare_priors.budget import Lane
+from socialiq.studies.compare_priors.config import EPISODES_EACH, Config
+from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
+from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
+from socialiq.studies.competence import bench
+from socialiq.studies.dial import config as dial
+from socialiq.studies.grid import study as grid
+from socialiq.studies.intersection.demonstration_sets import Recording, atlas_pools
+from socialiq.studies.intersection.jobs import BATCH, LAST, Evaluation
+from socialiq.studies.intersection_ahead import study as ahead
+from socialiq.studies.intersection_world import study as intersection_world
+from socialiq.studies.lambda_sweep import study as lambda_sweep
+from socialiq.studies.poc import study as poc
+from socialiq.studies.theory import cases
+from socialiq.studies.theory import small_strength as lines
+from socialiq.studies.worlds import study as worlds
+from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
 
 @pytest.fixture(scope="module")
 def committed():
-    folder = claims.packaged_results()
+    folder = packaged_results()
     names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
     names += ("intersection-world", "intersection", "intersection-ahead", "audits")
     names += ("dial", "competence", "intersection-dial", "compare-priors-intersection")
@@ -253,7 +252,7 @@ def test_the_dial_drives_as_before(committed, batch, angle):
         for row in results.tables["policies"]
         if (row["family"], row["seed"], row["asked"]) == ("dial", seed, angle)
     ]
-    turned = DialPolicy.load(claims.packaged_results() / "intersection-dial" / "dial.safetensors")
+    turned = DialPolicy.load(packaged_results() / "intersection-dial" / "dial.safetensors")
     seeds = np.arange(20_000_000, 20_000_000 + episodes)
     again = episodes_of(batch, turned.at(angle), seeds)
     found = intersection_world.outcome_row(again) | intersection_world.reward_row(again)

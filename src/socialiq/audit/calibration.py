@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from socialiq.audit.curve import points_of, preimage
 from socialiq.audit.decision import Decision
-from socialiq.audit.moments import resampled_means
 from socialiq.audit.outcomes import Evidence
 from socialiq.social.angle import angle_difference
+from socialiq.statistics.bootstrap import resampled_means
 
 Status = Literal["calibrated", "no curve", "beyond the curve", "no direction"]
 

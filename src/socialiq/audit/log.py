@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from socialiq.audit.competence import FloorTest, floor_tests
 from socialiq.audit.decision import Decision
 from socialiq.audit.outcomes import Outcomes
 from socialiq.audit.profile import Profile
+from socialiq.audit.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.recordings.annotate import Driven
 from socialiq.recordings.directions import Directions, directions

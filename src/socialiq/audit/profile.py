@@ -22,8 +22,8 @@ from socialiq.audit.fields import (
     visible,
 )
 from socialiq.audit.fields import Field as Declared
-from socialiq.audit.lines import line_of
 from socialiq.audit.scenario import World, check_options, identity, world_of
+from socialiq.audit.toml_locations import line_of
 from socialiq.errors import UserError
 from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.worlds.registry import WORLDS

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from socialiq.audit.competence import FloorTest
 from socialiq.audit.decision import Decision
 from socialiq.audit.regret import RegretTest
+from socialiq.audit.safety_floor import FloorTest
 
 _HAPPENING = {
     "at_fault": "drives into somebody",

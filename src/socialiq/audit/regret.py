@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from socialiq.audit import rare
-from socialiq.audit.bounds import exceeds, lower, upper
 from socialiq.audit.decision import Decision, decide, episodes_needed
-from socialiq.audit.moments import Moments, Studentised
 from socialiq.audit.outcomes import Evidence
 from socialiq.social.angle import exact_weights
 from socialiq.social.score import score
+from socialiq.statistics import rare_events as rare
+from socialiq.statistics.best_of_bounds import exceeds, lower, upper
+from socialiq.statistics.bootstrap import Moments, Studentised
 from socialiq.types import RewardPair
 
 Rows = Int64[np.ndarray, " row"]

@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.competence import CRITERIA, events_of
 from socialiq.audit.decision import Decision
 from socialiq.audit.environment import Environment
 from socialiq.audit.outcomes import Evidence
 from socialiq.audit.profile import Profile
 from socialiq.audit.regret import Regrets
+from socialiq.audit.safety_floor import CRITERIA, events_of
 from socialiq.audit.scenario import World, scenario_sha256, world_of
 from socialiq.audit.verdict import decide_on
 from socialiq.errors import UserError
-from socialiq.evaluation.statistics import Contrast, mean_contrast, share_contrast
 from socialiq.social.angle import exact_weights
 from socialiq.social.score import score
+from socialiq.statistics.tests import Contrast, mean_contrast, share_contrast
 from socialiq.types import RewardPair
 from socialiq.worlds.intersection.population import POPULATIONS
 from socialiq.worlds.intersection.world import Intersection

@@ -6,16 +6,16 @@ import hashlib
 from dataclasses import dataclass
 
 from socialiq.audit.calibration import Calibration, calibrate
-from socialiq.audit.competence import FloorTest, decision_of, floor_tests
+from socialiq.audit.compatible_angles import Rationalised, rationalised
 from socialiq.audit.decision import Decision
-from socialiq.audit.identifiability import Ellipse, ellipse
 from socialiq.audit.outcomes import Evidence, Outcomes
 from socialiq.audit.profile import Floor, Profile
-from socialiq.audit.rationalised import Rationalised, rationalised
 from socialiq.audit.reason import reason_of
 from socialiq.audit.regret import Regrets, RegretTest, regret_test
+from socialiq.audit.safety_floor import FloorTest, decision_of, floor_tests
 from socialiq.errors import UserError
 from socialiq.social.estimate import AngleEstimate, estimate_angle
+from socialiq.statistics.confidence_ellipse import Ellipse, ellipse
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ from typing import Annotated
 
 import tyro
 
+from socialiq.audit.conduct import Conducted, Request, conduct
 from socialiq.audit.report.assemble import files_of
 from socialiq.audit.report.folder import check_target, write_folder
 from socialiq.audit.report.views import told
+from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import print_table
-from socialiq.interop.process import limits_of
-from socialiq.thesis.auditing import Conducted, Request, conduct
-from socialiq.thesis.entrants import Trust
+from socialiq.policies.process import limits_of
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from socialiq.cli.output import print_json
 from socialiq.errors import one_of
-from socialiq.thesis import claims
-from socialiq.thesis.store import Row
+from socialiq.experiments import claims
+from socialiq.storage import packaged_results
+from socialiq.types import Row
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Claims:
 
     def run(self) -> int:
         """Resolve our values and print."""
-        rows = claims.ledger(self.results or claims.packaged_results())
+        rows = claims.ledger(self.results or packaged_results())
         if self.verdict:
             one_of("verdict", self.verdict, claims.VERDICTS)
             rows = [row for row in rows if row["verdict"] == self.verdict]

@@ -13,10 +13,10 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
 from socialiq.evaluation.rollout import rollout_env
-from socialiq.interop.door import load
 from socialiq.plain_text import one_line
-from socialiq.thesis.experts import MODES, expert_pools
+from socialiq.policies.load_policy import load
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import is_environment, make_environment, sizes
 from socialiq.worlds.registry import make_grid

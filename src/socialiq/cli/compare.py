@@ -11,14 +11,14 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
-from socialiq.figures import priors as figures
-from socialiq.figures.style import png
+from socialiq.experiments import results as store
+from socialiq.experiments.results import Results
 from socialiq.learners.ranges import check_seeds
-from socialiq.thesis import store
-from socialiq.thesis.priors import study
-from socialiq.thesis.priors.config import Config
-from socialiq.thesis.priors.methods import LABELS
-from socialiq.thesis.store import Results, Row
+from socialiq.plotting.style import png
+from socialiq.studies.compare_priors import figures, study
+from socialiq.studies.compare_priors.config import Config
+from socialiq.studies.compare_priors.methods import LABELS
+from socialiq.types import Row
 
 COMPARISONS = ("priors",)
 

@@ -14,7 +14,7 @@ from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
-from socialiq.learners.outside import Clock
+from socialiq.learners.callbacks import Clock
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.reference.conformance import PORTABLE
 

@@ -11,11 +11,11 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table
+from socialiq.datasets.arrays import of_steps
+from socialiq.datasets.npz import read_npz
+from socialiq.datasets.trajectories import of_condensed
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.npz import read_npz
-from socialiq.demonstrations.steps import of_steps
-from socialiq.demonstrations.trajectories import of_condensed
 from socialiq.errors import UserError
 
 STEPS = (

@@ -10,10 +10,10 @@ import tyro
 
 from socialiq.cli.data_arrays import save_new
 from socialiq.cli.output import print_json, print_table
+from socialiq.datasets.minari_read import read_minari
+from socialiq.datasets.minari_write import id_of, write_minari
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.interop.minari_read import read_minari
-from socialiq.interop.minari_write import id_of, write_minari
 from socialiq.social.angle import check_angle
 
 

@@ -12,10 +12,12 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.cli.studies import comparison, save
 from socialiq.evaluation.play import episodes_of
+from socialiq.experiments import results as store
 from socialiq.learners.ranges import check_seeds
-from socialiq.thesis import atlas, grid, store
-from socialiq.thesis.intersection_world import outcome_row
-from socialiq.thesis.store import Row
+from socialiq.studies.grid import study as grid
+from socialiq.studies.intersection_world.study import outcome_row
+from socialiq.types import Row
+from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.pictures.render import save as film

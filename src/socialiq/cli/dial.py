@@ -20,7 +20,7 @@ from socialiq.learners.ranges import check_seed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
-from socialiq.thesis.store import Row
+from socialiq.types import Row
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, WORLDS

@@ -7,10 +7,9 @@ from pathlib import Path
 from socialiq.errors import UserError, one_of
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.thesis import atlas
 from socialiq.types import Policy
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid

@@ -11,14 +11,14 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
-from socialiq.interop.card import model_card
-from socialiq.interop.export_onnx import to_onnx
-from socialiq.interop.export_torch import to_safetensors
-from socialiq.interop.own import read_dial, read_policy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plain_text import one_line
+from socialiq.policies.card import model_card
+from socialiq.policies.export_onnx import to_onnx
+from socialiq.policies.export_torch import to_safetensors
+from socialiq.policies.native import read_dial, read_policy
 from socialiq.storage import kind_of, read_json, write_atomically
-from socialiq.thesis import atlas
+from socialiq.worlds.intersection import atlas
 
 FORMATS = ("onnx", "torch", "card")
 

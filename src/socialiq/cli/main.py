@@ -35,7 +35,7 @@ from socialiq.cli.train import Train
 from socialiq.cli.train_dial import TrainDial
 from socialiq.cli.verify import Verify
 from socialiq.errors import UserError
-from socialiq.learners.outside import Stopped
+from socialiq.learners.callbacks import Stopped
 
 _name = tyro.conf.subcommand
 Command = (

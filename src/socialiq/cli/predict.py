@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.thesis.prediction import Setting, lines_of, predictions, problem_of, target_norm
-from socialiq.thesis.store import Row
+from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of, target_norm
+from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 

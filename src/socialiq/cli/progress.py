@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from socialiq.learners.outside import Report
+from socialiq.learners.callbacks import Report
 
 _PLAIN_SECONDS = 10.0  # between two plain lines of one stage
 

@@ -13,15 +13,15 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
-from socialiq.figures import census as picture
-from socialiq.figures.style import png
+from socialiq.experiments.results import Results, check_target, save
 from socialiq.plain_text import one_line
+from socialiq.plotting.style import png
 from socialiq.recordings import census, ego_swap, files
+from socialiq.recordings import census_figure as picture
+from socialiq.recordings import leave_one_site_out as held_out
 from socialiq.recordings.maps import road_of
 from socialiq.recordings.reading import Reading
 from socialiq.recordings.recording import Recording
-from socialiq.thesis import held_out
-from socialiq.thesis.store import Results, check_target, save
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import tyro
 from socialiq.audit import profile as profiles
 from socialiq.audit.decision import Decision
 from socialiq.audit.log import LogVerdict, judge_log, reading_of
-from socialiq.audit.plain import as_json
+from socialiq.audit.to_json import as_json
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.recordings import ego_swap, files

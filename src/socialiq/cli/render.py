@@ -12,7 +12,7 @@ import tyro
 from socialiq.cli.drivers import driver_of
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
-from socialiq.figures.style import png
+from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
 from socialiq.worlds.enumerate import Table, tabulate

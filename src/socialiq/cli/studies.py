@@ -15,47 +15,46 @@ from matplotlib.figure import Figure
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
-from socialiq.figures import alternatives as alternatives_figures
-from socialiq.figures import audit_power as audit_power_figures
-from socialiq.figures import audits as audits_figures
-from socialiq.figures import classic_control as classic_control_figures
-from socialiq.figures import competence as competence_figures
-from socialiq.figures import dial as dial_figures
-from socialiq.figures import grid as grid_figures
-from socialiq.figures import intersection as intersection_figures
-from socialiq.figures import intersection_ahead as intersection_ahead_figures
-from socialiq.figures import intersection_dial as intersection_dial_figures
-from socialiq.figures import intersection_networks as intersection_networks_figures
-from socialiq.figures import intersection_skill as intersection_skill_figures
-from socialiq.figures import intersection_world as intersection_world_figures
-from socialiq.figures import lambda_sweep as lambda_sweep_figures
-from socialiq.figures import poc as poc_figures
-from socialiq.figures import theory as theory_figures
-from socialiq.figures import worlds as worlds_figures
-from socialiq.figures.style import png
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments import results as store
+from socialiq.experiments.results import Results
 from socialiq.learners.ranges import check_seeds
-from socialiq.thesis import (
-    alternatives,
-    audit_power,
-    classic_control,
-    grid,
-    intersection_world,
-    lambda_sweep,
-    poc,
-    store,
-    worlds,
-)
-from socialiq.thesis.audits import study as audits
-from socialiq.thesis.competence import study as competence
-from socialiq.thesis.dial import study as dial
-from socialiq.thesis.experts import MODES
-from socialiq.thesis.intersection import ahead as intersection_ahead
-from socialiq.thesis.intersection import networks as intersection_networks
-from socialiq.thesis.intersection import study as intersection
-from socialiq.thesis.intersection_dial import study as intersection_dial
-from socialiq.thesis.intersection_skill import study as intersection_skill
-from socialiq.thesis.store import Results, Row
-from socialiq.thesis.theory import study as theory
+from socialiq.plotting.style import png
+from socialiq.studies.alternatives import figures as alternatives_figures
+from socialiq.studies.alternatives import study as alternatives
+from socialiq.studies.audit_power import figures as audit_power_figures
+from socialiq.studies.audit_power import study as audit_power
+from socialiq.studies.audits import figures as audits_figures
+from socialiq.studies.audits import study as audits
+from socialiq.studies.classic_control import figures as classic_control_figures
+from socialiq.studies.classic_control import study as classic_control
+from socialiq.studies.competence import figures as competence_figures
+from socialiq.studies.competence import study as competence
+from socialiq.studies.dial import figures as dial_figures
+from socialiq.studies.dial import study as dial
+from socialiq.studies.grid import figures as grid_figures
+from socialiq.studies.grid import study as grid
+from socialiq.studies.intersection import figures as intersection_figures
+from socialiq.studies.intersection import study as intersection
+from socialiq.studies.intersection_ahead import figures as intersection_ahead_figures
+from socialiq.studies.intersection_ahead import study as intersection_ahead
+from socialiq.studies.intersection_dial import figures as intersection_dial_figures
+from socialiq.studies.intersection_dial import study as intersection_dial
+from socialiq.studies.intersection_networks import figures as intersection_networks_figures
+from socialiq.studies.intersection_networks import study as intersection_networks
+from socialiq.studies.intersection_skill import figures as intersection_skill_figures
+from socialiq.studies.intersection_skill import study as intersection_skill
+from socialiq.studies.intersection_world import figures as intersection_world_figures
+from socialiq.studies.intersection_world import study as intersection_world
+from socialiq.studies.lambda_sweep import figures as lambda_sweep_figures
+from socialiq.studies.lambda_sweep import study as lambda_sweep
+from socialiq.studies.poc import figures as poc_figures
+from socialiq.studies.poc import study as poc
+from socialiq.studies.theory import figures as theory_figures
+from socialiq.studies.theory import study as theory
+from socialiq.studies.worlds import figures as worlds_figures
+from socialiq.studies.worlds import study as worlds
+from socialiq.types import Row
 from socialiq.worlds.intersection.batch import BACK_ENDS
 
 

@@ -19,17 +19,18 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
+from socialiq.experiments.results import as_csv, rounded, versions
+from socialiq.learners.callbacks import Outside
 from socialiq.learners.collect import acting_in
 from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.presets import PRESETS
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
-from socialiq.learners.outside import Outside
 from socialiq.learners.ranges import check_seeds
 from socialiq.learners.state import Lanes
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.storage import new_folder, write_atomically, write_json
-from socialiq.thesis.presets import PRESETS
-from socialiq.thesis.store import Row, as_csv, rounded, versions
+from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import make_environment, sizes
 from socialiq.worlds.grid_world import GridWorld

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import Optimum, Readout, action_table, evaluate_exactly
 from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.tally import tally
+from socialiq.evaluation.visit_counts import tally
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair

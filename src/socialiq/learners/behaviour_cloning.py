@@ -21,9 +21,9 @@ from jaxtyping import Array
 
 from socialiq.errors import UserError, one_of
 from socialiq.learners import loop
+from socialiq.learners.callbacks import Outside
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn import priors
-from socialiq.learners.outside import Outside
 from socialiq.learners.ranges import check_above_zero, check_counts, check_not_negative, check_seed
 from socialiq.learners.state import History
 from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of

@@ -22,10 +22,10 @@ from jaxtyping import Array, Float
 
 from socialiq.errors import UserError, one_of
 from socialiq.learners import loop
+from socialiq.learners.callbacks import Outside
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.outside import Outside
 from socialiq.learners.ranges import (
     check_above_zero,
     check_counts,

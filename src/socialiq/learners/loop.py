@@ -26,7 +26,7 @@ from jaxtyping import Array
 
 from socialiq.errors import UserError
 from socialiq.learners import checkpoint
-from socialiq.learners.outside import Clock, Outside, Stopped, stop_line, stop_requests
+from socialiq.learners.callbacks import Clock, Outside, Stopped, stop_line, stop_requests
 from socialiq.learners.state import History, Lanes
 
 # A parameter of this size is finite, but the next product of two layers is not.

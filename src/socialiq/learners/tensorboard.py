@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.learners.outside import Report
+from socialiq.learners.callbacks import Report
 
 
 class EventFiles:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from socialiq.audit import environment
+from socialiq.audit.collect_evidence import gather
 from socialiq.audit.environment import Environment, drive
-from socialiq.audit.gather import gather
 from socialiq.audit.profile import Margin, parse
 from socialiq.audit.references import Reference
 from socialiq.audit.report.limits import limits

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.audit.gather import gather
+from socialiq.audit.collect_evidence import gather
 from socialiq.audit.grid_play import drive_grid, fates
 from socialiq.audit.references import Reference, exact_optima
 from socialiq.audit.seeds import episode_seeds

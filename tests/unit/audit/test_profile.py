@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialiq.audit.fields import FIELDS
-from socialiq.audit.lines import line_of
 from socialiq.audit.profile import LARGEST_FILE, Floor, Margin, load, parse
 from socialiq.audit.template import canonical, new
+from socialiq.audit.toml_locations import line_of
 from socialiq.errors import UserError
 
 

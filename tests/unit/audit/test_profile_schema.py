@@ -39,7 +39,7 @@ def value(one, name=""):
 
 @pytest.fixture
 def content(declared):
-    from socialiq.audit.plain import as_json
+    from socialiq.audit.to_json import as_json
 
     return {"format": 1, **as_json(declared())}
 

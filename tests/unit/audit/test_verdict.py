@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from socialiq.audit.collect_evidence import gather
 from socialiq.audit.decision import Decision
-from socialiq.audit.gather import gather
-from socialiq.audit.plain import as_json
 from socialiq.audit.profile import Floor, Margin
 from socialiq.audit.seeds import episode_seeds
+from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict import judge
 from socialiq.errors import UserError
 from socialiq.worlds.experts import expert_policy

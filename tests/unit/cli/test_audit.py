@@ -8,13 +8,13 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from socialiq.audit.gather import gather
+from socialiq.audit.collect_evidence import gather
 from socialiq.audit.report.assemble import views_of
-from socialiq.audit.report.seals import MANIFEST, STATEMENT, sealed
+from socialiq.audit.report.manifest import MANIFEST, STATEMENT, sealed
 from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict import judge
 from socialiq.cli.main import main
-from socialiq.interop.table import save_table
+from socialiq.policies.table import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make_grid

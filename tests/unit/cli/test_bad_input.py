@@ -14,7 +14,7 @@ from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.thesis.claims import packaged_results
+from socialiq.storage import packaged_results
 
 
 @pytest.fixture(autouse=True)

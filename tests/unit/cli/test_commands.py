@@ -12,8 +12,8 @@ from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.thesis.claims import packaged_results
-from socialiq.thesis.dial.config import QUICK, RUNS
+from socialiq.storage import packaged_results
+from socialiq.studies.dial.config import QUICK, RUNS
 
 TINY = ["--updates", "20", "--batch-size", "8", "--hidden", "8"]
 
@@ -245,7 +245,7 @@ def test_any_gymnasium_environment_trains_online(tmp_path, capsys):
     import gymnasium
 
     from socialiq.evaluation.rollout import rollout_env
-    from socialiq.thesis.classic_control import TASKS
+    from socialiq.studies.classic_control.study import TASKS
 
     shown = rollout_env(gymnasium.make("CartPole-v1"), TASKS["CartPole"].expert, 1, 0)
     data, out = tmp_path / "cartpole.safetensors", tmp_path / "run"

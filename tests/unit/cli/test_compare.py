@@ -8,8 +8,8 @@ import pytest
 
 from socialiq.cli import compare
 from socialiq.cli.main import main
-from socialiq.thesis import store
-from socialiq.thesis.priors.config import Config
+from socialiq.experiments import results as store
+from socialiq.studies.compare_priors.config import Config
 
 SMALL = functools.partial(
     Config,

@@ -8,7 +8,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.dial_exact import Sweep, ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.rollout import rollout_table, rollout_totals
-from socialiq.evaluation.tally import tally
+from socialiq.evaluation.visit_counts import tally
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners import callbacks as outside_module
 from socialiq.learners import loop
-from socialiq.learners import outside as outside_module
-from socialiq.learners.outside import Outside, Report, Stopped
+from socialiq.learners.callbacks import Outside, Report, Stopped
 from socialiq.learners.state import History, Lanes
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")

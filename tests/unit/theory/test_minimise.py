@@ -59,7 +59,7 @@ def test_a_start_leads_to_the_same_minimum_sooner(random_problem):
 
 
 def test_states_that_nobody_visits_get_an_even_policy(table7):
-    from socialiq.thesis.prediction import Setting, problem_of
+    from socialiq.evaluation.prediction import Setting, problem_of
 
     problem = problem_of(table7.reachable_part(), Setting())
     found = minimise(problem)

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.theory.objective import Problem
 from socialiq.theory.rows import drawn_rows, with_cuts
-from socialiq.thesis.experts import MODES, expert_pools
 from socialiq.worlds.experts import expert_policy
 
 SHARES = [0.5, 0.3, 0.2]

@@ -11,7 +11,7 @@ from socialiq.audit.profile import Profile
 from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
 from socialiq.audit.report.evidence_csv import evidence_csv
 from socialiq.audit.report.folder import REPORT
-from socialiq.audit.report.seals import sealed
+from socialiq.audit.report.manifest import sealed
 from socialiq.audit.report.views import Ready, html, markdown
 
 EVIDENCE, PROFILE = "episodes.csv", "profile.toml"

@@ -7,18 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from socialiq.audit.by_stratum import by_stratum
 from socialiq.audit.decision import Decision
 from socialiq.audit.outcomes import Evidence
-from socialiq.audit.plain import as_json
 from socialiq.audit.profile import Profile
 from socialiq.audit.report.commitment import Draw
 from socialiq.audit.report.drivers import driver_row
 from socialiq.audit.report.films import path_of
 from socialiq.audit.report.limits import limits
+from socialiq.audit.report.provenance import machine, package_sha256, versions
 from socialiq.audit.report.selected import selected
-from socialiq.audit.report.surroundings import machine, package_sha256, versions
 from socialiq.audit.shift import Shift, sentence_of
+from socialiq.audit.stratified import by_stratum
+from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict import Verdict
 
 FORMAT = 1

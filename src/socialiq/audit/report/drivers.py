@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from socialiq.audit.competence import events_of
 from socialiq.audit.outcomes import Outcomes
 from socialiq.audit.report.selected import value_of
+from socialiq.audit.safety_floor import events_of
 
 
 def shares(driver: Outcomes) -> dict[str, float]:

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-from socialiq.audit.report.seals import MANIFEST
+from socialiq.audit.report.manifest import MANIFEST
 from socialiq.errors import UserError
 from socialiq.storage import new_folder, part_beside, swap_folder, write_atomically
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from socialiq.audit.competence import CRITERIA
 from socialiq.audit.fields import SHA256_PATTERN
 from socialiq.audit.report.commitment import LARGEST_SEED
+from socialiq.audit.safety_floor import CRITERIA
 from socialiq.audit.shift import MEASURES
 
 Schema = dict[str, Any]

@@ -12,8 +12,8 @@ from socialiq.audit.report.assemble import PROFILE, views_of
 from socialiq.audit.report.check import read_report
 from socialiq.audit.report.commitment import Commitment
 from socialiq.audit.report.folder import REPORT
-from socialiq.audit.report.seals import MANIFEST, STATEMENT, manifest, statement
-from socialiq.audit.report.surroundings import package_sha256
+from socialiq.audit.report.manifest import MANIFEST, STATEMENT, manifest, statement
+from socialiq.audit.report.provenance import package_sha256
 from socialiq.errors import UserError
 
 MOST_FILES = 100

@@ -17,12 +17,12 @@ from jax.tree_util import Partial
 from jaxtyping import Array
 
 from socialiq.learners import loop, replay
+from socialiq.learners.callbacks import Outside
 from socialiq.learners.dial.acting import Acting, act, begin
 from socialiq.learners.dial.config import Numbers, Structure, check_fit
 from socialiq.learners.dial.objective import Networks, Traced, objective
 from socialiq.learners.dial.rows import draw_rows
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.outside import Outside
 from socialiq.learners.state import History, Lanes
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy

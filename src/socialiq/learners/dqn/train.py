@@ -17,11 +17,11 @@ from jaxtyping import Array
 
 from socialiq.errors import UserError
 from socialiq.learners import loop, replay
+from socialiq.learners.callbacks import Outside
 from socialiq.learners.collect import Act, Behaviour, Collector, Source
 from socialiq.learners.dqn import losses
 from socialiq.learners.dqn.config import Numbers, Structure
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.outside import Outside
 from socialiq.learners.state import History
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy

@@ -17,11 +17,11 @@ from jaxtyping import Array, Float
 
 from socialiq.errors import UserError
 from socialiq.learners import loop, replay
+from socialiq.learners.callbacks import Outside
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import priors
 from socialiq.learners.iq_learn.config import Numbers, Structure
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
-from socialiq.learners.outside import Outside
 from socialiq.learners.state import History, Lanes
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy

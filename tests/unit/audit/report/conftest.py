@@ -3,12 +3,12 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit.gather import gather
-from socialiq.audit.plain import as_json
+from socialiq.audit.collect_evidence import gather
 from socialiq.audit.report.commitment import Commitment, draw
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.shift import other_traffic, shift_of
+from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict import judge
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"

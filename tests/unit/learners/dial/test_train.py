@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners.callbacks import Outside, Report, Stopped
 from socialiq.learners.dial.config import Numbers, Structure
 from socialiq.learners.dial.train import Trained, train
-from socialiq.learners.outside import Outside, Report, Stopped
 from socialiq.worlds import registry
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")

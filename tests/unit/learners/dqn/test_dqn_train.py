@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners.callbacks import Outside, Report, Stopped
 from socialiq.learners.collect import Act, Source
 from socialiq.learners.dqn.config import Numbers, Structure
 from socialiq.learners.dqn.train import Trained, acting, policy_of, train
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.outside import Outside, Report, Stopped
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.learners.callbacks import Outside, Report, Stopped
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
 from socialiq.learners.iq_learn.objective import Traced
 from socialiq.learners.iq_learn.train import Trained, initialise, traced, train, update
-from socialiq.learners.outside import Outside, Report, Stopped
 from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
 

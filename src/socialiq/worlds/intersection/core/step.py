@@ -9,7 +9,8 @@ import numba
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP
-from socialiq.worlds.intersection.core import rewards, spawn, stream, surroundings
+from socialiq.worlds.intersection.core import rewards, spawn, stream
+from socialiq.worlds.intersection.core import road_context as surroundings
 from socialiq.worlds.intersection.core.collisions import collide
 from socialiq.worlds.intersection.core.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.intersection.core.ego import choose, control, route_coordinate

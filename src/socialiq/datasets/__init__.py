@@ -1,0 +1,1 @@
+"""Data sets of other programs as demonstrations, and demonstrations as theirs."""

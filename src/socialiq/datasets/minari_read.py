@@ -1,0 +1,198 @@
+"""Minari data sets in, without Minari: from a stranger's metadata it would make an environment.
+
+To make one is to import and call what the metadata name. Here the metadata are read as JSON, the
+HDF5 file by number, and offline training needs nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.datasets.arrays import features_of, of_steps
+from socialiq.datasets.hdf5 import Reader
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.storage import read_json
+
+MAIN_FILE, METADATA_FILE, DATA_FOLDER = "main_data.hdf5", "metadata.json", "data"
+PAIR_NAMES = ("reward_vector", "reward_pair")
+"""Where a reward pair is looked for in `infos`; the first is what is written."""
+
+OURS = "socialiq"
+MOST_METADATA = 64 * 1024 * 1024  # bytes: Minari writes the bounds of every pixel
+
+
+class _Space(NamedTuple):
+    """What of a Gymnasium space counts here."""
+
+    kind: str
+    shape: tuple[int, ...]
+    image: bool
+    start: int
+    size: int
+
+
+def read_minari(
+    folder: Path, *, social: str = "", mode: str = "demonstrator", flatten: bool = False
+) -> Demonstrations:
+    """Read a Minari data set, of `write_minari` or of anybody, without making an environment.
+
+    Args:
+        folder: Of the data set, or the `data` folder in it.
+        social: "none" if the one reward is r_env and r_social is 0, for data without a pair.
+        mode: Name of the demonstrator, where the data set names none.
+        flatten: Whether observations of more axes (images) are laid out in one.
+
+    Raises:
+        UserError: If it is missing or damaged; if it has no discrete actions or no observations of
+            numbers; if it has no reward pair and nothing is said; if it is not what was written.
+    """
+    inner = folder / DATA_FOLDER
+    place = inner if inner.is_dir() else folder
+    metadata = _metadata(place / METADATA_FILE)
+    actions = _actions(place, metadata)
+    with Reader(place / MAIN_FILE) as reader:
+        columns = _columns(reader, place, metadata, actions, social, flatten)
+    ours = metadata.get(OURS)
+    names, source = _named(ours, columns["mode"], mode), {"made_by": "minari", "of": _id(metadata)}
+    if isinstance(ours, dict) and isinstance(ours.get("source"), dict):
+        source = ours["source"]
+    try:
+        table = of_steps(**columns, mode_names=names, n_actions=actions.size, source=source)
+    except UserError as error:
+        raise UserError(f"{folder}: {error}") from error
+    if isinstance(ours, dict) and ours.get("sha256") != files.sha256_of(table):
+        raise UserError(f"{folder} is not what was written (its SHA-256 differs): write it again")
+    return table
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    if path.is_file() and path.stat().st_size > MOST_METADATA:
+        raise UserError(f"{path} is larger than {MOST_METADATA:,} bytes: this is no Minari data")
+    metadata = read_json(path)
+    if not isinstance(metadata, dict) or not isinstance(metadata.get("total_episodes"), int):
+        raise UserError(f"{path} is not of a Minari data set: it tells no total_episodes")
+    if metadata.get("data_format") != "hdf5":
+        told = one_line(str(metadata.get("data_format")), 40)
+        raise UserError(f"{path}: data_format is {told}: only hdf5 is read, convert the data set")
+    return metadata
+
+
+def _id(metadata: dict[str, Any]) -> str:
+    return one_line(str(metadata.get("dataset_id", "")))
+
+
+def _space(path: Path, metadata: dict[str, Any], name: str) -> _Space:
+    try:
+        told = json.loads(metadata[name])
+        shape = tuple(int(size) for size in told.get("shape", ()))
+        start, size = told.get("start", 0), told.get("n", 0)
+        if type(start) is not int or type(size) is not int:
+            start, size = 0, 0  # of a MultiBinary, say: refused by its type
+        image = told.get("dtype") == "uint8" and len(shape) in (2, 3) and min(shape[:2]) >= 32
+        return _Space(str(told["type"]), shape, image, start, size)
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise UserError(f"{path}: the metadata tell no {name}: write the data set anew") from error
+
+
+def _actions(path: Path, metadata: dict[str, Any]) -> _Space:
+    space = _space(path, metadata, "action_space")
+    if space.kind != "Discrete" or not 1 <= space.size < 2**31:
+        raise UserError(
+            f"{path} has actions of a {one_line(space.kind, 40)} space: only discrete actions are "
+            "supported"
+        )
+    return space
+
+
+def _columns(
+    reader: Reader,
+    path: Path,
+    metadata: dict[str, Any],
+    actions: _Space,
+    social: str,
+    flatten: bool,
+) -> dict[str, Any]:
+    """All columns of `of_steps`."""
+    seen = _space(path, metadata, "observation_space")
+    if seen.kind not in ("Box", "Discrete"):
+        raise UserError(
+            f"{path} has observations of a {one_line(seen.kind, 40)} space: only plain arrays are "
+            "read, flatten them first (gymnasium.wrappers.FlattenObservation)"
+        )
+    if seen.image and metadata.get("jpeg_encoding", True):
+        raise UserError(f"{path} keeps images as JPEG: record it with jpeg_encoding=False")
+    if len(seen.shape) > 1 and not flatten:
+        raise UserError(f"{path} has observations of shape {seen.shape}: flatten them (flatten)")
+    size, told = reader.size(), metadata["total_episodes"]
+    if size != told or size < 1:
+        raise UserError(f"{path} holds {size} episodes and tells of {told}: record it again")
+    parts = [_of_episode(reader, f"episode_{number}", path, seen) for number in range(size)]
+    pairs = sum("pair" in part for part in parts)
+    if 0 < pairs < size:
+        raise UserError(f"{path} has a reward pair in some episodes only: record it again")
+    parts = [_as_rows(part, number) for number, part in enumerate(parts)]
+    for part in parts:
+        part["action"] = part["action"] - actions.start
+    names = [name for name in parts[0] if all(name in part for part in parts)]
+    joined: dict[str, Any] = {
+        name: np.concatenate([part[name] for part in parts]) for name in names
+    }
+    return {"mode": np.zeros(len(joined["action"]), np.int8), "social": social} | joined
+
+
+def _of_episode(reader: Reader, group: str, path: Path, space: _Space) -> dict[str, np.ndarray]:
+    """The arrays of one episode, of lengths that agree."""
+    names = ("actions", "rewards", "terminations", "truncations")
+    part = {name: reader.array(f"{group}/{name}") for name in names}
+    part["observations"] = reader.array(f"{group}/observations")
+    wanted = {name: f"{group}/infos/{OURS}/{name}" for name in ("ending", "mode")}
+    for name in PAIR_NAMES[::-1]:
+        if reader.has(f"{group}/infos/{name}"):
+            wanted["pair"] = f"{group}/infos/{name}"
+    part |= {key: reader.array(name) for key, name in wanted.items() if reader.has(name)}
+    steps = part["actions"].shape[0]
+    shapes = dict.fromkeys(names, (steps,)) | {"observations": (steps + 1, *space.shape)}
+    shapes |= {"ending": (steps + 1,), "mode": (steps + 1,), "pair": (steps + 1, 2)}
+    for name, array in part.items():
+        if array.shape != shapes[name] and not _is_column(array, shapes[name]):
+            raise UserError(
+                f"{path}: {name} of {group} has shape {array.shape} where {shapes[name]} is due: "
+                "record it again"
+            )
+    return part
+
+
+def _is_column(array: np.ndarray, shape: tuple[int, ...]) -> bool:
+    return array.shape == (*shape, 1)
+
+
+def _as_rows(part: dict[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
+    """One episode as rows of a table."""
+    seen = features_of("observations", part["observations"], flatten=True)
+    steps = len(part["actions"])
+    rows = {
+        "observation": seen[:-1],
+        "next_observation": seen[1:],
+        "action": part["actions"].reshape(-1),
+        "terminated": part["terminations"].reshape(-1),
+        "truncated": part["truncations"].reshape(-1),
+        "reward": part["pair"][1:] if "pair" in part else part["rewards"].reshape(-1),
+        "episode": np.full(steps, number),
+    }
+    return rows | {name: part[name][1:] for name in ("ending", "mode") if name in part}
+
+
+def _named(ours: Any, mode: np.ndarray, other: str) -> tuple[str, ...]:
+    """Names of the demonstrators; those that the data set numbers but doesn't name get a number."""
+    names = ours.get("mode_names") if isinstance(ours, dict) else None
+    if isinstance(names, list) and all(isinstance(name, str) for name in names):
+        return tuple(names)
+    most = int(mode.max()) if len(mode) else 0
+    return (other,) if most <= 0 else tuple(f"{other}_{number}" for number in range(most + 1))

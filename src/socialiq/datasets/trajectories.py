@@ -1,0 +1,209 @@
+"""Trajectories in the form of the `imitation` library as demonstrations; it is not needed.
+
+A trajectory has `obs` (steps + 1), `acts` (steps) and `terminal`, and may have `rews` and `infos`
+(steps). In `imitation`, `terminal` is also set where a time limit cut the episode. To a learner
+that is no terminal state, so it has to be told: by `info["TimeLimit.truncated"]`, which
+Stable-Baselines3's vector environments set; by our worlds' `info["ending"]`; or by `time_limit`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+from socialiq.datasets.arrays import features_of, of_steps, pair_of, whole_of
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.types import Ending, RewardPair
+
+
+def of_trajectories(
+    trajectories: Iterable[Any],
+    *,
+    n_actions: int,
+    modes: str | Sequence[str] = "demonstrator",
+    social: str = "",
+    time_limit: int = 0,
+    flatten: bool = False,
+    source: dict[str, Any] | None = None,
+) -> Demonstrations:
+    """Make a table of trajectories: objects with the attributes above, or dicts.
+
+    The reward pair of a step is `info["reward_pair"]`; else `rews` of shape (steps, 2); else, where
+    `social` says so, `rews` is r_env.
+
+    Args:
+        trajectories: One for each episode.
+        n_actions: Number of actions of the world.
+        modes: Name of the demonstrator, or one name for each trajectory.
+        social: "none" if `rews` of one number a step is r_env, and r_social is 0.
+        time_limit: A terminal trajectory of this many steps was cut by the clock; 0 for no limit.
+        flatten: Whether observations of more axes (images) are laid out in one.
+        source: What made the data.
+
+    Raises:
+        UserError: If a trajectory is wrong; the line names it.
+    """
+    listed = list(trajectories)
+    if not listed:
+        raise UserError("no trajectories: pass at least one")
+    named = [modes] * len(listed) if isinstance(modes, str) else list(modes)
+    if len(named) != len(listed):
+        raise UserError(f"{len(named)} modes for {len(listed)} trajectories: name one for each")
+    parts = []
+    for number, one in enumerate(listed):
+        try:
+            parts.append(_columns(one, social, time_limit, flatten))
+        except UserError as error:
+            raise UserError(f"trajectory {number}: {error}") from error
+    widths = {part["observation"].shape[1] for part in parts}
+    if len(widths) > 1:
+        raise UserError(f"trajectories differ in features ({', '.join(map(str, sorted(widths)))})")
+    lengths = [len(part["action"]) for part in parts]
+    names = tuple(dict.fromkeys(named))
+    columns: dict[str, Any] = {
+        name: np.concatenate([part[name] for part in parts]) for name in parts[0]
+    }
+    return of_steps(
+        **columns,
+        episode=np.repeat(np.arange(len(parts)), lengths),
+        mode=np.repeat([names.index(one) for one in named], lengths),
+        mode_names=names,
+        n_actions=n_actions,
+        source=source or {"made_by": "of_trajectories"},
+    )
+
+
+def of_condensed(
+    arrays: Mapping[str, Any],
+    *,
+    n_actions: int,
+    mode: str = "demonstrator",
+    social: str = "",
+    time_limit: int = 0,
+    flatten: bool = False,
+    source: dict[str, Any] | None = None,
+) -> Demonstrations:
+    """Make a table of `imitation`'s old archive: all trajectories end to end.
+
+    Args:
+        arrays: `obs`, `acts`, `rews` end to end; `terminal` of each trajectory; `indices`, the
+            first step of each but the first. The archive's `infos` are pickled and never read, so
+            its time limits are known by `time_limit` alone.
+        n_actions: Number of actions of the world.
+        mode: Name of the demonstrator.
+        social: As of `of_trajectories`.
+        time_limit: As of `of_trajectories`.
+        flatten: As of `of_trajectories`.
+        source: What made the data.
+
+    Raises:
+        UserError: If an array is missing or wrong.
+    """
+    missing = [name for name in ("obs", "acts", "terminal", "indices") if name not in arrays]
+    if missing:
+        raise UserError(f"no {', '.join(missing)}: save obs, acts, terminal and indices")
+    terminal, acts = np.asarray(arrays["terminal"]), np.asarray(arrays["acts"])
+    obs, rews = np.asarray(arrays["obs"]), arrays.get("rews")
+    cuts = np.asarray(arrays["indices"])
+    fits = cuts.ndim == 1 and terminal.ndim == 1 and min(acts.ndim, obs.ndim) > 0
+    fits = fits and (cuts.dtype.kind in "iu" or not len(cuts)) and len(cuts) == len(terminal) - 1
+    edges = [0, *cuts.tolist(), len(acts)] if fits else []
+    if not fits or any(later <= sooner for sooner, later in itertools.pairwise(edges)):
+        raise UserError(
+            "indices must hold the first step of each trajectory but the first, rising, and "
+            "terminal one boolean for each trajectory"
+        )
+    if len(obs) != len(acts) + len(terminal) or (rews is not None and len(rews) != len(acts)):
+        raise UserError(
+            f"obs has {len(obs)} rows for {len(acts)} actions in {len(terminal)} trajectories: "
+            "it needs one more than actions in each, and rews as many as actions"
+        )
+    trajectories = [
+        {
+            "obs": obs[begin + place : end + place + 1],
+            "acts": acts[begin:end],
+            "rews": None if rews is None else rews[begin:end],
+            "terminal": terminal[place],
+        }
+        for place, (begin, end) in enumerate(itertools.pairwise(edges))
+    ]
+    return of_trajectories(
+        trajectories,
+        n_actions=n_actions,
+        modes=mode,
+        social=social,
+        time_limit=time_limit,
+        flatten=flatten,
+        source=source,
+    )
+
+
+def _columns(one: Any, social: str, time_limit: int, flatten: bool) -> dict[str, np.ndarray]:
+    """The columns of one trajectory, under the names of `of_steps`."""
+    seen: Float32[np.ndarray, "moment feature"] = features_of("obs", _field(one, "obs"), flatten)
+    action: Int32[np.ndarray, " step"] = whole_of("action", _field(one, "acts"))
+    steps = len(action)
+    if len(seen) != steps + 1 or steps == 0:
+        raise UserError(f"obs has {len(seen)} rows for {steps} actions: it needs one more")
+    infos = _infos(one, steps)
+    ending = np.zeros(steps, np.int8)
+    ending[-1] = _ending(_terminal(one), infos[-1], time_limit == steps)
+    return {
+        "observation": seen[:-1],
+        "action": action,
+        "next_observation": seen[1:],
+        "reward": np.stack(_rewards(one, infos, social), axis=1),
+        "ending": ending,
+    }
+
+
+def _field(one: Any, name: str, default: Any = None) -> Any:
+    found = one.get(name) if isinstance(one, Mapping) else getattr(one, name, None)
+    if found is None and name in ("obs", "acts", "terminal"):
+        raise UserError(f"it has no {name}: pass obs, acts and terminal")
+    return default if found is None else found
+
+
+def _infos(one: Any, steps: int) -> list[Mapping[str, Any]]:
+    found = _field(one, "infos", [{}] * steps)
+    try:
+        listed = list(found)
+    except TypeError:
+        listed = []
+    if len(listed) != steps or not all(isinstance(info, Mapping) for info in listed):
+        raise UserError(f"infos must be {steps} dicts, one for each action")
+    return listed
+
+
+def _terminal(one: Any) -> bool:
+    terminal = np.asarray(_field(one, "terminal"))
+    if terminal.shape != () or terminal.dtype.kind not in "biu":
+        raise UserError("terminal must be one boolean: whether the trajectory has an end")
+    return bool(terminal)
+
+
+def _ending(terminal: bool, info: Mapping[str, Any], cut: bool) -> Ending:
+    """How the last step ended the episode."""
+    if not terminal:
+        return Ending.NONE
+    named = str(info.get("ending", "")).lower() == "timeout"
+    truncated = bool(info.get("TimeLimit.truncated", False)) or named or cut
+    return Ending.of_step(not truncated, truncated, info)
+
+
+def _rewards(one: Any, infos: list[Mapping[str, Any]], social: str) -> RewardPair:
+    if all("reward_pair" in info for info in infos):
+        pair = pair_of([info["reward_pair"] for info in infos], "")
+    elif (rews := _field(one, "rews")) is None:
+        raise UserError('no reward: pass rews of (steps, 2), or info["reward_pair"] of each step')
+    else:
+        pair = pair_of(rews, social)
+    env: Float64[np.ndarray, " step"] = pair.env
+    if len(env) != len(infos):
+        raise UserError(f"rews has {len(env)} rows for {len(infos)} actions: give one for each")
+    return pair

@@ -1,0 +1,152 @@
+"""What the theory says about a gridworld's three experts before anything is trained."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.errors import one_of
+from socialiq.evaluation.exact import evaluate_exactly
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.metrics import Metrics
+from socialiq.mdp.horizon import horizon_evaluation
+from socialiq.social.angle import check_angle, exact_weights
+from socialiq.social.score import score
+from socialiq.theory import response, semi_gradient
+from socialiq.theory.demonstrators import mean_target, occupancies
+from socialiq.theory.objective import Problem
+from socialiq.theory.rows import drawn_rows
+from socialiq.theory.shaping import orthogonal
+from socialiq.worlds.enumerate import Table
+from socialiq.worlds.experts import expert_policy
+
+DISCOUNT = 0.99  # γ and γ_svo of Table C.1
+MEASURES = ("occupancy", "rows")
+MIXTURES = ("equal_trajectories", "equal_transitions")
+NextValue = Literal["online", "target"]
+NEXT_VALUES: tuple[NextValue, ...] = ("online", "target")
+
+
+class Setting(NamedTuple):
+    """What is pooled, and what the learner is told.
+
+    Attributes:
+        angle: α in degrees.
+        target_kind: A name of `theory.demonstrators.TARGET_KINDS`.
+        mixture: As many episodes of each expert, or as many transitions.
+        measure: Discounted occupancies of endless episodes, as in the theorems, or evenly drawn
+            rows of episodes of the world's horizon, as in batches.
+    """
+
+    angle: float = 0.0
+    target_kind: str = "instantaneous"
+    mixture: str = "equal_trajectories"
+    measure: str = "occupancy"
+
+
+class Prediction(NamedTuple):
+    """A flip of the greedy policy, foretold.
+
+    Attributes:
+        flip: Which state's action changes, and at what λ.
+        exact: Whether the straight lines still hold there (`response.reach`).
+        before: The greedy policy below that λ, evaluated exactly.
+        after: The same above it.
+    """
+
+    flip: response.Flip
+    exact: bool
+    before: Metrics
+    after: Metrics
+
+
+class Lines(NamedTuple):
+    """Straight lines in λ, one for each (state, action), whose largest is the greedy action.
+
+    Attributes:
+        level: At λ = 0: ρ_E, or the demonstrators' shares of actions.
+        slope: The derivative by λ.
+    """
+
+    level: Float[np.ndarray, "state action"]
+    slope: Float[np.ndarray, "state action"]
+
+
+def experts_of(part: Table) -> list[Float[np.ndarray, "state action"]]:
+    """The thesis' three experts on a world's reachable states."""
+    return [expert_policy(part, angle) for angle in MODES.values()]
+
+
+def problem_of(part: Table, setting: Setting) -> Problem:
+    """The regularized objective for the pool of the three experts (5.2), with Table C.1's numbers.
+
+    Args:
+        part: The world's reachable states.
+        setting: What is pooled, and what the learner is told.
+
+    Raises:
+        UserError: If the angle or a name in the setting will not do.
+    """
+    one_of("measure", setting.measure, MEASURES)
+    one_of("mixture", setting.mixture, MIXTURES)
+    mdp, horizon, policies = part.mdp, part.world.horizon, experts_of(part)
+    reward = score(exact_weights(check_angle(setting.angle)), mdp.rewards)
+    weight = np.ones(len(policies))
+    if setting.mixture == "equal_transitions":
+        weight = 1.0 / np.array([horizon_evaluation(mdp, p, horizon).length for p in policies])
+    shares = [float(share) for share in weight / weight.sum()]
+    kind = setting.target_kind
+    if setting.measure == "rows":
+        drawn = drawn_rows(mdp, policies, shares, reward, kind, horizon, DISCOUNT)
+        return Problem(drawn.mdp, drawn.shares, drawn.target, discount=DISCOUNT)
+    parts = occupancies(mdp, policies, shares, DISCOUNT)
+    target = mean_target(mdp, policies, parts, reward, kind, DISCOUNT)
+    return Problem(mdp, parts.sum(axis=0), target, discount=DISCOUNT)
+
+
+def lines_of(problem: Problem, next_value: NextValue) -> Lines:
+    """How the greedy choice moves with λ, as τ → 0.
+
+    Args:
+        problem: The problem.
+        next_value: "online" passes the gradient through V(s'), "target" doesn't (a slow copy).
+    """
+    one_of("next value", next_value, NEXT_VALUES)
+    if next_value == "target":
+        level = semi_gradient.demonstrated_policy(problem)
+        return Lines(level, semi_gradient.policy_slope(problem))
+    level = np.where(problem.support, problem.demonstrated, 0.0)
+    return Lines(level, response.occupancy_slope(problem))
+
+
+def target_norm(problem: Problem) -> float:
+    """‖T_⊥‖ per row: λ times it doesn't depend on the target's unit, nor on its shaping."""
+    mass = problem.demonstrated.sum()
+    norm = orthogonal(problem.mdp, problem.demonstrated, problem.target, problem.discount).norm
+    return float(norm / np.sqrt(mass))
+
+
+def predictions(part: Table, lines: Lines) -> list[Prediction]:
+    """Every flip that the lines foretell at a finite λ, with the greedy policies beside it.
+
+    Args:
+        part: The world's reachable states, in the order of the lines.
+        lines: Of `lines_of`.
+    """
+    reach = response.reach(*lines)
+    before = evaluate_exactly(part, _greedy(lines, 0.0))
+    found = []
+    for flip in response.flips(*lines):
+        if np.isfinite(flip.strength):
+            after = evaluate_exactly(part, _greedy(lines, flip.strength * (1.0 + 1e-9)))
+            found.append(Prediction(flip, flip.strength <= reach, before, after))
+            before = after
+    return found
+
+
+def _greedy(lines: Lines, strength: float) -> Float[np.ndarray, "state action"]:
+    """The one-hot policy of the highest line; of the first action where nothing is demonstrated."""
+    height = np.where(lines.level > 0.0, lines.level + strength * lines.slope, -np.inf)
+    return np.eye(height.shape[1])[height.argmax(axis=1)]

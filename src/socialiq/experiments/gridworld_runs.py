@@ -1,0 +1,133 @@
+"""Train many lanes in an enumerable world and evaluate every one of them exactly."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.exact import (
+    READOUTS,
+    Optimum,
+    Readout,
+    action_table,
+    evaluate_exactly,
+    exact_monitor,
+)
+from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.learners.callbacks import Outside, Report
+from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.nn.q_policy import QPolicy
+from socialiq.types import Row
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.registry import make_grid
+
+Watch = Callable[[str], Callable[[Report], None] | None]
+"""Given the name of a stage, what shows its progress."""
+
+
+Monitor = Callable[[Any], dict[str, np.ndarray]]
+"""Given what all lanes have learnt, named values, each (lanes,)."""
+
+
+def silent(_stage: str) -> None:
+    """A `Watch` that shows nothing."""
+
+
+class Ground(NamedTuple):
+    """A world made ready for a study.
+
+    Attributes:
+        table: All its states.
+        part: Its reachable states.
+        optimum: The best that any policy can do there, by angle.
+    """
+
+    table: Table
+    part: Table
+    optimum: Optimum
+
+    @staticmethod
+    def of(world: str) -> Ground:
+        """Enumerate a world under its default readings."""
+        table = tabulate(make_grid(world))
+        part = table.reachable_part()
+        return Ground(table, part, Optimum(part))
+
+
+def grid_of(
+    angles: Sequence[float], strengths: Sequence[float], seeds: Sequence[int], base: Numbers
+) -> list[Numbers]:
+    """Numbers for every angle, strength and seed; seed number i learns from data set i."""
+    return [
+        dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
+        for angle in angles
+        for strength in strengths
+        for dataset, seed in enumerate(seeds)
+    ]
+
+
+def train_lanes(
+    ground: Ground,
+    structure: Structure,
+    numbers: Sequence[Numbers],
+    datasets: Sequence[Demonstrations],
+    on_report: Callable[[Report], None] | None,
+    chunk: int = 500,
+    monitor: Monitor | None = None,
+) -> Trained:
+    """Train in the ground's world; what the monitor returns is recorded after every chunk.
+
+    Without a monitor of its own a study that shows progress watches the exact metrics.
+    """
+    if monitor is None and on_report is not None:
+        monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
+    outside = Outside(on_report=on_report, monitor=monitor)
+    simulator = ground.table.world if structure.online else None
+    return train(structure, numbers, datasets, simulator, outside, chunk)
+
+
+def evaluate(ground: Ground, policy: QPolicy, readout: Readout) -> Metrics:
+    """Exact metrics of one trained policy."""
+    return evaluate_exactly(ground.part, action_table(policy, ground.part, readout))
+
+
+def rows_of(
+    ground: Ground, policies: Sequence[QPolicy], angle: float, label: Row, seeds: Sequence[int]
+) -> list[Row]:
+    """One row for each policy and readout: label, seed, metrics, regret at an angle."""
+    rows = []
+    for policy, seed in zip(policies, seeds, strict=True):
+        for readout in READOUTS:
+            metrics = evaluate(ground, policy, readout)
+            regret = ground.optimum.regret(metrics, angle)
+            rows.append(
+                label | {"readout": readout, "seed": seed} | metrics._asdict() | {"regret": regret}
+            )
+    return rows
+
+
+def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
+    """Means over seeds of rows that share `keys`; the angle is that of the mean totals.
+
+    `angle_low` and `angle_high` are the least and greatest angle of a single seed.
+    """
+    groups: dict[tuple, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    means = []
+    for values, group in groups.items():
+        metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
+        angles = [row["angle"] for row in group]
+        means.append(
+            dict(zip(keys, values, strict=True))
+            | {"seeds": len(group)}
+            | metrics._asdict()
+            | {"angle_low": min(angles), "angle_high": max(angles)}
+            | {"regret": float(np.mean([row["regret"] for row in group]))}
+        )
+    return means

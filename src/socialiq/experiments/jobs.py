@@ -1,0 +1,196 @@
+"""A long study as jobs in a work folder: on every core, resumable at each of them.
+
+A job is a function that fills a folder. Its fingerprint is of its configuration, of the jobs it
+reads and of this package's version: a finished folder with the same fingerprint is used again, any
+other is made anew. A job that was cut off finds what it had written and goes on from there if it
+can.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import hashlib
+import importlib.metadata
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError
+from socialiq.learners.callbacks import Report
+from socialiq.storage import read_json, write_json
+
+RECORD = "job.json"
+
+Tell = Callable[[float], None]
+"""Called by a job with the share of it that is done."""
+
+Work = Callable[[Any, Path, Mapping[str, Path], Tell], None]
+"""Fills a folder: given the job's configuration, its folder, and the folders of its inputs."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One step of a study.
+
+    Attributes:
+        name: Its folder below the work folder; what stands before the first "/" is its stage.
+        work: A function of a module, so that another process can find it.
+        config: What it depends on: a dataclass of JSON-able fields.
+        inputs: Names of the jobs whose folders it reads.
+        cost: What it takes, in seconds or so; only proportions matter, for the time left.
+    """
+
+    name: str
+    work: Work
+    config: Any
+    inputs: tuple[str, ...] = ()
+    cost: float = 1.0
+
+    @property
+    def stage(self) -> str:
+        """The stage it belongs to."""
+        return self.name.split("/")[0]
+
+
+def fingerprints(jobs: Sequence[Job]) -> dict[str, str]:
+    """SHA-256 of everything that each job depends on, its inputs' fingerprints among it.
+
+    Raises:
+        UserError: If two jobs share a name.
+    """
+    found: dict[str, str] = {}
+    version = importlib.metadata.version("socialiq")
+    for job in jobs:  # a job stands after its inputs
+        if job.name in found:
+            raise UserError(f"two jobs are called {job.name}")
+        parts = [
+            version,
+            job.work.__qualname__,
+            dataclasses.asdict(job.config),
+            [found[name] for name in job.inputs],
+        ]
+        found[job.name] = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+    return found
+
+
+def is_done(folder: Path, fingerprint: str) -> bool:
+    """Whether a folder holds the finished job of this fingerprint."""
+    record = folder / RECORD
+    return record.is_file() and read_json(record).get("fingerprint") == fingerprint
+
+
+def do(job: Job, work: Path, fingerprint: str, tell: Tell) -> float:
+    """Do one job: its folder appears whole, or the parts it had written stay for the next try.
+
+    Returns:
+        The seconds it took.
+
+    Raises:
+        UserError: If the folder can't be written.
+    """
+    folder, part = work / job.name, work / f"{job.name}.part"
+    mark = part / "begun.json"
+    try:
+        if part.exists() and not (mark.is_file() and read_json(mark)["fingerprint"] == fingerprint):
+            shutil.rmtree(part)
+        part.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot write {part}: {error.strerror}; choose another place") from error
+    write_json(mark, {"fingerprint": fingerprint})
+    began = time.monotonic()
+    job.work(job.config, part, {name: work / name for name in job.inputs}, tell)
+    seconds = time.monotonic() - began
+    record = {
+        "fingerprint": fingerprint,
+        "config": dataclasses.asdict(job.config),
+        "inputs": list(job.inputs),
+        "seconds": round(seconds, 1),
+    }
+    write_json(part / RECORD, record)
+    mark.unlink()
+    if folder.exists():
+        shutil.rmtree(folder)
+    part.rename(folder)
+    return seconds
+
+
+def open_jobs(jobs: Sequence[Job], work: Path) -> list[Job]:
+    """The jobs that are still to be done."""
+    known = fingerprints(jobs)
+    return [job for job in jobs if not is_done(work / job.name, known[job.name])]
+
+
+@contextmanager
+def claimed(work: Path) -> Iterator[None]:
+    """Keep a second command out of a work folder; a command that was killed lets go of it.
+
+    Raises:
+        UserError: If the folder is in use, or can't be made.
+    """
+    try:
+        work.mkdir(parents=True, exist_ok=True)
+        lock = (work / ".lock").open("w")
+    except OSError as error:
+        raise UserError(f"cannot write {work}: {error.strerror}; choose another place") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise UserError(f"{work} is in use by another run: wait for it, or stop it") from error
+        yield
+
+
+class Progress:
+    """What the jobs of a study have done, as the reports of its stages.
+
+    Args:
+        jobs: All of them, finished or not.
+        still_open: Those that are to be done now.
+        watch: Given the name of a stage, what shows its progress.
+    """
+
+    def __init__(
+        self,
+        jobs: Sequence[Job],
+        still_open: Sequence[Job],
+        watch: Callable[[str], Callable[[Report], None] | None],
+    ) -> None:
+        self._watch, self._shown = watch, dict[str, Any]()
+        self._jobs = {job.name: job for job in jobs}
+        waiting = {job.name for job in still_open}
+        self._share = {job.name: float(job.name not in waiting) for job in jobs}
+        self._began: dict[str, tuple[float, float]] = {}
+
+    def begin(self, name: str) -> None:
+        """Take note that a job begins."""
+        stage = self._jobs[name].stage
+        if stage not in self._began:
+            self._began[stage] = time.monotonic(), self._of(stage)
+            self._shown[stage] = self._watch(stage)
+
+    def update(self, name: str, share: float) -> None:
+        """Take note that a job that has begun has come so far."""
+        stage = self._jobs[name].stage
+        self._share[name] = share
+        if self._shown[stage]:
+            self._shown[stage](self._report(stage, *self._began[stage]))
+
+    def _of(self, stage: str) -> float:
+        """Costs of what is done of a stage."""
+        jobs = (job for job in self._jobs.values() if job.stage == stage)
+        return sum(job.cost * self._share[job.name] for job in jobs)
+
+    def _report(self, stage: str, began: float, at: float) -> Report:
+        jobs = [job for job in self._jobs.values() if job.stage == stage]
+        total, done = sum(job.cost for job in jobs), self._of(stage)
+        finished = sum(self._share[job.name] >= 1 for job in jobs)
+        pace = (done - at) / max(time.monotonic() - began, 1e-9)
+        left = (total - done) / pace if pace > 0 else float("inf")
+        rate = pace * len(jobs) / total * 60
+        return Report(finished, len(jobs), rate, left, {}, {}, (), "jobs/min")

@@ -1,0 +1,186 @@
+"""A study's results as a folder of plain files: JSON, CSV and pictures."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import importlib.metadata
+import io
+import math
+import platform
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError
+from socialiq.storage import (
+    new_folder,
+    part_beside,
+    read_json,
+    swap_folder,
+    write_atomically,
+    write_json,
+)
+
+DECIMALS = 6  # of a number in a table; exact evaluation is good to more, reading is not
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a study found.
+
+    Attributes:
+        study: Its name.
+        config: Its resolved configuration: seeds, sizes, presets, hashes of the data.
+        tables: Rows by table name; each becomes a CSV file.
+        summary: The figures that the claims ledger points at.
+        versions: Of Python and of the libraries that made the numbers.
+        files: Content of other files by path; written, but not read back.
+    """
+
+    study: str
+    config: dict[str, Any]
+    tables: dict[str, list[Row]]
+    summary: dict[str, Any]
+    versions: dict[str, str]
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        study: str,
+        config: Any,
+        tables: dict[str, list[Row]],
+        summary: dict[str, Any],
+        files: Mapping[str, bytes] | None = None,
+    ) -> Results:
+        """Round the numbers, resolve the configuration, and note the versions."""
+        settings = dataclasses.asdict(config)
+        return Results(
+            study, settings, rounded(tables), rounded(summary), versions(), dict(files or {})
+        )
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, this package and the numerical libraries, and the processor's kind."""
+    names = ("socialiq", "numpy", "scipy", "jax", "equinox", "optax")
+    found = {name: importlib.metadata.version(name) for name in names}
+    return {"python": platform.python_version(), **found, "machine": platform.machine()}
+
+
+def rounded(value: Any) -> Any:
+    """Plain Python numbers, floats cut to `DECIMALS`, in nested lists and mappings.
+
+    JSON has no infinity, so what is not finite becomes its name.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(item) for item in value]
+    if hasattr(value, "tolist"):
+        return rounded(value.tolist())
+    if isinstance(value, float):
+        return round(value, DECIMALS) + 0.0 if math.isfinite(value) else str(value)
+    return value
+
+
+def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace: bool) -> None:
+    """Write a results folder whole, or leave what was there.
+
+    Args:
+        results: What to write.
+        folder: The folder to make.
+        pictures: PNG files by name.
+        replace: Whether an existing results folder may be replaced.
+
+    Raises:
+        UserError: If the folder exists and may not be replaced, or can't be written.
+    """
+    check_target(folder, replace)
+    part = part_beside(folder)
+    try:
+        head = {"study": results.study, "versions": results.versions, "config": results.config}
+        write_json(part / "config.json", head)
+        write_json(part / "summary.json", results.summary)
+        for name, rows in results.tables.items():
+            write_atomically(part / f"{name}.csv", as_csv(rows))
+        for name, png in pictures.items():
+            write_atomically(part / f"{name}.png", png)
+        for name, content in results.files.items():
+            (part / name).parent.mkdir(exist_ok=True)
+            write_atomically(part / name, content)
+        part.chmod(0o755)
+        swap_folder(part, folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def check_target(folder: Path, replace: bool) -> None:
+    """Refuse an output folder before any work is done.
+
+    Raises:
+        UserError: If it exists with something in it and may not be replaced, would replace
+            something that is no results folder, or can't be made there.
+    """
+    if not folder.parent.is_dir():
+        new_folder(folder.parent)
+    part_beside(folder).rmdir()  # whether it can be written there
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    if not replace:
+        raise UserError(f"{folder} exists already: name a new folder, or add --replace")
+    if not (folder / "summary.json").is_file():
+        raise UserError(f"{folder} is not a results folder: it is not replaced; name another")
+
+
+def load(folder: Path) -> Results:
+    """Read a results folder.
+
+    Raises:
+        UserError: If it is missing or is no results folder.
+    """
+    if not (folder / "config.json").is_file():
+        raise UserError(f"{folder} is not a results folder: run `socialiq reproduce` first")
+    head = read_json(folder / "config.json")
+    tables = {path.stem: from_csv(path) for path in sorted(folder.glob("*.csv"))}
+    summary = read_json(folder / "summary.json")
+    return Results(head["study"], head["config"], tables, summary, head["versions"])
+
+
+def as_csv(rows: list[Row]) -> str:
+    """Rows of equal keys as CSV text."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def from_csv(path: Path) -> list[Row]:
+    """Rows of a CSV file; cells that read as numbers become numbers.
+
+    Raises:
+        UserError: If it is no text, or a row has not as many cells as the first line.
+    """
+    try:
+        with path.open(newline="") as file:
+            head, *rows = csv.reader(file)
+    except (UnicodeDecodeError, csv.Error, ValueError) as error:
+        raise UserError(f"{path} is damaged: restore it or make it again") from error
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(head):
+            raise UserError(
+                f"{path} is damaged: line {number} has {len(row)} cells, the first {len(head)}; "
+                "restore it or make it again"
+            )
+    return [dict(zip(head, map(_cell, row), strict=True)) for row in rows]
+
+
+def _cell(text: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

@@ -1,1 +1,0 @@
-"""Pictures of a study's results, drawn from its tables alone."""

@@ -1,0 +1,1 @@
+"""Plotting shared by all figures: style, ring of angles, bands over seeds."""

@@ -1,0 +1,189 @@
+"""Model cards: what is known of a policy, from its own record, and blanks where nothing is.
+
+Markdown with YAML front matter, as model hubs read it. All text that comes from a file is escaped:
+a card must not say what a stranger's name for a setting makes it say.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import math
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from socialiq.errors import UserError
+from socialiq.nn.one_hot import OneHot
+from socialiq.nn.q_policy import QPolicy
+from socialiq.plain_text import markdown, one_line
+
+BLANK = "**[ blank ]**"
+MOST_ROWS = 300
+"""Settings that a card lists."""
+
+
+def model_card(
+    policy: QPolicy,
+    name: str,
+    *,
+    training: Mapping[str, Any] | None = None,
+    evaluation: Mapping[str, Any] | None = None,
+    evaluated_by: str = "",
+) -> str:
+    """A card in Markdown.
+
+    Args:
+        policy: The policy; its provenance tells the angle and the procedure.
+        name: What it is called.
+        training: What else is known of its making: the content of `run.json`, or its entry in the
+            atlas' manifest. Only `data`, `inputs`, `world`, `versions`, `made_by` and `options`
+            count.
+        evaluation: One flat object of names and numbers, as `socialiq evaluate --json` prints it.
+        evaluated_by: Where the evaluation comes from, in words.
+
+    Raises:
+        UserError: If the evaluation is no such object.
+    """
+    known, measured = dict(training or {}), _measured(evaluation)
+    record = dict(policy.provenance)
+    angle = _angle(record)
+    template = _environment().get_template("card.md.j2")
+    return template.render(
+        front=_Ready(_front(name, angle, known, measured)),
+        name=name,
+        policy=policy,
+        angle=angle,
+        blank=_Ready(BLANK),
+        details=_details(policy, known),
+        data=[*_rows(known.get("data"), "data"), *_rows(known.get("inputs"), "inputs")],
+        procedure=list(_rows(record, "")),
+        evaluation=[(key, _shown(value)) for key, value in measured.items()],
+        evaluated=evaluated_by or "As given with this card.",
+    )
+
+
+class _Ready(str):
+    """Text that needs no more escaping."""
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("socialiq.policies", "templates"),
+        undefined=StrictUndefined,
+        autoescape=False,
+        finalize=_plain,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def _plain(value: Any) -> Any:
+    """A value that is filled in: one line, no markup."""
+    if isinstance(value, str) and not isinstance(value, _Ready):
+        return markdown(value)
+    return value
+
+
+def _angle(record: Mapping[str, Any]) -> float | None:
+    """The angle that the policy was trained for, or that a dial was turned to."""
+    numbers = record.get("numbers")
+    told = record.get("angle", numbers.get("angle") if isinstance(numbers, dict) else None)
+    finite = isinstance(told, int | float) and not isinstance(told, bool) and math.isfinite(told)
+    return float(told) if finite else None
+
+
+def _details(policy: QPolicy, known: Mapping[str, Any]) -> list[tuple[str, str]]:
+    widths = [policy.weights[0].shape[1], *(len(bias) for bias in policy.biases)]
+    if policy.view is None:
+        view = "the observation as it is"
+    elif isinstance(policy.view, OneHot):
+        view = "one place for each value of each feature"
+    else:
+        view = "vehicles seen from the ego, " + (
+            "as a set" if policy.view.choice.pooled else "side by side"
+        )
+    rows = [
+        ("World", str(known.get("world", "")) or None),
+        ("Made by", known.get("made_by")),
+        ("Learner", policy.provenance.get("learner")),
+        ("Input", f"{policy.n_features} numbers, float32"),
+        ("The first layer reads", view),
+        ("Network", f"{'-'.join(map(str, widths))}, {policy.activation}"),
+        ("Output", f"a value of each of {policy.n_actions} actions; the best is taken"),
+        ("Temperature of the soft policy", f"{policy.temperature:g}"),
+        ("SHA-256 of the file's content", policy.sha256),
+        ("Card written with", f"socialiq {importlib.metadata.version('socialiq')}"),
+    ]
+    rows += [("Versions", _shown(known["versions"]))] if known.get("versions") else []
+    return [(key, str(value) if value else _Ready(BLANK)) for key, value in rows]
+
+
+def _rows(value: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Nested settings as (dotted name, value), at most `MOST_ROWS`."""
+    waiting, listed = [(name, value)], 0
+    while waiting and listed < MOST_ROWS:
+        key, one = waiting.pop(0)
+        if isinstance(one, Mapping) and one:
+            inner = [(f"{key}.{part}" if key else str(part), sub) for part, sub in one.items()]
+            waiting = inner + waiting
+        elif one is not None and one not in ({}, []):
+            listed += 1
+            yield key, _shown(one)
+    if waiting:
+        yield "...", "more than can be listed; the file has all"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _measured(evaluation: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Names and scalars of an evaluation.
+
+    Raises:
+        UserError: If it is of several policies, or nested.
+    """
+    if evaluation is None:
+        return {}
+    if "policies" in evaluation:
+        raise UserError("the evaluation is of several policies: evaluate this one alone")
+    nested = [key for key, one in evaluation.items() if not isinstance(one, str | int | float)]
+    if nested or not evaluation:
+        raise UserError(
+            "the evaluation must be one object of names and numbers: write it with "
+            "socialiq evaluate POLICY --json"
+        )
+    return dict(evaluation)
+
+
+def _front(
+    name: str, angle: float | None, known: Mapping[str, Any], measured: Mapping[str, Any]
+) -> str:
+    """YAML front matter; each value is written as JSON, which YAML reads as the same."""
+    tags = ["reinforcement-learning", "inverse-reinforcement-learning", "driving", "socialiq"]
+    entries: dict[str, Any] = {"library_name": "socialiq", "tags": tags}
+    entries["pipeline_tag"] = "reinforcement-learning"
+    if angle is not None:
+        entries["social_angle_degrees"] = angle
+    metrics = [
+        {"type": one_line(key, 60), "value": value}
+        for key, value in measured.items()
+        if isinstance(value, int | float) and math.isfinite(value)
+    ]
+    if metrics:
+        world = one_line(str(known.get("world") or "unnamed world"))
+        result = {
+            "task": {"type": "reinforcement-learning", "name": "driving"},
+            "dataset": {"name": world, "type": "simulator"},
+            "metrics": metrics,
+        }
+        entries["model-index"] = [{"name": one_line(name), "results": [result]}]
+    lines = [f"{key}: {json.dumps(value)}" for key, value in entries.items()]
+    return "\n".join([*lines, "# license: [ blank ]"])

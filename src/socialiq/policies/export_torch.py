@@ -1,0 +1,69 @@
+"""Policies out as PyTorch modules, and their weights under PyTorch's names."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+
+from socialiq.errors import UserError
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import View
+
+
+def as_torch_module(policy: QPolicy) -> Any:
+    """The policy's network as a `torch.nn.Module`: Q values of (batch, features), float32.
+
+    Its weights are copies and train like any others; the greedy action is `argmax(dim=1)`.
+
+    Args:
+        policy: Any that `QPolicy` can hold; a dial is turned to an angle first.
+
+    Raises:
+        UserError: If PyTorch is not installed.
+    """
+    try:
+        import torch  # pyright: ignore[reportMissingImports]
+
+        from socialiq.policies.torch_network import QModule
+    except ImportError as error:
+        raise UserError(
+            "a torch module needs torch, which is not installed: pip install 'socialiq[torch]'"
+        ) from error
+    module = QModule(policy)
+    module.load_state_dict(
+        {name: torch.from_numpy(array.copy()) for name, array in state_dict(policy).items()}
+    )
+    return module
+
+
+def state_dict(policy: QPolicy) -> dict[str, np.ndarray]:
+    """The weights by the names that the module has for them, float32; needs no PyTorch."""
+    arrays = _named("layers", policy.weights, policy.biases)
+    if isinstance(policy.view, View):
+        arrays |= _named("view.layers", policy.view.weights, policy.view.biases)
+    return arrays
+
+
+def to_safetensors(policy: QPolicy) -> bytes:
+    """The bytes of a plain safetensors file of `state_dict`, for `safetensors.torch.load_file`.
+
+    Its metadata tell the activation, the view and the provenance, as JSON.
+
+    Args:
+        policy: Any that `QPolicy` can hold.
+    """
+    _, header = policy.content()
+    metadata = {"format": "pt", "policy_sha256": policy.sha256, "policy": json.dumps(header)}
+    return safetensors.numpy.save(state_dict(policy), metadata=metadata)
+
+
+def _named(prefix: str, weights: Any, biases: Any) -> dict[str, np.ndarray]:
+    pairs = enumerate(zip(weights, biases, strict=True))
+    return {
+        f"{prefix}.{number}.{kind}": np.ascontiguousarray(array, np.float32)
+        for number, pair in pairs
+        for kind, array in zip(("weight", "bias"), pair, strict=True)
+    }

@@ -1,0 +1,171 @@
+"""Our own files as policies under audit: policies and dials.
+
+The container finds damage, but who can write a file can write its checksum. So what the header
+claims is compared with the arrays before any of it is used.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.nn import dial_policy, q_policy
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.one_hot import OneHot
+from socialiq.nn.q_policy import ACTIVATIONS, QPolicy
+from socialiq.nn.view import ROW
+from socialiq.policies.record import Interface
+from socialiq.storage import load_arrays
+
+MOST_LAYERS = 100
+MOST_PROVENANCE = 65_536
+"""Characters of a file's own account of itself, which goes into reports."""
+
+_FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+
+
+def read_policy(path: Path, world: Interface | None) -> tuple[QPolicy, dict[str, Any]]:
+    """A policy that `QPolicy.save` wrote.
+
+    Args:
+        path: The file.
+        world: What it has to fit, if anything.
+
+    Returns:
+        The policy, and what the file tells about it.
+
+    Raises:
+        UserError: If the file is missing, damaged, holds something else, or doesn't fit the world.
+    """
+    arrays, header = load_arrays(path, "policy", q_policy.SCHEMA_VERSION)
+    policy = _policy(path, arrays, header, world, extra=0)
+    return policy, _details(policy, header)
+
+
+def read_dial(
+    path: Path, angle: float | None, world: Interface | None
+) -> tuple[QPolicy, dict[str, Any]]:
+    """A dial that `DialPolicy.save` wrote, at one angle in degrees.
+
+    Args:
+        path: The file.
+        angle: Degrees.
+        world: What it has to fit, if anything.
+
+    Returns:
+        The policy, and what the file tells about it.
+
+    Raises:
+        UserError: As `read_policy`; if there is no angle, or the dial was not trained for it.
+    """
+    arrays, header = load_arrays(path, "dial", dial_policy.SCHEMA_VERSION)
+    if angle is None:
+        raise UserError(f"{path} is a dial: say at which angle it is audited")
+    turned = _policy(path, arrays, header, world, extra=2)
+    low, high = header.get("low"), header.get("high")
+    if not isinstance(low, float) or not isinstance(high, float):
+        raise _refusal(path, "tells no range of angles")
+    policy = DialPolicy(turned, low, high).at(angle)
+    return policy, _details(policy, header) | {"angle": angle, "low": low, "high": high}
+
+
+def _details(policy: QPolicy, header: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "content_sha256": policy.sha256,
+        "activation": policy.activation,
+        "temperature": policy.temperature,
+        "layers": [policy.n_features, *(len(bias) for bias in policy.biases)],
+        "view": header.get("view") or header.get("one_hot"),
+        "provenance": header["provenance"],
+    }
+
+
+def _refusal(path: Path, fault: str) -> UserError:
+    return UserError(f"{path} {fault}: make the file again")
+
+
+def _policy(
+    path: Path,
+    arrays: dict[str, np.ndarray],
+    header: dict[str, Any],
+    world: Interface | None,
+    extra: int,
+) -> QPolicy:
+    """A policy whose header is true.
+
+    Args:
+        path: For messages.
+        arrays: Of the file.
+        header: Of the file.
+        world: What the policy has to fit, if anything.
+        extra: Inputs of the first layer that are no part of the observation.
+    """
+    if len(json.dumps(header)) > MOST_PROVENANCE:
+        raise _refusal(path, f"has a header of more than {MOST_PROVENANCE:,} characters")
+    layers = header.get("layers")
+    if type(layers) is not int or not 1 <= layers <= MOST_LAYERS:
+        raise _refusal(path, f"must have 1 to {MOST_LAYERS} layers")
+    for array in arrays.values():
+        if array.dtype.kind != "f" or not np.isfinite(array).all():
+            raise _refusal(path, "has a weight that is NaN, infinity or no number")
+    try:
+        policy = QPolicy.of_content(arrays, header)
+        fits = _consistent(policy, extra)
+        interface = Interface(_n_features(policy, extra), policy.n_actions)
+    except _FAULTS as error:
+        raise _refusal(path, "has a header that its arrays don't bear out") from error
+    if not fits:
+        raise _refusal(path, "has layers that don't follow one another")
+    if world is not None:
+        interface.check(str(path), world)
+    return policy
+
+
+def _n_features(policy: QPolicy, extra: int) -> int:
+    return policy.view.n_features if policy.view else policy.weights[0].shape[1] - extra
+
+
+def _consistent(policy: QPolicy, extra: int) -> bool:
+    """Whether every layer reads what the one before it makes, and the settings are possible."""
+    known = policy.activation in ACTIVATIONS and isinstance(policy.provenance, dict)
+    temperature = policy.temperature
+    warm = isinstance(temperature, float) and 0.0 < temperature < float("inf")
+    if not (known and warm and _view_is_possible(policy)):
+        return False
+    width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
+    # Before anything is computed with them: widths that a header claims could be of any size.
+    return _chained(policy.weights, policy.biases, width + extra)
+
+
+def _view_is_possible(policy: QPolicy) -> bool:
+    """Whether a view's own numbers are what `View` and `OneHot` make; they take any."""
+    view = policy.view
+    if view is None:
+        return True
+    if isinstance(view, OneHot):
+        return len(view.lows) == len(view.sizes) and all(
+            type(low) is int and type(size) is int and size > 0
+            for low, size in zip(view.lows, view.sizes, strict=True)
+        )
+    pooled, relative, scale = view.choice
+    plain = type(pooled) is bool and type(relative) is bool and isinstance(scale, float)
+    rows = type(view.n_features) is int and view.n_features % ROW == 0 and view.n_features > ROW
+    if not (plain and rows and np.isfinite(scale) and pooled == bool(view.weights)):
+        return False
+    inputs = ROW + (6 if relative else 0)  # of one vehicle, as `View` lists them
+    encoded = (view.width - (ROW - 1)) // 2 if pooled else 0
+    return not pooled or (
+        _chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded
+    )
+
+
+def _chained(weights: tuple[Any, ...], biases: tuple[Any, ...], inputs: int) -> bool:
+    for weight, bias in zip(weights, biases, strict=True):
+        if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != inputs:
+            return False
+        inputs = len(bias)
+    return inputs > 0

@@ -1,0 +1,1 @@
+"""Statistics: intervals, bounds, bootstrap, tests; arrays in, numbers out."""

@@ -1,0 +1,1 @@
+"""Studies: one folder for each table or figure of the thesis, and for each question beyond it."""

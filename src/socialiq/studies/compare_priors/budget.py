@@ -1,0 +1,130 @@
+"""One budget for every row of the comparison: each learner's settings, from IQ-Learn's.
+
+`base` gives network, batches, updates and steps in the world, `rates` the rates and discounts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners import cql
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dqn import config as dqn
+from socialiq.learners.iq_learn import config as iq
+from socialiq.studies.compare_priors.methods import Method
+
+
+class Lane(NamedTuple):
+    """One training run: angle in degrees, λ (or 1/τ_w), seed, and the number of its data set."""
+
+    angle: float
+    strength: float
+    seed: int
+    dataset: int
+
+
+def structure_of(method: Method, base: iq.Structure) -> iq.Structure:
+    """IQ-Learn's structure for a method."""
+    changes: dict[str, Any] = {"prior": method.prior, "target_kind": method.target_kind}
+    return dataclasses.replace(base, **changes, shift_term_3=method.shift_term_3)
+
+
+def numbers_of(base: iq.Numbers, lane: Lane) -> iq.Numbers:
+    """IQ-Learn's numbers for a lane; what multiplies R(α) is its strength, also in Eq B.2."""
+    return dataclasses.replace(
+        base,
+        angle=lane.angle,
+        strength=lane.strength,
+        reweight_temperature=1 / lane.strength,
+        seed=lane.seed,
+        dataset=lane.dataset,
+    )
+
+
+def clone_structure(base: iq.Structure, weighted: bool) -> bc.Structure:
+    """A clone's structure; weighted ones lean on rows of high R(α)."""
+    return bc.Structure(
+        base.hidden, base.activation, base.batch_size, base.updates, weighted, base.view
+    )
+
+
+def clone_numbers(rates: iq.Numbers, lane: Lane) -> bc.Numbers:
+    """A clone's numbers for a lane."""
+    return bc.Numbers(rates.learning_rate, lane.seed, lane.dataset, lane.angle, 1 / lane.strength)
+
+
+def cql_structure(base: iq.Structure) -> cql.Structure:
+    """Conservative Q-learning's structure."""
+    return cql.Structure(
+        base.endings, base.hidden, base.activation, base.view, base.batch_size, base.updates
+    )
+
+
+def cql_numbers(rates: iq.Numbers, lane: Lane) -> cql.Numbers:
+    """Conservative Q-learning's numbers for a lane."""
+    return cql.Numbers(
+        angle=lane.angle,
+        strength=lane.strength,
+        temperature=rates.temperature,
+        discount=rates.discount,
+        learning_rate=rates.learning_rate,
+        polyak=rates.polyak,
+        seed=lane.seed,
+        dataset=lane.dataset,
+    )
+
+
+def rl_structure(base: iq.Structure) -> dqn.Structure:
+    """Deep Q-learning with the updates and steps in the world of the other rows."""
+    return dqn.Structure(
+        base.view,
+        base.hidden,
+        base.activation,
+        batch_size=base.batch_size,
+        steps=base.updates * base.env_steps_per_update,
+        steps_per_update=base.env_steps_per_update,
+        replay_capacity=base.replay_capacity,
+    )
+
+
+def rl_numbers(rates: iq.Numbers, lane: Lane) -> dqn.Numbers:
+    """Deep Q-learning's numbers for a lane."""
+    return dqn.Numbers(
+        angle=lane.angle,
+        discount=rates.discount,
+        learning_rate=rates.learning_rate,
+        final_learning_rate=rates.learning_rate,
+        polyak=rates.polyak,
+        seed=lane.seed,
+    )
+
+
+def dial_structure(base: iq.Structure) -> dial.Structure:
+    """The dial's structure at the others' budget."""
+    return dial.Structure(
+        endings=base.endings,
+        hidden=base.hidden,
+        activation=base.activation,
+        view=base.view,
+        expert_batch=base.batch_size,
+        replay_batch=base.batch_size,
+        updates=base.updates,
+        environments=base.env_steps_per_update,
+        replay_capacity=base.replay_capacity,
+    )
+
+
+def dial_numbers(rates: iq.Numbers, lane: Lane) -> dial.Numbers:
+    """The dial's numbers for a lane, with the others' rates; the angle is asked for later."""
+    return dial.Numbers(
+        strength=lane.strength,
+        temperature=rates.temperature,
+        discount=rates.discount,
+        learning_rate=rates.learning_rate,
+        final_rate=1.0,
+        polyak=rates.polyak,
+        seed=lane.seed,
+        dataset=lane.dataset,
+    )

@@ -1,0 +1,124 @@
+"""Methods that are told the reward pair and demonstrations, each solved exactly."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.visit_counts import tally
+from socialiq.learners.shared_reward.angles import Inferred, infer
+from socialiq.learners.shared_reward.exact import Group, fit
+from socialiq.social.angle import weights
+from socialiq.social.score import score
+from socialiq.studies.competence.bench import Bench
+from socialiq.types import Row
+
+DISCOUNT = 0.99  # of returns-to-go, as in the thesis
+C, W = 0.5, 1.0  # χ² and prior weight of the thesis; their sum shrinks, m = wλT / (c + w)
+
+
+class Told(NamedTuple):
+    """What a method is told: the reward pair and one data set.
+
+    Attributes:
+        bench: World and scoring.
+        seed: Of the data set.
+        data: Episodes of each expert.
+        counts: How often each expert took an action at a time in a state.
+    """
+
+    bench: Bench
+    seed: int
+    data: list[Demonstrations]
+    counts: list[np.ndarray]
+
+    @staticmethod
+    def of(bench: Bench, seed: int) -> Told:
+        """Draw a data set and count what is in it."""
+        data = bench.demonstrations(seed)
+        return Told(bench, seed, data, [tally(one, bench.part) for one in data])
+
+    @property
+    def visits(self) -> list[np.ndarray]:
+        """Mean number of times per episode, of each expert."""
+        episodes = self.bench.config.episodes_each
+        return [one.sum(axis=0) / episodes for one in self.counts]
+
+    @property
+    def pooled(self) -> np.ndarray:
+        """The same of the mixture with equal numbers of episodes."""
+        return np.mean(self.visits, axis=0)
+
+    def imitation(self) -> list[Row]:
+        """IQ-Learn without a prior: one policy for every angle."""
+        zero = np.zeros_like(self.bench.skill)
+        settings = self.bench.settings._replace(shrinkage=C)
+        found = fit(self.bench.part.mdp, [Group(1.0, self.pooled, zero)], settings)
+        return self._rows("IQ-Learn, no prior", "", lambda _: found.correction)
+
+    def priors(self) -> list[Row]:
+        """The thesis' prior on returns-to-go, and the same on the rewards themselves."""
+        rows = []
+        for strength in self.bench.config.strengths:
+            for method, centre in (
+                ("prior on returns-to-go", self._mean_returns),
+                ("prior on rewards", self.bench.reward),
+            ):
+                rows += self._rows(
+                    method, strength, lambda a, s=strength, m=centre: self._prior(s * m(a))
+                )
+        return rows
+
+    def _prior(self, centre: np.ndarray) -> np.ndarray:
+        """r̂ of IQ-Learn with a prior: every demonstrator is taken for one of the target angle."""
+        moved = W / (C + W) * centre
+        settings = self.bench.settings._replace(shrinkage=C + W)
+        found = fit(self.bench.part.mdp, [Group(1.0, self.pooled, moved)], settings)
+        return moved + found.correction
+
+    def _mean_returns(self, angle: float) -> np.ndarray:
+        """T̄(s, a): mean return-to-go, scored at an angle; 0 where nothing is demonstrated."""
+        sums = sum(
+            tally(one, self.bench.part, score(weights(angle), one.returns("to_go", DISCOUNT)))
+            for one in self.data
+        )
+        total = np.sum(self.counts, axis=(0, 1))
+        return np.where(total > 0, np.sum(sums, axis=0) / np.maximum(total, 1), 0.0)
+
+    def shared(self) -> list[Row]:
+        """r_i = f + R(a_i) with the experts' own angles."""
+        groups = [
+            Group(1.0 / len(MODES), visits, self.bench.reward(angle))
+            for visits, angle in zip(self.visits, MODES.values(), strict=True)
+        ]
+        found = fit(self.bench.part.mdp, groups, self.bench.settings)
+        return self._rows(
+            "shared competence", "", lambda angle: self.bench.reward(angle) + found.correction
+        )
+
+    def inferred(self) -> tuple[list[Row], Inferred]:
+        """The same with angles inferred."""
+        config = self.bench.config
+        found = infer(
+            self.bench.part.mdp,
+            self.counts,
+            [config.episodes_each] * len(self.counts),
+            np.arange(0.0, 90.1, config.grid).tolist(),
+            self.bench.settings,
+        )
+        rows = self._rows(
+            "shared competence, angles inferred",
+            "",
+            lambda angle: self.bench.reward(angle) + found.fit.correction,
+        )
+        return rows, found
+
+    def _rows(self, method: str, strength: Any, reward: Any) -> list[Row]:
+        return [
+            row
+            for angle in self.bench.config.angles
+            for row in self.bench.rows(method, strength, self.seed, angle, reward(angle))
+        ]

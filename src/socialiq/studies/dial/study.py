@@ -1,0 +1,131 @@
+"""The dial in the 7x7 world: one network for every angle, against the exact optimum of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
+from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.experiments.gridworld_runs import Ground, Watch, silent
+from socialiq.experiments.results import Results
+from socialiq.learners.callbacks import Outside
+from socialiq.learners.dial.train import Trained, train
+from socialiq.mdp.front import AttainableSet
+from socialiq.studies.dial.budgets import budget_tables
+from socialiq.studies.dial.config import RUNS, Config, seen, with_clock
+from socialiq.studies.dial.evaluate import Judged
+from socialiq.types import Row
+
+STUDY = "dial"
+
+
+def run(config: Config | None = None, watch: Watch = silent) -> Results:
+    """Train every run, evaluate exactly at each degree, set the dial, and tabulate.
+
+    Args:
+        config: What to run.
+        watch: Shows progress.
+    """
+    config = config or Config()
+    ground = Ground.of("crossing7")
+    tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
+    files: dict[str, bytes] = {}
+    data = {
+        clock: trajectory_datasets(
+            with_clock(ground, clock).table, config.seeds, config.episodes_each
+        )
+        for clock in (True, False)
+    }
+    ceilings = _ceilings(ground, config, data[True])
+    for name in config.runs:
+        trained = _train(ground, config, name, data[RUNS[name].clock], watch)
+        for lane, seed in enumerate(config.seeds):
+            one = Judged(name, seed, trained.dial(lane), with_clock(ground, RUNS[name].clock))
+            limit = ceilings.get((RUNS[name].support, seed), ground.optimum.attainable)
+            for table, rows in one.rows(config, limit):
+                tables[table] += rows
+    tables |= budget_tables(with_clock(ground, True), config, data[True], watch)
+    tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
+    tables["pooled"] = _pooled(tables["dials"])
+    tables["front"] = [
+        {"r_env": float(env), "r_social": float(social)}
+        for env, social in ground.optimum.attainable.front()
+    ]
+    kept = {name: rows for name, rows in tables.items() if rows}
+    return Results.of(STUDY, config, kept, _summary(kept), files)
+
+
+def _train(
+    ground: Ground, config: Config, name: str, data: Sequence[Demonstrations], watch: Watch
+) -> Trained:
+    structure, numbers, clock, _ = RUNS[name]
+    world = with_clock(ground, clock).table.world
+    structure = dataclasses.replace(
+        structure, one_hot=seen(world), updates=config.updates or structure.updates
+    )
+    lanes = [
+        dataclasses.replace(numbers, seed=seed, dataset=number)
+        for number, seed in enumerate(config.seeds)
+    ]
+    return train(
+        structure,
+        lanes,
+        data if structure.demonstrations else [],
+        world if structure.online else None,
+        outside=Outside(on_report=watch(f"7x7 dial, {name}")),
+    )
+
+
+def _ceilings(
+    ground: Ground, config: Config, data: Sequence[Demonstrations]
+) -> dict[tuple[str, int], AttainableSet]:
+    """What each data set's support allows, by kind of support and seed."""
+    part = with_clock(ground, True).part
+    wanted = {RUNS[name].support for name in config.runs} - {""}
+    return {
+        (support, seed): support_ceiling(one, part, timed=support == "timed")
+        for support in sorted(wanted)
+        for seed, one in zip(config.seeds, data, strict=True)
+    }
+
+
+def _ceiling_rows(
+    ground: Ground, config: Config, ceilings: dict[tuple[str, int], AttainableSet]
+) -> list[Row]:
+    return [
+        {"support": support, "seed": seed, "angle": angle, "regret": float(regret)}
+        for (support, seed), ceiling in ceilings.items()
+        for angle, regret in zip(
+            config.wanted, ceiling_regrets(ceiling, ground.optimum, config.wanted), strict=True
+        )
+    ]
+
+
+def _pooled(dials: list[Row]) -> list[Row]:
+    """Mean, least and largest over seeds of every number of a run and readout."""
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in dials:
+        groups.setdefault((row["run"], row["readout"]), []).append(row)
+    rows = []
+    for (name, readout), group in groups.items():
+        row: Row = {"run": name, "readout": readout, "seeds": len(group)}
+        for quantity in (key for key in group[0] if key not in ("run", "seed", "readout")):
+            values = [one[quantity] for one in group if one[quantity] != ""]
+            for what, of in (("mean", np.mean), ("low", min), ("high", max)):
+                row[f"{quantity}_{what}"] = float(of(values)) if values else ""
+        rows.append(row)
+    return rows
+
+
+def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
+    """Pooled numbers by run and readout."""
+    found: dict[str, Any] = {}
+    for row in tables["pooled"]:
+        entry = {key: value for key, value in row.items() if key not in ("run", "readout")}
+        found.setdefault(row["run"], {})[row["readout"]] = entry
+    return {"runs": found}

@@ -1,0 +1,223 @@
+"""What the ablations of the intersection study show: a figure for each part beside main."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.experiments.results import Results
+from socialiq.learners.iq_learn.presets import INTERSECTION_STRENGTH
+from socialiq.plotting.style import COLORS, MARKS, figure, plain
+from socialiq.social.angle import angle_of
+from socialiq.studies.intersection_world.figures import OUTCOME_COLORS
+from socialiq.types import Row
+
+Runs = list[tuple[list[str], Row]]
+"""Policies: the parts of the name after the stage, and the row."""
+
+PER_EPISODE = 15  # transitions of an episode, about; it places a mixture of equal trajectories
+
+
+def runs(results: Results, stage: str) -> Runs:
+    """The greedy policies of a stage; none if that part was not run."""
+    prefix = f"{stage}/"
+    return [
+        (row["policy"].removeprefix(prefix).split("/"), row)
+        for row in results.tables["policies"]
+        if row["policy"].startswith(prefix) and row["readout"] == "greedy"
+    ]
+
+
+def percent(rows: Iterable[Row], metric: str) -> list[float]:
+    """A share of each row in percent."""
+    return [100 * row[metric] for row in rows]
+
+
+def _line(
+    axes: Any,
+    name: str,
+    points: Mapping[float, Sequence[Row]],
+    values: Callable[[Sequence[Row]], float],
+    **changes: Any,
+) -> None:
+    """A policy's line through the value of all rows at each x, and a dot for each row alone."""
+    xs = sorted(points)
+    style = {"color": COLORS[name], "marker": MARKS[name], "label": name, "markersize": 6}
+    axes.plot(xs, [values(points[x]) for x in xs], **(style | changes))
+    dots = [(x, values([row])) for x in xs for row in points[x]]
+    axes.plot(*zip(*dots, strict=True), ".", color=COLORS[name], alpha=0.35)
+
+
+def _mean_percent(metric: str) -> Callable[[Sequence[Row]], float]:
+    """The mean of a share over rows, in percent."""
+    return lambda rows: float(np.mean(percent(rows, metric)))
+
+
+def strengths(results: Results) -> Figure:
+    """Angle, arrivals and timeouts of each target against λ."""
+    every = runs(results, "strengths")
+    drawn = figure(9.1, 3.6)
+    panels = drawn.subplots(1, 3)
+    values = (_mean_angle, _mean_percent("arrival"), _mean_percent("timeout"))
+    labels = ("empirical angle (degrees)", "arrivals (% of episodes)", "timeouts (% of episodes)")
+    ticks = sorted({float(parts[0]) for parts, _ in every})
+    for axes, value, label in zip(panels, values, labels, strict=True):
+        for target in list(COLORS)[1:]:
+            points = _by_first([(parts, row) for parts, row in every if parts[1] == target])
+            _line(axes, target, points, value)
+        axes.axvline(INTERSECTION_STRENGTH, color="#999999", linestyle=":", linewidth=1)
+        axes.set_xscale("log")
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
+        axes.set(xlabel="λ", ylabel=label)
+        plain(axes)
+    for axes in panels[1:]:
+        axes.set_ylim(-4, 104)
+    drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    title = f"Intersection: regularization strength; {described(every)} (dotted: λ of the preset)"
+    drawn.suptitle(title, fontsize=10)
+    return drawn
+
+
+def _by_first(every: Runs) -> dict[float, list[Row]]:
+    points: dict[float, list[Row]] = {}
+    for parts, row in every:
+        points.setdefault(float(parts[0]), []).append(row)
+    return points
+
+
+def _mean_angle(rows: Sequence[Row]) -> float:
+    """The angle of mean totals, from -90 to 270, where no policy passes from end to end."""
+    env = float(np.mean([row["r_env"] for row in rows]))
+    return (angle_of(env, float(np.mean([row["r_social"] for row in rows]))) + 90) % 360 - 90
+
+
+def described(every: Runs) -> str:
+    """Over how many seeds and episodes."""
+    seeds = len({parts[-1] for parts, _ in every})
+    return f"greedy, {seeds} seed{'s'[: seeds != 1]}, {every[0][1]['episodes']} episodes each"
+
+
+def targets(results: Results) -> Figure:
+    """Arrivals and timeouts by temperature and kind of target, for two values of the ending."""
+    every = runs(results, "targets")
+    endings = list(dict.fromkeys(parts[2] for parts, _ in every))
+    kinds = {
+        target: list(dict.fromkeys(parts[0] for parts, _ in every if parts[3] == target))
+        for target in COLORS
+    }
+    drawn = figure(9.1, 2.7 * len(endings) + 0.6)
+    widths = [max(len(kinds[target]), 1) for target in COLORS]
+    grid = drawn.subplots(
+        len(endings), len(COLORS), squeeze=False, sharex="col", sharey=True, width_ratios=widths
+    )
+    images = []
+    for panels, ending in zip(grid, endings, strict=True):
+        for axes, target in zip(panels, COLORS, strict=True):
+            here = [(p, row) for p, row in every if p[2:4] == [ending, target]]
+            images.append(_cells(axes, here, kinds[target], target == "baseline"))
+        panels[0].set_ylabel(f"ending: {ending}\n\ntemperature")
+    for axes, target in zip(grid[0], COLORS, strict=True):
+        axes.set_title(target, fontsize=10)
+    drawn.colorbar(images[0], ax=grid, label="arrivals (% of episodes)", shrink=0.8, pad=0.01)
+    title = "Intersection: kinds of target; colour: arrivals, number: timeouts in % of episodes"
+    drawn.suptitle(f"{title}\n{described(every)}", fontsize=10)
+    return drawn
+
+
+def _cells(axes: Any, every: Runs, kinds: list[str], no_prior: bool) -> Any:
+    """One grid: a row for each temperature, a column for each kind of target."""
+    temperatures = sorted({float(parts[1]) for parts, _ in every}, reverse=True)
+    picture = np.full((len(temperatures), len(kinds)), np.nan)
+    for parts, row in every:
+        place = temperatures.index(float(parts[1])), kinds.index(parts[0])
+        picture[place] = 100 * row["arrival"]
+        color = "white" if row["arrival"] < 0.6 else "black"
+        text = f"{100 * row['timeout']:.0f}"
+        axes.text(*place[::-1], text, ha="center", va="center", color=color, fontsize=9)
+    names = ["no prior"] if no_prior else kinds
+    axes.set_xticks(range(len(kinds)), names, rotation=35, ha="right", rotation_mode="anchor")
+    axes.set_yticks(range(len(temperatures)), [f"{one:g}" for one in temperatures])
+    axes.tick_params(length=0, labelsize=9)
+    return axes.imshow(picture, vmin=0, vmax=100, cmap="viridis", aspect="auto")
+
+
+def views(results: Results) -> Figure:
+    """The egoist's collisions and arrivals by what its network sees."""
+    every = runs(results, "views")
+    drawn, _ = dots(every, 3.6)
+    steps = results.config["view_steps"]
+    title = f"Intersection: the egoist by view, trained for {steps:,} steps"
+    drawn.suptitle(f"{title}\n{described(every)} (dot: a seed, bar: mean)", fontsize=10)
+    return drawn
+
+
+def dots(every: Runs, height: float) -> tuple[Figure, Any]:
+    """A row for each first part of the name: a dot for each seed, a bar at their mean."""
+    drawn = figure(9.1, height)
+    panels = drawn.subplots(1, 2, sharey=True)
+    names = list(dict.fromkeys(parts[0] for parts, _ in every))
+    for axes, metric in zip(panels, ("collision", "arrival"), strict=True):
+        color = OUTCOME_COLORS[metric]
+        for place, name in enumerate(names):
+            values = percent((row for parts, row in every if parts[0] == name), metric)
+            axes.plot(values, [place] * len(values), "o", color=color, alpha=0.6, markersize=6)
+            axes.plot([np.mean(values)], [place], "|", color="#333333", markersize=18)
+        axes.set_xlabel(f"{metric}s (% of episodes)")
+        plain(axes)
+    panels[0].set_yticks(range(len(names)), names)
+    panels[0].set_ylim(len(names) - 0.5, -0.5)
+    panels[0].set_xlim(0, 1.06 * panels[0].get_xlim()[1])
+    return drawn, panels
+
+
+def data(results: Results) -> Figure:
+    """The endings of each policy against the transitions of each mode that it was shown."""
+    every = runs(results, "data")
+    drawn = figure(9.1, 3.8)
+    panels = drawn.subplots(1, 3)
+    sizes = {int(parts[1]) for parts, _ in every if parts[0] == "equal_transitions"}
+    for axes, metric in zip(panels, OUTCOME_COLORS, strict=True):
+        for target in COLORS:
+            here = [(parts, row) for parts, row in every if parts[2] == target]
+            _mixtures(axes, target, here, _mean_percent(metric))
+        axes.set_xscale("log")
+        axes.set_xticks(sorted(sizes), [f"{size:,}" for size in sorted(sizes)])
+        axes.minorticks_off()
+        axes.set(xlabel="transitions of each mode", ylabel=f"{metric}s (% of episodes)")
+        axes.set_ylim(*((0, None) if metric == "collision" else (-4, 104)))
+        plain(axes)
+    handles, labels = panels[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside lower center", ncols=4)
+    title = f"Intersection: how much is shown; {described(every)}"
+    note = f"open marks: as many episodes of each mode, at {PER_EPISODE} times their number"
+    drawn.suptitle(f"{title}\n{note}", fontsize=10)
+    return drawn
+
+
+def _mixtures(axes: Any, target: str, every: Runs, value: Callable[[Sequence[Row]], float]) -> None:
+    """Filled marks on a line for equal transitions, open ones for equal trajectories."""
+    transitions: dict[float, list[Row]] = {}
+    trajectories: dict[float, list[Row]] = {}
+    for (mixture, size, *_), row in every:
+        if mixture == "equal_transitions":
+            transitions.setdefault(float(size), []).append(row)
+        else:
+            trajectories.setdefault(float(size) * PER_EPISODE, []).append(row)
+    if transitions:
+        _line(axes, target, transitions, value)
+    if trajectories:
+        shape = {"linestyle": "none", "markerfacecolor": "white", "markersize": 10, "zorder": 1.9}
+        _line(axes, target, trajectories, value, **shape, label=None)
+
+
+ABLATIONS = {
+    "views": views,
+    "strengths": strengths,
+    "targets": targets,
+    "data": data,
+}
+"""The figure of each part whose policies have a stage of its name."""

@@ -1,0 +1,164 @@
+"""The intersection study from nothing to tables (thesis 5.2, 5.3, 6.3, 7, A), resumable."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.engine import run_jobs, work_folder
+from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.jobs import Job
+from socialiq.experiments.results import Results
+from socialiq.social.angle import angle_difference, angle_of
+from socialiq.studies.intersection import atlas_files
+from socialiq.studies.intersection.config import Config
+from socialiq.studies.intersection.demonstration_sets import POOLS
+from socialiq.studies.intersection.differences import differences
+from socialiq.studies.intersection.plan import (
+    TARGETS,
+    TRAINED,
+    expert_name,
+    learner_name,
+    members,
+    plan,
+)
+from socialiq.studies.intersection.rows import connected, curves, highway, played, policy_row, times
+from socialiq.studies.intersection.tables import best_angles, distributions, separability, table_6_2
+from socialiq.types import Row
+
+STUDY = "intersection"
+
+
+def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+    """Do what is not done yet, and tabulate.
+
+    Args:
+        config: What to run.
+        watch: Shows progress.
+        work: Folder of the jobs; a temporary one by default.
+
+    Raises:
+        UserError: If a job fails or the folder can't be written.
+        Stopped: On Ctrl-C; the same call goes on.
+    """
+    config = config or Config()
+    if config.highway_episodes and find_spec("highway_env") is None:
+        raise UserError(
+            "the comparison with highway-env needs the extra highway (pip install "
+            "'socialiq[highway]'); or leave it out: --highway-episodes 0"
+        )
+    with work_folder(work) as folder:
+        jobs = plan(config)
+        run_jobs(jobs, folder, watch)
+        return tabulate(config, jobs, folder)
+
+
+def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
+    """Every table, from the jobs' folders alone."""
+    plays = {(one.name, one.readout): one for one in played(jobs, work)}
+    rows = {key: policy_row(one) for key, one in plays.items()}
+    a_1, a_2 = separability(work / POOLS)
+    tables = {
+        "policies": list(rows.values()),
+        "table_6_2": table_6_2(rows, plays, config),
+        "table_a_1": a_1,
+        "table_a_2": a_2,
+        "fig_a_1": distributions(work / POOLS),
+        "differences": differences(rows, config),
+        "best_angles": best_angles([row for row in rows.values() if _compared(row)]),
+        "curves": curves(jobs, work),
+        "connected": connected(jobs, work),
+        "highway": highway(jobs, work),
+        "times": times(jobs, work),
+    }
+    kept = {name: table for name, table in tables.items() if table}
+    files = atlas_files.files(STUDY, members(config), work, rows)
+    return Results.of(STUDY, config, kept, _summary(config, kept), files)
+
+
+def _compared(row: Row) -> bool:
+    """Whether a policy is of the main part: experts, learners and drivers, greedy."""
+    stage = row["policy"].split("/")[0]
+    return row["readout"] == "greedy" and stage in ("experts", "learners", "drivers")
+
+
+def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
+    """What the ledger points at: tables by name, and the means of each group over its seeds."""
+    found: dict[str, Any] = {"table_6_2": {}, "table_a_1": {}, "table_a_2": {}, "differences": {}}
+    found["settings"] = _settings(config)
+    for row in tables["table_6_2"]:
+        path = (f"{row['preset']}_{row['setting']}_{row['readout']}", row["policy"])
+        group = found["table_6_2"].setdefault(path[0], {}).setdefault(path[1], {})
+        group[row["metric"]] = {
+            name: row[name] for name in ("ours", "over_training", "over_evaluation", "low", "high")
+        }
+    for row in tables["table_a_1"]:
+        ours = {"mean": row["ours"], "sd": row["ours_sd"]}
+        found["table_a_1"].setdefault(row["mode"], {})[row["signal"]] = ours
+    for row in tables["table_a_2"]:
+        pair = f"{row['first']}_{row['second']}"
+        ours = {"ours": row["ours"], "thesis_from_a_1": row["thesis_from_a_1"]}
+        found["table_a_2"].setdefault(pair, {})[row["signal"]] = ours
+    for row in tables.get("differences", []):
+        group = found["differences"].setdefault(f"{row['preset']}_{row['setting']}", {})
+        pair = group.setdefault(f"{row['first']} against {row['second']}", {})
+        pair[row["metric"]] = {name: row[name] for name in ("mean", "p", "p_holm")}
+    by_name = {(row["policy"], row["readout"]): row for row in tables["policies"]}
+    found["policies"] = {
+        f"{preset}_{setting}_{target}": _mean(
+            [
+                by_name[learner_name(preset, setting, target, seed), "greedy"]
+                for seed in config.seeds
+            ]
+        )
+        for preset, setting in TRAINED
+        for target in TARGETS
+    }
+    first = config.expert_seed
+    found["experts"] = {
+        f"flat_{mode}": by_name[expert_name("flat", mode, first), "greedy"] for mode in MODES
+    }
+    found["connected"] = {}
+    for row in tables.get("connected", []):
+        found["connected"].setdefault(row["member"], {})[row["connected"]] = row
+    found["through_timeouts"] = {
+        row["run"].split("/")[2]: row  # the last check of a run stays
+        for row in tables.get("curves", [])
+        if row["run"].startswith("timeouts/through/")
+    }
+    found["drivers"] = {
+        row["policy"].split("/")[1]: row
+        for row in tables["policies"]
+        if row["policy"].startswith("drivers/")
+    }
+    return found
+
+
+def _settings(config: Config) -> dict[str, Any]:
+    """Of the first expert and of the first learner of each preset."""
+    first = {job.name: dataclasses.asdict(job.config) for job in plan(config)}
+    found: dict[str, Any] = {"expert": first[expert_name("flat", "egoistic", config.expert_seed)]}
+    for preset, setting in TRAINED:
+        name = learner_name(preset, setting, "egoistic", config.seeds[0])
+        found[f"{preset}_{setting}"] = first[name]
+    found["pool_episodes"] = config.pool_episodes
+    return found
+
+
+def _mean(rows: list[Row]) -> Row:
+    """Means over training seeds of what has numbers in all; the angle is that of the means."""
+    names = [name for name in rows[0] if all(isinstance(row[name], int | float) for row in rows)]
+    means = {name: sum(row[name] for row in rows) / len(rows) for name in names}
+    angle = angle_of(means["r_env"], means["r_social"])
+    off = [angle_difference(row["angle"], angle) for row in rows]
+    return means | {
+        "angle": angle,
+        "angle_low": angle + min(off),
+        "angle_high": angle + max(off),
+        "seeds": len(rows),
+    }

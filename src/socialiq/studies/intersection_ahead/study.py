@@ -1,0 +1,224 @@
+"""What does an egoist lack: a better network, or a thought about what comes next?
+
+The experts that see a set of vehicles, over training seeds, drive with and without thinking ahead
+(`evaluation/thinking_ahead.py`). Whether this hangs on the belief in the right traffic is seen with
+the atlas' egoist among other drivers than it believes in.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.online_planning import ThinkingAhead
+from socialiq.evaluation.play import episodes_of
+from socialiq.experiments.engine import run_jobs, work_folder
+from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.jobs import Job, Tell
+from socialiq.experiments.results import Results
+from socialiq.nn.q_policy import QPolicy
+from socialiq.statistics.tests import holm, paired_difference
+from socialiq.studies.intersection.config import Config as IntersectionConfig
+from socialiq.studies.intersection.episodes import save_episodes
+from socialiq.studies.intersection.jobs import BEST
+from socialiq.studies.intersection.plan import evaluations
+from socialiq.studies.intersection.rows import curves, played, policy_row, times
+from socialiq.studies.intersection_networks.study import SHARES, TARGET, reaches, set_expert
+from socialiq.types import Row
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+STUDY = "intersection-ahead"
+DRIVERS = ("plain", "ahead", "foresight")
+"""The network alone, thinking ahead, and with one look at the true future."""
+
+TRAFFIC = {
+    "as_believed": Options(),
+    "varied_drivers": Options(population="thesis"),
+    "connected_lanes": Options(connected_lanes=True),
+}
+"""Where the atlas' egoist drives; it always believes in the first."""
+
+_DEFAULTS = IntersectionConfig()
+
+
+@dataclass(frozen=True)
+class Config:
+    """What the study runs; the defaults are the committed results.
+
+    Draws, decisions and doubt were chosen with the atlas' egoist on episodes 50,000,000 to
+    50,000,999 and 51,000,000 to 51,000,999.
+    """
+
+    seeds: tuple[int, ...] = (40, 41, 42, 43, 44)
+    """Training seeds of the egoists."""
+    set_steps: int = 2_400_000
+    """Environment steps of an expert."""
+    draws: int = 16
+    """States drawn for each observation."""
+    decisions: int = 3
+    """Decisions played out in each."""
+    doubt: float = 1.0
+    """Standard errors by which an action must beat the network's own."""
+    episodes: int = _DEFAULTS.episodes
+    """Evaluation episodes of each policy, the intersection study's own."""
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no run."""
+        for name in ("set_steps", "draws", "decisions", "episodes"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not self.seeds:
+            raise UserError("name at least one seed")
+
+
+@dataclass(frozen=True)
+class AheadRun:
+    """Episodes of one policy that thinks ahead, or doesn't."""
+
+    angle: float
+    draws: int
+    decisions: int
+    """0 leaves the network alone."""
+    doubt: float
+    driver: str = BEST
+    """File in the input's folder, or without an input a name of the atlas."""
+    readouts: tuple[str, ...] = ("greedy",)
+    episodes: int = 2000
+    first_seed: int = 20_000_000
+    options: Options = field(default_factory=Options)
+    """Where it drives."""
+    believed: Options = field(default_factory=Options)
+    """Where it believes to drive."""
+
+
+def drive(config: AheadRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+    """Drive; writes what became of every episode."""
+    policy: QPolicy | ThinkingAhead = atlas.load(config.driver) if not inputs else _input(inputs)
+    if config.decisions and isinstance(policy, QPolicy):
+        policy = ThinkingAhead(
+            policy, config.believed, config.angle, config.draws, config.decisions, config.doubt
+        )
+    seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
+    episodes = episodes_of(Batch(config.options, 128), policy, seeds)
+    save_episodes(folder / "greedy.safetensors", episodes)
+    tell(1.0)
+
+
+def _input(inputs: Mapping[str, Path]) -> QPolicy:
+    (trained,) = inputs.values()
+    return QPolicy.load(trained / BEST)
+
+
+def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+    """Do what is not done yet, and tabulate.
+
+    Args:
+        config: What to run.
+        watch: Shows progress.
+        work: Folder of the jobs; a temporary one by default.
+
+    Raises:
+        UserError: If a job fails or the folder can't be written.
+        Stopped: On Ctrl-C; the same call goes on.
+    """
+    config = config or Config()
+    with work_folder(work) as folder:
+        jobs = plan(config)
+        run_jobs(jobs, folder, watch)
+        return tabulate(config, jobs, folder)
+
+
+def plan(config: Config) -> list[Job]:
+    """Every job, each after its inputs."""
+    experts = [set_expert("egoistic", seed, config.set_steps) for seed in config.seeds]
+    return [
+        *_elsewhere(config),
+        *experts,
+        *evaluations(experts, config.episodes),
+        *_thinking(config, experts),
+    ]
+
+
+def _thinking(config: Config, experts: Sequence[Job]) -> Iterator[Job]:
+    for job in experts:
+        name = job.name.removeprefix("experts/")
+        run = AheadRun(
+            job.config.numbers.angle, config.draws, config.decisions, config.doubt,
+            episodes=config.episodes,
+        )  # fmt: skip
+        yield Job(f"evaluation/ahead/{name}", drive, run, (job.name,), cost=60.0)
+
+
+def _elsewhere(config: Config) -> Iterator[Job]:
+    """The atlas' trio in the traffic it believes in, and its egoist in other traffic."""
+    for traffic, options in TRAFFIC.items():
+        for mode, angle in MODES.items():
+            if traffic != "as_believed" and mode != "egoistic":
+                continue
+            for kind, decisions in (("plain", 0), ("ahead", config.decisions)):
+                run = AheadRun(
+                    angle, config.draws, decisions, config.doubt, f"set_{mode}",
+                    episodes=config.episodes, options=options,
+                )  # fmt: skip
+                name = f"evaluation/atlas/{mode}/{traffic}/{kind}"
+                yield Job(name, drive, run, cost=60.0 if decisions else 3.0)
+
+
+def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
+    """Every table, from the jobs' folders alone."""
+    rows = {one.name: policy_row(one) for one in played(jobs, work)}
+    egoists = {kind: _egoists(config, rows, kind) for kind in DRIVERS}
+    tables = {
+        "policies": list(rows.values()),
+        "differences": _differences(egoists) if len(config.seeds) > 1 else [],
+        "curves": curves(jobs, work),
+        "times": times(jobs, work),
+    }
+    kept = {name: table for name, table in tables.items() if table}
+    return Results.of(STUDY, config, kept, _summary(config, rows, egoists, kept), {})
+
+
+def _egoists(config: Config, rows: Mapping[str, Row], kind: str) -> list[Row]:
+    stage = "experts" if kind == "plain" else kind
+    return [rows[f"{stage}/set/egoistic/{seed}"] for seed in config.seeds]
+
+
+def _differences(egoists: Mapping[str, list[Row]]) -> list[Row]:
+    """Thinking ahead against not, paired over training seeds, Holm over all rows."""
+    found: list[Row] = []
+    for name in ("collision", "arrival", "r_env", "r_social"):
+        ahead, plain = ([row[name] for row in egoists[kind]] for kind in ("ahead", "plain"))
+        found.append({"metric": name} | paired_difference(ahead, plain)._asdict())
+    adjusted = holm([row["p"] for row in found])
+    return [row | {"p_holm": float(p)} for row, p in zip(found, adjusted, strict=True)]
+
+
+def _summary(
+    config: Config,
+    rows: Mapping[str, Row],
+    egoists: Mapping[str, list[Row]],
+    tables: Mapping[str, list[Row]],
+) -> dict[str, Any]:
+    """Egoists over their seeds, how many reach the target, and the atlas' policies."""
+    found: dict[str, Any] = {"egoists": {}, "target": TARGET, "atlas": {}}
+    for kind, mine in egoists.items():
+        group: dict[str, Any] = {"seeds": len(mine), "reach_target": sum(map(reaches, mine))}
+        for name in (*SHARES, "r_env", "r_social"):
+            values = [row[name] for row in mine]
+            group[name] = {"mean": float(np.mean(values)), "low": min(values), "high": max(values)}
+        found["egoists"][kind] = group
+    found["atlas"] = {
+        name.removeprefix("atlas/"): row for name, row in rows.items() if name.startswith("atlas/")
+    }
+    found["differences"] = {row["metric"]: row for row in tables.get("differences", [])}
+    found["settings"] = dataclasses.asdict(set_expert("egoistic", 0, config.set_steps).config)
+    return found

@@ -1,0 +1,177 @@
+"""Is the expert's network the limit? The egoist of two networks, and a trio that sees a set.
+
+The thesis' experts read a flat list of vehicles. Here others see them as a set, from the ego, and
+are trained as that likes it; what of this makes the difference is the part `views` of the
+intersection study.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.engine import run_jobs, work_folder
+from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.jobs import Job
+from socialiq.experiments.results import Results
+from socialiq.learners.dqn import config as dqn
+from socialiq.statistics.tests import holm, paired_difference
+from socialiq.studies.intersection import atlas_files
+from socialiq.studies.intersection.config import Config as IntersectionConfig
+from socialiq.studies.intersection.jobs import ExpertRun, train_expert
+from socialiq.studies.intersection.plan import (
+    evaluations,
+    expert_name,
+    finer,
+    flat_expert,
+    on_highway,
+)
+from socialiq.studies.intersection.rows import curves, highway, played, policy_row, times
+from socialiq.types import Row
+
+STUDY = "intersection-networks"
+NETWORKS = ("flat", "set")
+SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
+TARGET = {"arrival": 0.95, "collision": 0.04}
+"""What a good egoist should reach: at least so many arrivals, at most so many collisions."""
+
+_DEFAULTS = IntersectionConfig()
+
+
+@dataclass(frozen=True)
+class Config:
+    """What the study runs; the defaults are the committed results."""
+
+    seeds: tuple[int, ...] = (40, 41, 42, 43, 44)
+    """Training seeds of the egoists; the first one's trio that sees a set goes into the atlas."""
+    flat_steps: int = _DEFAULTS.expert_steps
+    """Environment steps of an expert that reads the flat list (thesis 5.2)."""
+    set_steps: int = 2_400_000
+    """Environment steps of an expert that sees a set; it updates four times as often."""
+    episodes: int = _DEFAULTS.episodes
+    """Evaluation episodes of each policy, the intersection study's own."""
+    highway_episodes: int = _DEFAULTS.highway_episodes
+    """Episodes of each policy of the atlas on the real highway-env; 0 leaves that out."""
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no run."""
+        for name in ("flat_steps", "set_steps", "episodes"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not self.seeds or self.highway_episodes < 0:
+            raise UserError("name at least one seed, and highway_episodes of 0 or more")
+
+
+def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+    """Do what is not done yet, and tabulate.
+
+    Args:
+        config: What to run.
+        watch: Shows progress.
+        work: Folder of the jobs; a temporary one by default.
+
+    Raises:
+        UserError: If a job fails or the folder can't be written.
+        Stopped: On Ctrl-C; the same call goes on.
+    """
+    config = config or Config()
+    with work_folder(work) as folder:
+        jobs = plan(config)
+        run_jobs(jobs, folder, watch)
+        return tabulate(config, jobs, folder)
+
+
+def plan(config: Config) -> list[Job]:
+    """Every job, each after its inputs."""
+    experts = [set_expert("egoistic", seed, config.set_steps) for seed in config.seeds]
+    experts += [set_expert(m, config.seeds[0], config.set_steps) for m in MODES if m != "egoistic"]
+    experts += [flat_expert("egoistic", seed, config.flat_steps) for seed in config.seeds]
+    driven = on_highway(members(config), config.highway_episodes)
+    return [*experts, *evaluations(experts, config.episodes), *driven]
+
+
+def set_expert(mode: str, seed: int, steps: int) -> Job:
+    """An expert that sees a set of vehicles."""
+    structure = dqn.Structure("set", (128, 128), steps=steps, steps_per_update=12)
+    numbers = dqn.Numbers(angle=MODES[mode], learning_rate=5e-4, polyak=0.01, seed=seed)
+    run = ExpertRun(structure, finer(numbers))
+    return Job(expert_name("set", mode, seed), train_expert, run, cost=900.0)
+
+
+def members(config: Config) -> dict[str, str]:
+    """Folder of the job of each policy of the atlas, by its name there."""
+    return {f"set_{mode}": expert_name("set", mode, config.seeds[0]) for mode in MODES}
+
+
+def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
+    """Every table, from the jobs' folders alone."""
+    rows = {(one.name, one.readout): policy_row(one) for one in played(jobs, work)}
+    egoists = _egoists(config, rows)
+    tables = {
+        "policies": list(rows.values()),
+        "differences": _differences(egoists) if len(config.seeds) > 1 else [],
+        "curves": curves(jobs, work),
+        "highway": highway(jobs, work),
+        "times": times(jobs, work),
+    }
+    kept = {name: table for name, table in tables.items() if table}
+    files = atlas_files.files(STUDY, members(config), work, rows)
+    return Results.of(STUDY, config, kept, _summary(config, rows, egoists, kept), files)
+
+
+def _egoists(config: Config, rows: Mapping[tuple[str, str], Row]) -> dict[str, list[Row]]:
+    """Rows of the egoists of each network, by seed."""
+    return {
+        network: [rows[expert_name(network, "egoistic", seed), "greedy"] for seed in config.seeds]
+        for network in NETWORKS
+    }
+
+
+def _differences(egoists: Mapping[str, list[Row]]) -> list[Row]:
+    """Set against flat, paired over training seeds, Holm over all rows."""
+    found: list[Row] = []
+    for name in ("collision", "arrival", "r_env"):
+        seen, listed = ([row[name] for row in egoists[network]] for network in ("set", "flat"))
+        found.append({"metric": name} | paired_difference(seen, listed)._asdict())
+    adjusted = holm([row["p"] for row in found])
+    return [row | {"p_holm": float(p)} for row, p in zip(found, adjusted, strict=True)]
+
+
+def _summary(
+    config: Config,
+    rows: Mapping[tuple[str, str], Row],
+    egoists: Mapping[str, list[Row]],
+    tables: Mapping[str, list[Row]],
+) -> dict[str, Any]:
+    """Egoists over their seeds, how many reach the target, and the trio that sees a set."""
+    found: dict[str, Any] = {"egoists": {}, "target": TARGET}
+    for network, mine in egoists.items():
+        group: dict[str, Any] = {"seeds": len(mine), "reach_target": sum(map(reaches, mine))}
+        for name in SHARES:
+            values = [row[name] for row in mine]
+            group[name] = {
+                "mean": float(np.mean(values)),
+                "low": min(values),
+                "high": max(values),
+            }
+        found["egoists"][network] = group
+    found["trio"] = {name: rows[job, "greedy"] for name, job in members(config).items()}
+    found["differences"] = {row["metric"]: row for row in tables.get("differences", [])}
+    found["settings"] = {
+        "flat": dataclasses.asdict(flat_expert("egoistic", 0, config.flat_steps).config),
+        "set": dataclasses.asdict(set_expert("egoistic", 0, config.set_steps).config),
+    }
+    return found
+
+
+def reaches(row: Row) -> bool:
+    """Whether a policy is as good as a good egoist should be."""
+    """Whether a policy is as good as a good egoist should be."""
+    return row["arrival"] >= TARGET["arrival"] and row["collision"] <= TARGET["collision"]

@@ -1,0 +1,119 @@
+"""What the study of the hidden skill runs; the defaults are the committed results."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+from socialiq.errors import UserError, one_of
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.learners import behaviour_cloning as cloning
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dqn import config as dqn
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn import presets
+from socialiq.studies.intersection.plan import finer
+from socialiq.studies.intersection_dial.config import NUMBERS, STRUCTURE
+
+ALONE, PRIOR, RETURNS = "RL on R(α)", "prior on rewards", "prior on returns-to-go"
+SHARED, INFERRED = "shared competence", "shared competence, angles inferred"
+CLONES, EXPERTS, UNSKILLED = "clones", "demonstrators", "experts of R(α) alone"
+METHODS = (ALONE, RETURNS, PRIOR, SHARED, INFERRED)
+"""What is compared: each is told R(α), and all but the first the demonstrations."""
+REFERENCES = (CLONES, EXPERTS, UNSKILLED)
+"""One policy for each demonstrated angle; at another angle the nearest one's."""
+
+LEARNER = dataclasses.replace(STRUCTURE, updates=12_000, expert_batch=66, replay_batch=190)
+"""Of every dial: the network of the intersection's dial study, 256 rows an update."""
+
+DIAL_NUMBERS = dataclasses.replace(NUMBERS, shrinkage=0.3)
+"""Rates of the same study. With a shrinkage of 0.1 or less, what demonstrators share winds up while
+Q still lags behind it, and ends as imitation at R(α)'s expense."""
+
+RETURNS_LEARNER = dataclasses.replace(
+    presets.INTERSECTION_CALIBRATED,
+    target_kind="to_go",
+    view="set",
+    hidden=(128, 128),
+    batch_size=128,
+    updates=3000,
+)
+RETURNS_NUMBERS = dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, strength=0.3)
+"""The thesis' learner, on returns-to-go, one run for each angle; 256 rows an update."""
+
+EXPERT = dqn.Structure("set", (128, 128), steps=240_000, steps_per_update=12)
+EXPERT_NUMBERS = finer(dqn.Numbers(learning_rate=5e-4, polyak=0.01, seed=70))
+"""Of a demonstrator: settings of the experts that see a set (intersection-networks)."""
+
+CLONE = cloning.Structure(hidden=(128, 128), view="set", batch_size=256, updates=3000)
+"""Of a clone."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """What the study runs; the defaults are the committed results."""
+
+    seeds: tuple[int, ...] = (60, 61, 62, 63, 64)
+    """Training seeds, each with a draw of demonstrations of its own. 0 and 1 were used in
+    development."""
+    methods: tuple[str, ...] = METHODS
+    """Which of them; RL on R(α) is always among them."""
+    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    """At which policies are driven, in degrees; 0, 45 and 90 are demonstrated."""
+    weight: float = 0.5
+    """c: what a level of speed changed, or a decision that ends standing in the junction, costs
+    the demonstrators in units of reward."""
+    expert_structure: dqn.Structure = EXPERT
+    """Of a demonstrator, who is trained on R(α) + h."""
+    expert_numbers: dqn.Numbers = EXPERT_NUMBERS
+    """Of a demonstrator, but for the angle."""
+    pool_episodes: int = 1500
+    """Episodes recorded of each demonstrator."""
+    size: int = 10_000
+    """Demonstrated transitions of each demonstrator that a learner sees."""
+    structure: dial.Structure = LEARNER
+    """Of every dial."""
+    numbers: dial.Numbers = DIAL_NUMBERS
+    """Of every dial, but for the seed."""
+    prior_weight: float = 10.0
+    """w of the prior on rewards."""
+    returns_structure: iq.Structure = RETURNS_LEARNER
+    """Of the prior on returns-to-go."""
+    returns_numbers: iq.Numbers = RETURNS_NUMBERS
+    """Of the prior on returns-to-go, but for angle and seed."""
+    clone_structure: cloning.Structure = CLONE
+    """Of the clones, one of each demonstrator."""
+    grid: int = 5
+    """Degrees between the angles that demonstrators' are inferred from."""
+    steps_per_update: int = 12
+    """Environment steps of a dial for each gradient step."""
+    episodes: int = 2000
+    """Evaluation episodes of each policy, the intersection study's own."""
+
+    def __post_init__(self) -> None:
+        """Refuse unknown methods and empty sizes."""
+        for method in self.methods:
+            one_of("method", method, METHODS)
+        if ALONE not in self.methods or not self.seeds or not self.angles:
+            raise UserError(f"the study needs seeds, angles, and {ALONE} to compare with")
+        low, high = self.structure.low, self.structure.high
+        if not all(low <= angle <= high for angle in self.angles):
+            raise UserError(f"angles must lie in the dials' range, {low:g} to {high:g} degrees")
+        for name in ("pool_episodes", "size", "grid", "steps_per_update", "episodes"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+
+    def dial_of(self, method: str) -> dial.Structure:
+        """What shapes the dial of a method; all see as many rows an update."""
+        one = self.structure
+        if method == ALONE:
+            rows = one.expert_batch + one.replay_batch
+            return dataclasses.replace(one, demonstrations=False, replay_batch=rows)
+        if method in (SHARED, INFERRED):
+            return dataclasses.replace(one, demonstrators=tuple(MODES.values()))
+        return one
+
+    def numbers_of(self, method: str, seed: int) -> dial.Numbers:
+        """Of the dial of a method."""
+        changed = {"prior_weight": self.prior_weight} if method == PRIOR else {}
+        return dataclasses.replace(self.numbers, seed=seed, **changed)

@@ -1,0 +1,225 @@
+"""What the intersection does under drivers by rule, and what each reading pays (thesis 5.1.3)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from socialiq.evaluation.play import Episodes, episodes_of
+from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.results import Results
+from socialiq.learners.callbacks import Clock
+from socialiq.statistics.tests import wilson
+from socialiq.types import Ending, Row
+from socialiq.worlds.intersection.batch import BackEnd
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.intersection.world import make
+
+STUDY = "intersection-world"
+BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
+KMH = 3.6  # km/h of a m/s
+
+POPULATIONS = ("highway_env", "thesis")
+DRIVERS = ("go", "idle", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "random")
+READING_DRIVERS = ("go", "wait", "random", "stop_line", "gap_3s")
+READINGS: tuple[dict[str, Any], ...] = (
+    {},
+    {"zone": "last_8_m"},
+    {"zone": "beyond_8_m"},
+    {"zone": "travelled_8_m"},
+    {"counted": "cross"},
+    {"counted": "approaching"},
+    {"disruption": "literal"},
+    {"crash": "add"},
+    {"neighbour_collision_weight": 0.0},
+    {"progress_unit": 9.0},
+    {"progress_unit": 30.0},
+    {"progress_unit": 100.0},
+    {"connected_lanes": True},
+    {"canonical": True},
+    {"population": "thesis"},
+)
+OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
+
+
+@dataclass(frozen=True)
+class Config:
+    """What the study runs; the defaults are the committed results."""
+
+    seeds: tuple[int, ...] = (1_000_000,)
+    """Seed of the first episode; the others follow. Also the random driver's."""
+    episodes: int = 50_000
+    """For the outcome rates, of each driver and population."""
+    reading_episodes: int = 5_000
+    """For each reading of the reward and driver."""
+    threads: int = 1
+    """Threads that share the episodes; nothing depends on it, and beside other work one is best."""
+    back_end: BackEnd = "core"
+    """core, or highway_env for the real one, which takes hundreds of times as long."""
+
+
+def run(config: Config | None = None, watch: Watch = silent) -> Results:
+    """Drive, count and tabulate.
+
+    Args:
+        config: What to run.
+        watch: Shows progress.
+    """
+    config = config or Config()
+    outcomes = [
+        {"population": population, "driver": driver} | outcome_row(episodes)
+        for (population, driver), episodes in _driven(config, watch)
+    ]
+    readings = [
+        {"reading": reading, "driver": driver} | reward_row(episodes)
+        for (reading, driver), episodes in _read(config, watch)
+    ]
+    tables = {"outcomes": outcomes, "readings": readings}
+    summary = _summary(outcomes, readings) | {"start": start_row(config)}
+    return Results.of(STUDY, config, tables, summary)
+
+
+Cells = list[tuple[tuple[str, str], dict[str, Any]]]
+
+
+def _driven(config: Config, watch: Watch) -> Iterator[tuple[tuple[str, str], Episodes]]:
+    cells: Cells = [
+        ((population, driver), {"population": population})
+        for population in POPULATIONS
+        for driver in DRIVERS
+    ]
+    yield from _cells(cells, config.episodes, config, watch, "outcomes")
+
+
+def _read(config: Config, watch: Watch) -> Iterator[tuple[tuple[str, str], Episodes]]:
+    cells: Cells = [
+        ((_name(reading), driver), reading) for reading in READINGS for driver in READING_DRIVERS
+    ]
+    episodes = min(config.reading_episodes, config.episodes)
+    yield from _cells(cells, episodes, config, watch, "readings")
+
+
+def _cells(
+    cells: Cells, episodes: int, config: Config, watch: Watch, stage: str
+) -> Iterator[tuple[tuple[str, str], Episodes]]:
+    """Play every cell of a table, telling how far it is."""
+    report, clock = watch(stage), Clock(0, len(cells) * episodes, 1)
+    first = config.seeds[0]
+    for number, (key, options) in enumerate(cells, start=1):
+        seeds = range(first, first + episodes)
+        yield key, drive(options, key[1], seeds, config.threads, config.back_end)
+        if report is not None:
+            told = clock.report(number * episodes, {}, {}, ())
+            report(told._replace(unit="episodes"))
+
+
+def drive(
+    options: Mapping[str, Any],
+    driver: str,
+    seeds: Sequence[int],
+    threads: int = 1,
+    back_end: BackEnd = "core",
+) -> Episodes:
+    """One episode of a reference driver for each seed.
+
+    Args:
+        options: Fields of the intersection's `Options`.
+        driver: Its name; the random one draws from the first seed.
+        seeds: Of the episodes.
+        threads: Threads that share them.
+        back_end: "core" or "highway_env".
+    """
+    size = min(BATCH[back_end], len(seeds))
+    batch = make(Options(**options)).batch(size, threads, back_end)
+    return episodes_of(batch, policy(driver, seeds[0]), seeds)
+
+
+def _name(reading: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name}={value}" for name, value in reading.items()) or "default"
+
+
+def outcome_row(episodes: Episodes) -> Row:
+    """Rates with Wilson intervals, who ran into whom, speeds."""
+    count = len(episodes.ending)
+    row: Row = {"episodes": count}
+    for name, kind in OUTCOMES.items():
+        share = wilson(int((episodes.ending == kind).sum()), count)
+        row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
+    length = episodes.length
+    return row | {
+        "ego_struck": float((episodes.contact == Contact.EGO_STRUCK).mean()),
+        "ego_was_struck": float((episodes.contact == Contact.EGO_WAS_STRUCK).mean()),
+        "neighbours_collided": float(episodes.neighbours_collided.mean()),
+        "length": float(length.mean()),
+        "speed_kmh": KMH * float(episodes.speed.mean()),
+        "speed_kmh_of_steps": KMH * float((episodes.speed * length).sum() / length.sum()),
+        "stopped": float(episodes.stopped.mean()),
+        "stopped_of_steps": float((episodes.stopped * length).sum() / length.sum()),
+    }
+
+
+def reward_row(episodes: Episodes) -> Row:
+    """Totals of an episode, and the share of decisions in which each signal is not 0."""
+    metrics, steps = episodes.metrics(), episodes.length.sum()
+    active = episodes.active.sum(axis=0) / steps
+    return {
+        "r_env": metrics.r_env,
+        "r_env_sd": float(episodes.totals.env.std()),
+        "r_social": metrics.r_social,
+        "r_social_sd": float(episodes.totals.social.std()),
+        "angle": metrics.angle,
+        "collision": metrics.collision,
+        "arrival": metrics.arrival,
+        "timeout": metrics.timeout,
+        **{
+            f"{name}_active": float(a)
+            for name, a in zip(episodes.signal_names, active, strict=True)
+        },
+        "classical_own": float(episodes.classical.env.mean()),
+        "classical_own_sd": float(episodes.classical.env.std()),
+        "classical_others": float(episodes.classical.social.mean()),
+        "classical_others_sd": float(episodes.classical.social.std()),
+    }
+
+
+def start_row(config: Config) -> Row:
+    """Who is there when an episode begins, the ego included, and how far the ego is along."""
+    count, first = config.reading_episodes, config.seeds[0]
+    batch = make(Options()).batch(count, config.threads)
+    batch.reset(np.arange(first, first + count))
+    present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"]
+    return {
+        "episodes": count,
+        "vehicles_mean": float(present.mean()),
+        "vehicles_least": int(present.min()),
+        "vehicles_most": int(present.max()),
+        "share_with_five": float((present == 5).mean()),
+        "ego_metres_least": float(began.min()),
+        "ego_metres_mean": float(began.mean()),
+    }
+
+
+def _summary(outcomes: list[Row], readings: list[Row]) -> dict[str, Any]:
+    def nested(rows: list[Row], first: str, second: str) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for row in rows:
+            kept = {key: value for key, value in row.items() if key not in (first, second)}
+            found.setdefault(row[first], {})[row[second]] = kept
+        return found
+
+    options = dataclasses.asdict(Options())
+    return {
+        "outcomes": nested(outcomes, "population", "driver"),
+        "default_reading": nested(
+            [row for row in readings if row["reading"] == "default"], "reading", "driver"
+        )["default"],
+        "options": options,
+        "features": make(Options()).n_features,
+        "actions": make(Options()).n_actions,
+    }

@@ -1,0 +1,193 @@
+"""Prediction against trained networks: at which λ of a grid they leave the baseline's choices."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.exact import READOUTS, action_table
+from socialiq.evaluation.prediction import (
+    NEXT_VALUES,
+    NextValue,
+    Setting,
+    lines_of,
+    problem_of,
+    target_norm,
+)
+from socialiq.experiments.gridworld_runs import Ground, Watch, evaluate, train_lanes
+from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn.config import Numbers
+from socialiq.mdp.solve import evaluate_policy
+from socialiq.studies.theory.small_strength import SOLVERS
+from socialiq.theory import response, semi_gradient
+from socialiq.theory.objective import Problem
+from socialiq.theory.path import first_flip
+from socialiq.theory.replay import equilibrium
+from socialiq.types import RewardPair, Row
+
+ANGLE = 0.0
+TARGETS = ("instantaneous", "to_go", "advantage")
+"""What the networks' prior sees; advantage is that of the pooled policy."""
+
+
+class Plan(NamedTuple):
+    """How much is trained.
+
+    Attributes:
+        targets: What the networks' prior sees, of `TARGETS`.
+        units: λ ‖T_⊥‖ of the grid, the same for every target.
+        seeds: Training seeds, each with a data set of its own.
+        updates: Gradient steps.
+    """
+
+    targets: tuple[str, ...]
+    units: tuple[float, ...]
+    seeds: tuple[int, ...]
+    updates: int
+
+
+def rows_problem(ground: Ground, kind: str) -> Problem:
+    """What the networks' batches stand for; rows carry no advantage, and its flips are the same."""
+    told = "instantaneous" if kind == "advantage" else kind
+    return problem_of(ground.part, Setting(ANGLE, told, measure="rows"))
+
+
+def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
+    """The first flip by each way to foretell it, for each gradient and target.
+
+    `occupancy` and `rows` are straight lines for τ → 0. `solved` is the exact solution for rows at
+    the networks' temperature, as if trained offline; `replay` the same with the learner's own rows
+    in half of term 2, as the networks have it.
+    """
+    found = []
+    mdp, horizon = ground.part.mdp, ground.part.world.horizon
+    for next_value in NEXT_VALUES:
+        for kind in targets:
+            exact = problem_of(ground.part, Setting(ANGLE, kind))
+            rows = rows_problem(ground, kind)
+            span = (np.geomspace(0.05, 2.0, 17) / target_norm(rows)).tolist()
+
+            def replay(problem: Problem, start: Any, way: NextValue = next_value) -> np.ndarray:
+                return equilibrium(problem, mdp, horizon, way, start)
+
+            found.append(
+                {
+                    "next_value": next_value,
+                    "target_kind": kind,
+                    "norm": target_norm(rows),
+                    "occupancy": response.flips(*lines_of(exact, next_value))[0].strength,
+                    "rows": response.flips(*lines_of(rows, next_value))[0].strength,
+                    "solved": first_flip(rows, SOLVERS[next_value], span),
+                    "replay": first_flip(rows, replay, span),
+                }
+            )
+    return found
+
+
+def trained_rows(
+    ground: Ground, plan: Plan, datasets: Sequence[Demonstrations], watch: Watch
+) -> tuple[list[Row], list[Row]]:
+    """Train every gradient and target: a row for each lane, and for each seed's first flip."""
+    lanes: list[Row] = []
+    for next_value in NEXT_VALUES:
+        for kind in plan.targets:
+            if (next_value, kind) != ("online", "advantage"):
+                lanes += _lanes(ground, plan, datasets, watch, next_value, kind)
+    return lanes, _first_flips(lanes)
+
+
+def _lanes(
+    ground: Ground,
+    plan: Plan,
+    datasets: Sequence[Demonstrations],
+    watch: Watch,
+    next_value: NextValue,
+    kind: str,
+) -> list[Row]:
+    """The baseline, λ = 0 and the grid, for every seed."""
+    problem = rows_problem(ground, kind)
+    strengths = [0.0, *(unit / target_norm(problem) for unit in plan.units)]
+    told = "instantaneous" if kind == "advantage" else kind
+    structure = dataclasses.replace(
+        presets.SWEEP, next_value=next_value, target_kind=told, updates=plan.updates
+    )
+    base = presets.TABLE_C1_NUMBERS
+    numbers: list[Numbers] = []
+    for dataset, seed in enumerate(plan.seeds):
+        lane = dataclasses.replace(base, angle=ANGLE, seed=seed, dataset=dataset)
+        numbers.append(dataclasses.replace(lane, prior_weight=0.0))  # the baseline, exactly
+        numbers += [dataclasses.replace(lane, strength=strength) for strength in strengths]
+    data = [shaped_by_value(ground, problem, one) for one in datasets]
+    report = watch(f"7x7, {kind} target, V(s') {next_value}")
+    trained = train_lanes(
+        ground, structure, numbers, data if kind == "advantage" else datasets, report
+    )
+    choices = np.flatnonzero(problem.support.sum(axis=1) > 1)
+    rows = []
+    for number, one in enumerate(numbers):
+        policy = trained.policy(number)
+        greedy = action_table(policy, ground.part, "greedy").argmax(axis=1)[choices]
+        soft = action_table(policy, ground.part, "soft")[choices]
+        lengths = {f"{r}_length": evaluate(ground, policy, r).length for r in READOUTS}
+        rows.append(
+            {
+                "next_value": next_value,
+                "target_kind": kind,
+                "seed": one.seed,
+                "prior_weight": one.prior_weight,
+                "strength": one.strength,
+                "choices": "-".join(map(str, greedy)),
+                "mean_go": float(soft[:, 1:].sum(axis=1).mean()),
+            }
+            | lengths
+        )
+    return rows
+
+
+def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> Demonstrations:
+    """The same rows with rewards r + γ (1 - d) V(s') - V(s), with V of the pooled policy.
+
+    Sampled advantages: a shaping of each row, so that nothing but the networks can tell.
+    """
+    policy = semi_gradient.demonstrated_policy(problem)
+    policy = np.where(policy.sum(axis=1, keepdims=True) > 0.0, policy, 1.0 / policy.shape[1])
+    world, part = ground.table.world, ground.part
+    place = np.zeros(ground.table.mdp.n_states, np.int64)
+    place[world.index(part.states)] = np.arange(len(part.states))
+    here = place[world.index(np.rint(data.observation).astype(np.int64))]
+    runs = ~(data.terminated | data.truncated)
+    after = np.zeros_like(here)
+    after[runs] = place[world.index(np.rint(data.next_observation[runs]).astype(np.int64))]
+    shaped = []
+    for reward, column in zip(part.mdp.rewards, data.rewards, strict=True):
+        v = evaluate_policy(problem.mdp, policy, reward, problem.discount).v
+        shaped.append(column + problem.discount * runs * v[after] - v[here])
+    return dataclasses.replace(data, rewards=RewardPair(*shaped))
+
+
+def _first_flips(lanes: list[Row]) -> list[Row]:
+    """For each gradient, target and seed: the least λ whose choices aren't the baseline's."""
+    groups: dict[tuple, list[Row]] = {}
+    for row in lanes:
+        groups.setdefault((row["next_value"], row["target_kind"], row["seed"]), []).append(row)
+    found = []
+    for (next_value, kind, seed), rows in groups.items():
+        baseline = next(row["choices"] for row in rows if row["prior_weight"] == 0.0)
+        grid = sorted((r for r in rows if r["prior_weight"] > 0.0), key=lambda r: r["strength"])
+        left = [place for place, row in enumerate(grid) if row["choices"] != baseline]
+        first = left[0] if left else None
+        found.append(
+            {
+                "next_value": next_value,
+                "target_kind": kind,
+                "seed": seed,
+                "first": "" if first is None else grid[first]["strength"],
+                "below": "" if not first else grid[first - 1]["strength"],
+                "zero_leaves": int(first == 0),
+            }
+        )
+    return found

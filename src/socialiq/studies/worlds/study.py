@@ -1,0 +1,227 @@
+"""Exact facts about the two gridworlds and their experts (thesis 5.1, 5.2, Fig 6.3)."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from socialiq.evaluation.exact import Optimum, evaluate_exactly
+from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
+from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.results import Results
+from socialiq.learners.iq_learn import presets
+from socialiq.mdp.solve import greedy_policy, value_iteration
+from socialiq.social.angle import angle_of, exact_weights, weights
+from socialiq.social.score import score
+from socialiq.statistics.separability import cohens_d
+from socialiq.studies.poc.study import sequence
+from socialiq.types import Row
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.registry import make_grid
+
+STUDY = "worlds"
+
+CROSSING5_READINGS: tuple[dict[str, str], ...] = (
+    {},
+    {"arrival": "override"},
+    {"social_cost": "always"},
+    {"ends_on": "both_arrived"},
+)
+CROSSING7_READINGS: tuple[dict[str, str], ...] = (
+    {},
+    {"second_slot_refills": "same_step"},
+    {"second_slot_at_start": "random"},
+    {"second_slot_at_start": "random", "second_slot_refills": "same_step"},
+    {"first_slot": "once"},
+    {"first_slot": "once", "second_slot_refills": "same_step"},
+    {"conflict": "end_cell"},
+    {"braking": "one_level"},
+    {"arrival": "added"},
+    {"full_stop": "flat"},
+    {"yield_zone": "with_conflict"},
+    {"slow_yield": "full"},
+)
+
+
+@dataclass(frozen=True)
+class Config:
+    """What the study runs; the defaults are the committed results."""
+
+    seeds: tuple[int, ...] = (0,)
+    """Of the experts' episodes, for the separability only; all else is exact."""
+    episodes: int = 2000
+    """Episodes of each expert, for the separability."""
+
+
+def run(config: Config | None = None, watch: Watch = silent) -> Results:  # noqa: ARG001
+    """Enumerate, solve, and tabulate every named reading.
+
+    Args:
+        config: What to run.
+        watch: Not used; nothing is trained.
+    """
+    config = config or Config()
+    table = tabulate(make_grid("crossing7"))
+    tables = {
+        "crossing5_readings": [_crossing5_row(reading) for reading in CROSSING5_READINGS],
+        "crossing5_ties": _tie_rows(),
+        "crossing7_readings": [_crossing7_row(reading) for reading in CROSSING7_READINGS],
+        "crossing7_front": _front_rows(table),
+        "crossing7_separability": _separability(table, config),
+    }
+    return Results.of(STUDY, config, tables, _summary(table, tables))
+
+
+def _crossing5_row(reading: dict[str, str]) -> Row:
+    table = tabulate(make_grid("crossing5", **reading))
+    found = {mode: sequence(table, expert_policy(table, a)) for mode, a in MODES.items()}
+    return {"reading": _name(reading)} | found
+
+
+def _tie_rows() -> list[Row]:
+    """The experts of the default 5x5 world by how ties and cos 90° are treated."""
+    table = tabulate(make_grid("crossing5"))
+    rows: list[Row] = []
+    for trigonometry, pair in (("cos 90 = 6e-17", weights), ("cos 90 = 0", exact_weights)):
+        for prefer in ("first", "last"):
+            row: Row = {
+                "trigonometry": trigonometry,
+                "ties_to": {"first": "Wait"}.get(prefer, "Go"),
+            }
+            for mode, angle in MODES.items():
+                reward = score(pair(angle), table.mdp.rewards)
+                q = value_iteration(table.mdp, reward, 0.99).q
+                row[mode] = sequence(table, greedy_policy(q, prefer=prefer))
+            rows.append(row)
+    return rows
+
+
+def _crossing7_row(reading: dict[str, str]) -> Row:
+    """Angle, totals and collisions of the stationary optimum at each of the three angles."""
+    table = tabulate(make_grid("crossing7", **reading))
+    part = table.reachable_part()
+    kept = table.mdp.reachable()
+    row: Row = {"reading": _name(reading), "reachable": part.mdp.n_states}
+    for mode, angle in MODES.items():
+        metrics = evaluate_exactly(part, expert_policy(table, angle, "stochastic")[kept])
+        row |= {
+            f"{mode}_angle": metrics.angle,
+            f"{mode}_r_env": metrics.r_env,
+            f"{mode}_r_social": metrics.r_social,
+            f"{mode}_collision": metrics.collision,
+        }
+    return row
+
+
+def _name(reading: dict[str, str]) -> str:
+    return ", ".join(f"{name}={value}" for name, value in reading.items()) or "default"
+
+
+def _front_rows(table: Table) -> list[Row]:
+    """By angle: the optimum with a clock, the stationary optimum, and the largest radius."""
+    part = table.reachable_part()
+    optimum = Optimum(part)
+    kept = table.mdp.reachable()
+    rows = []
+    for angle in np.arange(0.0, 91.0, 5.0):
+        best = optimum.attainable.optimum(angle)
+        still = evaluate_exactly(part, expert_policy(table, angle, "stochastic")[kept])
+        rows.append(
+            {
+                "angle": angle,
+                "r_env": best.point.env,
+                "r_social": best.point.social,
+                "angle_of_optimum": angle_of(*best.point),
+                "value": best.value,
+                "stationary_angle": still.angle,
+                "stationary_value": still.value(angle),
+                "radius": optimum.attainable.radius(angle),
+            }
+        )
+    return rows
+
+
+def _separability(table: Table, config: Config) -> list[Row]:
+    """Cohen's d of the experts' episode totals, pairwise (the analysis of Table A.2)."""
+    pools = expert_pools(table, dict.fromkeys(MODES, config.episodes), config.seeds[0])
+    totals = {mode: pool.totals() for mode, pool in pools.items()}
+    pairs = (("egoistic", "prosocial"), ("prosocial", "altruistic"), ("egoistic", "altruistic"))
+    return [
+        {
+            "first": first,
+            "second": second,
+            "d_env": cohens_d(totals[first].env, totals[second].env),
+            "d_social": cohens_d(totals[first].social, totals[second].social),
+        }
+        for first, second in pairs
+    ]
+
+
+def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
+    part = table.reachable_part()
+    kept = table.mdp.reachable()
+    experts = {
+        mode: evaluate_exactly(part, expert_policy(table, angle)[kept])._asdict()
+        for mode, angle in MODES.items()
+    }
+    five = tabulate(make_grid("crossing5"))
+    return {
+        "crossing5": {
+            "states": five.mdp.n_states,
+            "reachable_states": five.reachable_part().mdp.n_states,
+            "features": five.world.n_features,
+            "actions": five.mdp.n_actions,
+            "horizon": five.world.horizon,
+            "weights": {**five.world.env_weights, **five.world.social_weights},
+            "experts": tables["crossing5_readings"][0],
+            "exact_trigonometry": tables["crossing5_ties"][2],
+        },
+        "crossing7": {
+            "states": table.mdp.n_states,
+            "reachable_states": part.mdp.n_states,
+            "features": table.world.n_features,
+            "actions": table.mdp.n_actions,
+            "horizon": table.world.horizon,
+            "slots": 2,
+            "spawn_probability": table.world.options.spawn_probability,
+            "weights": {**table.world.env_weights, **table.world.social_weights},
+            "experts": experts,
+            "share_of_transitions": {
+                mode: metrics["length"] / sum(one["length"] for one in experts.values())
+                for mode, metrics in experts.items()
+            },
+            "optimal_angles_by_reading": {
+                row["reading"]: {mode: row[f"{mode}_angle"] for mode in MODES}
+                for row in tables["crossing7_readings"]
+            },
+            "optimum_angle_by_angle": {
+                f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
+            },
+            "largest_collision": max(
+                row[f"{mode}_collision"]
+                for row in tables["crossing7_readings"][:1]
+                for mode in MODES
+            ),
+            "separability": {
+                f"{row['first']}_{row['second']}": {"env": row["d_env"], "social": row["d_social"]}
+                for row in tables["crossing7_separability"]
+            },
+        },
+        "options": {
+            name: dataclasses.asdict(make_grid(name).options) for name in ("crossing5", "crossing7")
+        },
+        "presets": {
+            "table_c1": dataclasses.asdict(presets.TABLE_C1_NUMBERS)
+            | dataclasses.asdict(presets.TABLE_C1),
+            "strengths_of_the_sweep": len(presets.SWEEP_STRENGTHS),
+            "target_kinds": {
+                "poc": presets.POC.target_kind,
+                "grid": presets.GRID.target_kind,
+                "lambda-sweep": presets.SWEEP.target_kind,
+            },
+        },
+    }

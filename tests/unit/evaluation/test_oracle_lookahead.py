@@ -1,0 +1,45 @@
+"""A driver who knows what comes."""
+
+import numpy as np
+import pytest
+
+from socialiq.evaluation.oracle_lookahead import Foresight, with_foresight
+from socialiq.evaluation.play import episodes_of
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.interface import FASTER
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy
+
+SEEDS = np.arange(600, 640)
+
+
+@pytest.mark.parametrize("angle", [0.0, 90.0])
+def test_no_episode_is_worse_with_foresight(angle):
+    """The policy's own action is among those looked at, and its known end is reached."""
+    plain = episodes_of(Batch(Options(), 8), policy("go"), SEEDS)
+    seeing = with_foresight(Options(), policy("go"), SEEDS, angle, size=8)
+    before, after = (
+        one.totals.env if angle == 0.0 else one.totals.social for one in (plain, seeing)
+    )
+    assert (after >= before - 1e-9).all()
+    assert after.mean() > before.mean() + 0.1
+
+
+def test_looking_leaves_the_episode_as_it_is():
+    batch = Batch(Options(), 3)
+    batch.reset([1, 2, 3])
+    before = batch.save()
+    totals = Foresight(policy("go"), batch, 0.0).totals()
+    for column, kept in zip(batch.save(), before, strict=True):
+        np.testing.assert_array_equal(column, kept)
+    alone = episodes_of(Batch(Options(), 3), policy("go"), [1, 2, 3])
+    np.testing.assert_allclose(totals[:, FASTER], alone.totals.env)
+
+
+def test_episodes_that_have_ended_are_not_looked_at():
+    batch = Batch(Options(), 2)
+    batch.reset([1, 2])
+    while (batch.step(np.array([FASTER, FASTER]), auto_reset=False, rows=[0]).ending[0]) == 0:
+        pass
+    totals = Foresight(policy("go"), batch, 0.0).totals()
+    assert (totals[0] == 0).all() and (totals[1] != 0).all()

@@ -1,0 +1,79 @@
+import importlib.resources
+import json
+import tomllib
+
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.experiments import claims
+from socialiq.storage import packaged_results
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return claims.ledger(packaged_results())
+
+
+def test_places_are_filled_from_the_results(tmp_path):
+    (tmp_path / "grid").mkdir()
+    (tmp_path / "grid" / "summary.json").write_text(json.dumps({"a": {"0.7": [1.26, 2]}}))
+    summaries = claims._Summaries(tmp_path)
+    text = claims.resolve("angle {grid:a.0,7.0:.1f} of {grid:a.0,7.1}", summaries)
+    assert text == "angle 1.3 of 2"
+    with pytest.raises(UserError, match="points at grid:b"):
+        claims.resolve("{grid:b}", summaries)
+
+
+def test_every_claim_is_complete(rows):
+    assert len({row["id"] for row in rows}) == len(rows)
+    for row in rows:
+        assert row["place"] and row["statement"] and row["thesis"], row["id"]
+        if row["verdict"] == "untested":
+            assert row["reason"], f"{row['id']}: untested needs its reason"
+        else:
+            assert row["ours"], f"{row['id']}: a verdict needs our value"
+            assert row["command"], f"{row['id']}: our value needs its command"
+        if row["verdict"] in ("partly", "not"):
+            assert row["reason"], f"{row['id']}: a failed claim needs its reason"
+
+
+def test_numeric_verdicts_follow_from_the_numbers(rows):
+    compared = 0
+    for row in rows:
+        if row["value"] is None or row["our_value"] is None:
+            continue
+        compared += 1
+        close = abs(row["our_value"] - row["value"]) <= row["tolerance"]
+        assert close == (row["verdict"] == "reproduced"), (row["id"], row["our_value"])
+    assert compared >= 30
+
+
+def test_every_tested_claim_of_one_number_states_our_number(rows):
+    for row in rows:
+        if row["value"] is not None and row["verdict"] != "untested":
+            assert row["our_value"] is not None, row["id"]
+
+
+def test_our_numbers_are_never_typed():
+    text = importlib.resources.files("socialiq.experiments").joinpath("claims.toml").read_text()
+    for claim in tomllib.loads(text)["claim"]:
+        outside = claims._PLACE.sub("", claim.get("ours", ""))
+        assert "." not in "".join(
+            outside[i - 1 : i + 2]
+            for i in range(1, len(outside) - 1)
+            if outside[i] == "." and outside[i - 1].isdigit() and outside[i + 1].isdigit()
+        ), claim["id"]
+
+
+def test_commands_name_things_that_exist(rows):
+    from pathlib import Path
+
+    root = Path(__file__).parents[3]
+    for row in rows:
+        words = row["command"].split()
+        for word in words:
+            if word.startswith("tests/"):
+                path, *names = word.split("::")
+                assert (root / path).exists(), row["id"]
+                for name in names:
+                    assert f"def {name}(" in (root / path).read_text(), (row["id"], name)

@@ -1,0 +1,32 @@
+"""Rows over seeds, by hand."""
+
+import numpy as np
+
+from socialiq.plotting.over_seeds import band, of, spread
+from socialiq.plotting.style import figure
+
+ROWS = [
+    {"angle": angle, "seed": seed, "share": share}
+    for angle, seed, share in ((90.0, 0, 0.5), (0.0, 0, 0.1), (0.0, 1, 0.3), (90.0, 1, 0.5))
+]
+
+
+def test_rows_are_kept_by_value():
+    assert of(ROWS, angle=0.0, seed=1) == [{"angle": 0.0, "seed": 1, "share": 0.3}]
+    assert of(ROWS, angle=45.0) == []
+
+
+def test_mean_least_and_largest_stand_in_order_of_the_places():
+    places, mean, low, high = spread(ROWS, "angle", "share")
+    np.testing.assert_allclose(
+        [places, mean, low, high], [[0, 90], [0.2, 0.5], [0.1, 0.5], [0.3, 0.5]]
+    )
+
+
+def test_a_band_is_drawn_in_percent():
+    axes = figure(3.0, 2.0).subplots()
+    band(axes, ROWS, "angle", "share", 100.0, color="black", marker="o", label="shares")
+    (line,) = axes.lines
+    np.testing.assert_allclose(line.get_xydata(), [[0, 20], [90, 50]])
+    (filled,) = axes.collections
+    np.testing.assert_allclose(filled.get_datalim(axes.transData).extents, [0, 10, 90, 50])

@@ -1,0 +1,24 @@
+"""Who is audited, rightly and falsely declared."""
+
+from socialiq.studies.audits.floors import WITHDRAWN, floor_at
+from socialiq.studies.audits.policies import at_intersection
+from socialiq.studies.audits.study import Config, audit_rows
+
+
+def test_truth_and_falsehood(tmp_path):
+    found = list(at_intersection(tmp_path))
+    assert len({(one.name, one.declared) for one in found}) == len(found) == 14
+    assert sum(one.truthful for one in found) == 9
+    false = {
+        (one.name, one.declared) for one in found if not one.truthful and one.made_for is not None
+    }
+    assert ("set expert, egoistic", 45.0) in false and len(false) == 3
+    assert floor_at(90.0) is WITHDRAWN and floor_at(75.0).min_arrival == 0.8
+
+
+def test_one_that_never_moves_is_no_altruist(tmp_path):
+    """Its regret at 90 degrees decides, for nobody asks it to arrive."""
+    stands = [one for one in at_intersection(tmp_path) if one.name == "never moves"]
+    (row,) = audit_rows(stands, Config(episodes=60, seed=1), tmp_path)
+    assert row["arrival"] == 0.0 and row["timeout"] == 1.0
+    assert (row["verdict"], row["decided_by"]) == ("fail", "regret")

@@ -1,0 +1,259 @@
+"""The comparison of priors: each method at a tiny size, the choice of λ, the whole run."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.evaluation.exact import action_table
+from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.experiments import results as store
+from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.jobs import fingerprints
+from socialiq.plotting.style import png
+from socialiq.studies.compare_priors import alignment, figures, intersection, learners, study
+from socialiq.studies.compare_priors.budget import Lane, structure_of
+from socialiq.studies.compare_priors.config import Config
+from socialiq.studies.compare_priors.gridworlds import effective_share
+from socialiq.studies.compare_priors.learners import Arena
+from socialiq.studies.compare_priors.methods import BY_NAME, IQ, LABELS, METHODS, nearest_mode
+from socialiq.studies.intersection import config as intersection_config
+
+TINY = Config(
+    worlds=("crossing5",),
+    methods=("none", "clone_of_mode", "clone_weighted", "rl"),
+    angles=(0.0, 30.0, 90.0),
+    development_angles=(0.0,),
+    strengths=(1.0, 3.0),
+    development_seeds=(0,),
+    seeds=(10, 11),
+    updates=10,
+)
+
+
+@pytest.fixture(name="arena", scope="module")
+def five_by_five() -> Arena:
+    ground = Ground.of("crossing5")
+    datasets = trajectory_datasets(ground.table, (0, 1), 2)
+    return Arena(ground, TINY.structure, TINY.numbers, datasets)
+
+
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.parametrize("name", ["advantage", *(name for name in learners.LEARNERS if name != IQ)])
+def test_every_learner_trains_a_policy_for_each_lane(arena: Arena, name: str) -> None:
+    method = BY_NAME[name]
+    lanes = [Lane(0.0, 1.0, 0, 0), Lane(90.0, 3.0, 1, 1)]
+    policies = learners.LEARNERS[method.learner](arena, method, lanes)
+    tables = [action_table(policy, arena.ground.part, "soft") for policy in policies]
+    assert len(policies) == 2 and not np.allclose(*tables)
+    for policy, lane in zip(policies, lanes, strict=True):
+        assert policy.provenance["numbers"]["seed"] == lane.seed
+        structure = policy.provenance["structure"]
+        assert tuple(structure["hidden"]) == arena.structure.hidden
+        rows = structure.get("batch_size", structure.get("expert_batch"))
+        assert rows == arena.structure.batch_size
+        assert policy.provenance["numbers"]["learning_rate"] == arena.numbers.learning_rate
+
+
+def test_rows_of_a_table_have_labels_and_distinct_names() -> None:
+    assert len(BY_NAME) == len(METHODS)
+    assert set(LABELS) == set(BY_NAME)
+    trained_by = {method.learner for method in METHODS}
+    assert trained_by == set(learners.LEARNERS) == set(intersection.LEARNERS)
+
+
+def test_every_method_of_iq_learn_has_a_structure_of_its_own() -> None:
+    """But for the thesis' row, which differs from the running returns' by its λ alone."""
+    own = {
+        method.name: structure_of(method, TINY.structure)
+        for method in METHODS
+        if method.learner == IQ
+    }
+    assert own.pop("thesis") == own["running"]
+    assert len(set(own.values())) == len(own)
+    assert {structure.updates for structure in own.values()} == {TINY.updates}
+
+
+@pytest.mark.parametrize(
+    ("angle", "mode"),
+    [(0.0, "egoistic"), (22.5, "egoistic"), (30.0, "prosocial"), (75.0, "altruistic")],
+)
+def test_the_nearest_mode(angle: float, mode: str) -> None:
+    assert nearest_mode(angle) == mode
+
+
+def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
+    """Of the transitions GGGG, WGGGG, WWWWGGGG of each set the egoist has 4 of 17."""
+    shares = {
+        name: effective_share(arena, BY_NAME[name], Lane(0.0, 1.0, 0, 0))
+        for name in ("none", "clone", "clone_of_mode", "clone_weighted", "reweighting", "rl")
+    }
+    assert shares["none"] == shares["clone"] == 1.0
+    assert shares["clone_of_mode"] == pytest.approx(4 / 17)
+    assert shares["rl"] == 0.0
+    for name in ("clone_weighted", "reweighting"):
+        assert 0.0 < shares[name] < 1.0
+        mild = effective_share(arena, BY_NAME[name], Lane(0.0, 1e-6, 0, 0))
+        assert mild == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_strength_with_the_greatest_mean_value_is_chosen() -> None:
+    rows = [
+        {"world": "w", "method": "m", "strength": strength, "value": value}
+        for strength, value in [(1.0, 3.0), (1.0, 1.0), (3.0, 2.0), (3.0, 2.5), (10.0, 2.25)]
+    ]
+    assert study.choose(rows) == {("w", "m"): 3.0}
+    tied = [row for row in rows if row["strength"] != 1.0 and row["value"] != 2.5]
+    tied[0] = tied[0] | {"value": 2.25}
+    assert study.choose(tied[::-1]) == {("w", "m"): 3.0}
+    assert study.choose([]) == {}
+
+
+@pytest.fixture(name="work", scope="module")
+def work_folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("priors") / "work"
+
+
+@pytest.fixture(name="results", scope="module")
+def tiny_results(work):
+    return study.run(TINY, work=work)
+
+
+def test_every_policy_has_a_row_for_each_angle_and_readout(results) -> None:
+    rows = results.tables["policies"]
+    for name, readouts in (("none", 2), ("clone_of_mode", 2), ("clone_weighted", 2), ("rl", 1)):
+        own = [row for row in rows if row["method"] == name]
+        assert len(own) == len(TINY.angles) * len(TINY.seeds) * readouts
+        assert all(row["regret"] >= -1e-9 for row in own)
+    chosen = {row["method"]: row["strength"] for row in results.tables["chosen"]}
+    assert set(chosen) == {"clone_weighted"}
+    assert {r["strength"] for r in rows if r["method"] == "clone_weighted"} == {*chosen.values()}
+
+
+def test_a_method_that_does_not_know_the_angle_is_one_policy(results) -> None:
+    own = [r for r in results.tables["policies"] if (r["method"], r["seed"]) == ("none", 10)]
+    for readout in ("greedy", "soft"):
+        totals = {(r["r_env"], r["r_social"]) for r in own if r["readout"] == readout}
+        assert len(totals) == 1
+
+
+def test_means_and_ranges_are_over_seeds(results) -> None:
+    for row in results.tables["pooled"]:
+        own = [
+            one["regret"]
+            for one in results.tables["policies"]
+            if all(one[key] == row[key] for key in study.KEYS)
+        ]
+        assert row["seeds"] == len(own) == 2
+        assert row["regret"] == pytest.approx(np.mean(own), abs=2e-6)
+        assert (row["regret_low"], row["regret_high"]) == (min(own), max(own))
+
+
+def test_demonstrators_are_optimal_at_their_own_angles(results) -> None:
+    rows = {row["target_angle"]: row for row in results.tables["references"]}
+    assert rows[0.0]["egoistic"] == rows[90.0]["altruistic"] == 0.0
+    assert rows[90.0]["egoistic"] == 10.0
+    for row in rows.values():
+        assert row["value_iteration"] <= min(row[mode] for mode in MODES)
+
+
+def test_the_overall_table_is_over_angles(results) -> None:
+    for row in results.tables["overall"]:
+        own = [
+            one["regret"]
+            for one in results.tables["pooled"]
+            if (one["method"], one["readout"]) == (row["method"], row["readout"])
+        ]
+        assert row["angles"] == len(own) == len(TINY.angles)
+        assert row["regret"] == pytest.approx(np.mean(own), abs=2e-6)
+        assert row["worst_regret"] == max(own)
+
+
+def test_angle_errors_are_ranked_against_regrets() -> None:
+    """Three policies whose errors rank as their regrets, and three the other way round."""
+
+    def row(world: str, angle: float, regret: float | str) -> dict:
+        labels = {"world": world, "readout": "greedy", "target_angle": 0.0}
+        return labels | {"angle": angle, "regret": regret}
+
+    alike = [row("a", 10.0 * n, 0.1 * n) for n in range(1, 4)]
+    against = [row("b", -10.0 * n, 1.0 - 0.1 * n) for n in range(1, 4)]
+    unknown = [row("c", 1.0, "")]
+    found = {r["world"]: r for r in alignment.alignment([*alike, *against, *unknown])}
+    assert set(found) == {"a", "b"}
+    assert found["a"]["spearman"] == pytest.approx(1.0)
+    assert found["b"]["spearman"] == pytest.approx(-1.0)
+    assert found["b"]["error_at_least_regret"] == pytest.approx(30.0)
+    assert found["b"]["regret_at_least_error"] == pytest.approx(0.9)
+    counted = alignment.counts(list(found.values()))
+    assert counted["groups"] == 2 and counted["least_error_has_least_regret"] == 1
+
+
+def test_a_second_call_does_nothing_and_gives_the_same(results, work) -> None:
+    before = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
+    assert study.run(TINY, work=work).summary == results.summary
+    assert {path: path.stat().st_mtime_ns for path in work.rglob("job.json")} == before
+
+
+def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
+    store.save(results, tmp_path / "out", {}, replace=False)
+    read = store.load(tmp_path / "out")
+    assert read.summary == results.summary
+    drawn = png(figures.draw(read))
+    assert list(drawn) == ["crossing5"] and drawn["crossing5"].startswith(b"\x89PNG")
+
+
+def test_the_plan_of_the_intersection_is_whole() -> None:
+    config = Config(worlds=("intersection",))
+    first = study.development_jobs(config)
+    chosen = {("intersection", method.name): 3.0 for method in METHODS if method.scaled}
+    then = study.fresh_jobs(config, chosen)
+    for jobs in (first, then):
+        fingerprints(jobs)  # refuses a name that is there twice
+        seen = set()
+        for job in jobs:
+            assert {*job.inputs} <= seen, job.name
+            seen.add(job.name)
+    methods = {job.name.split("/")[3] for job in then if job.stage == "priors"}
+    assert methods == set(BY_NAME)
+    trained = [job for job in then if hasattr(job.config, "structure") and job.stage != "experts"]
+    assert {job.config.structure.updates for job in trained} == {config.intersection_updates}
+    kinds = {job.config.structure.target_kind for job in trained if "/advantage/" in job.name}
+    assert kinds == {"advantage_fitted"}
+
+
+def test_a_tiny_intersection_runs(monkeypatch, tmp_path) -> None:
+    tiny = intersection_config.Config(pool_episodes=12, size=60)
+    monkeypatch.setattr(intersection, "STUDY", tiny)
+    config = Config(
+        worlds=("intersection",),
+        methods=("instantaneous", "cql", "rl", "dial"),
+        development_angles=(90.0,),
+        intersection_strengths=(1.0,),
+        intersection_development_seeds=(0,),
+        intersection_seeds=(10,),
+        intersection_updates=20,
+        episodes=10,
+    )
+    results = study.run(config, work=tmp_path / "work")
+    rows = results.tables["pooled"]
+    assert {row["method"] for row in rows} == set(config.methods)
+    assert all(row["regret"] == "" and np.isfinite(row["value"]) for row in rows)
+    store.save(results, tmp_path / "out", {}, replace=False)
+    assert png(figures.draw(store.load(tmp_path / "out")))
+
+
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        ({"worlds": ("crossing9",)}, "unknown world 'crossing9': choose one of crossing5"),
+        ({"worlds": ("crossing5", "crossing5")}, "named twice"),
+        ({"methods": ("gail",)}, "unknown method 'gail'"),
+        ({"seeds": ()}, "seeds must name at least one"),
+        ({"seeds": (3,)}, "can't be a seed of the table"),
+    ],
+)
+def test_a_wrong_configuration_is_refused(changed, line) -> None:
+    with pytest.raises(UserError, match=line):
+        dataclasses.replace(Config(), **changed)

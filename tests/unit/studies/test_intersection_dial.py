@@ -1,0 +1,128 @@
+"""The dial in the intersection end to end at a tiny size: jobs, tables, figures."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.experiments import results as store
+from socialiq.learners.dial.acting import stratified
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.plotting.style import png
+from socialiq.social.angle import angle_of, exact_weights
+from socialiq.studies.intersection_dial import figures, study
+from socialiq.studies.intersection_dial.config import NUMBERS, STRUCTURE, Config
+
+TINY = Config(
+    seeds=(0, 1),
+    key_angles=(0.0, 90.0),
+    turned=(0.0, 45.0, 90.0),
+    structure=dataclasses.replace(
+        STRUCTURE,
+        view="flat",
+        hidden=(8,),
+        updates=30,
+        expert_batch=8,
+        replay_batch=8,
+        replay_capacity=5000,
+    ),
+    agent_updates=20,
+    pool_episodes=12,
+    size=60,
+    episodes=12,
+)
+
+
+@pytest.fixture(name="work", scope="module")
+def work_folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("study") / "work"
+
+
+@pytest.fixture(name="results", scope="module")
+def tiny_results(work):
+    return study.run(TINY, work=work)
+
+
+def test_every_policy_is_driven_and_valued_at_its_angle(results) -> None:
+    rows = results.tables["policies"]
+    assert len(rows) == 2 * (3 + 2)
+    for row in rows:
+        direction = exact_weights(row["asked"])
+        value = direction.env * row["r_env"] + direction.social * row["r_social"]
+        assert row["value"] == pytest.approx(value, abs=1e-5)
+        assert row["episodes"] == TINY.episodes and row["regret"] >= 0.0
+
+
+def test_at_every_angle_somebody_has_no_regret_or_a_policy_of_another_angle_is_best(results):
+    rows = results.tables["policies"]
+    for angle in TINY.turned:
+        direction = exact_weights(angle)
+        values = [direction.env * r["r_env"] + direction.social * r["r_social"] for r in rows]
+        mine = [row for row in rows if row["asked"] == angle]
+        least = min(row["regret"] for row in mine)
+        best = max(row["value"] for row in mine)
+        assert least == pytest.approx(max(values) - best, abs=1e-5)
+
+
+def test_families_have_a_row_for_each_seed_and_are_compared_in_pairs(results) -> None:
+    families = results.tables["families"]
+    assert [(row["family"], row["seed"]) for row in families] == [
+        (family, seed) for family in ("dial", "agents") for seed in TINY.seeds
+    ]
+    for row in families:
+        key = [row["regret_0"], row["regret_90"]]
+        assert row["mean_regret"] == pytest.approx(np.mean(key), abs=1e-5)
+        assert row["worst_regret"] == max(key)
+    dial, agents = families[:2], families[2:]
+    by_measure = {row["measure"]: row for row in results.tables["differences"]}
+    mean = np.mean([a["hypervolume"] - b["hypervolume"] for a, b in zip(dial, agents, strict=True)])
+    assert by_measure["hypervolume"]["mean"] == pytest.approx(mean, abs=1e-5)
+
+
+def test_the_dial_of_a_run_turns_and_an_agent_does_not(results, work) -> None:
+    dial = DialPolicy.load(work / "dials" / "0" / "dial.safetensors")
+    assert (dial.low, dial.high) == (0.0, 90.0)
+    agent = DialPolicy.load(work / "agents" / "90" / "0" / "dial.safetensors")
+    with pytest.raises(UserError, match="outside"):
+        agent.at(0.0)
+    assert agent.provenance["structure"]["updates"] == TINY.agent_updates
+
+
+def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work) -> None:
+    kept = (work / "dials" / "0" / "dial.safetensors").read_bytes()
+    assert results.files == {"dial.safetensors": kept}
+
+
+def test_curves_are_of_every_run(results) -> None:
+    runs = {row["run"] for row in results.tables["curves"]}
+    assert runs == {"dials/0", "dials/1"} | {f"agents/{a}/{s}" for a in (0, 90) for s in (0, 1)}
+
+
+def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
+    store.save(results, tmp_path / "out", {}, replace=False)
+    read = store.load(tmp_path / "out")
+    assert read.summary == results.summary
+    drawn = png(figures.draw(read))
+    assert list(drawn) == ["tradeoff", "regret", "turning", "learning"]
+
+
+def test_environments_divide_the_range_among_them() -> None:
+    rng = np.random.default_rng(0)
+    structure = dataclasses.replace(STRUCTURE, margin=0.0)
+    directions = stratified(structure, 9, rng)
+    angles = [angle_of(float(x), float(y)) for x, y in zip(*directions, strict=True)]
+    assert [int(angle // 10) for angle in angles] == list(range(9))
+    alone = dataclasses.replace(structure, low=30.0, high=30.0)
+    fixed = stratified(alone, 4, rng)
+    np.testing.assert_allclose(fixed.env, np.cos(np.pi / 6), rtol=1e-6)
+
+
+def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
+    with pytest.raises(UserError, match="key angle"):
+        dataclasses.replace(TINY, key_angles=(15.0,))
+    with pytest.raises(UserError, match="agent_updates"):
+        Config(agent_updates=0)
+    with pytest.raises(UserError, match="at least one training seed"):
+        Config(seeds=())
+    assert NUMBERS.discount < 1.0

@@ -1,0 +1,152 @@
+"""The intersection study end to end at a tiny size: jobs, tables, atlas, figures, going on."""
+
+import dataclasses
+import json
+
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.experiments import results as store
+from socialiq.experiments.jobs import fingerprints, open_jobs
+from socialiq.nn.q_policy import QPolicy
+from socialiq.studies.intersection import figures, plan, study, thesis_values
+from socialiq.studies.intersection.config import Config
+
+TINY = Config(
+    parts=("main",),
+    seeds=(0, 1),
+    expert_seed=0,
+    expert_steps=9600,
+    updates=40,
+    pool_episodes=12,
+    size=60,
+    episodes=20,
+    evaluation_seeds=2,
+    group_episodes=5,
+    highway_episodes=0,
+)
+OUTCOMES = ("collision", "arrival", "timeout")
+
+
+@pytest.fixture(name="work", scope="module")
+def work_folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("study") / "work"
+
+
+@pytest.fixture(name="results", scope="module")
+def tiny_results(work):
+    return study.run(TINY, work=work)
+
+
+def test_every_policy_has_all_its_episodes(results):
+    rows = results.tables["policies"]
+    assert sum(row["policy"].startswith("experts/") for row in rows) == 3
+    assert sum(row["policy"].startswith("learners/") for row in rows) == 3 * 4 * 2 * 2
+    for row in rows:
+        assert row["episodes"] == TINY.episodes
+        assert sum(row[name] for name in OUTCOMES) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_table_6_2_has_the_thesis_numbers_beside_the_means_of_ours(results):
+    rows = [row for row in results.tables["table_6_2"] if row["readout"] == "greedy"]
+    by_policy = {(r["policy"], r["readout"]): r for r in results.tables["policies"]}
+    for row in rows:
+        thesis = thesis_values.TABLE_6_2[row["metric"]][row["policy"]]
+        assert (row["thesis"], row["thesis_spread"]) == thesis
+        if row["preset"] == "experts":
+            assert row["over_training"] == ""  # one training seed
+            continue
+        names = [
+            plan.learner_name(row["preset"], row["setting"], row["policy"], seed)
+            for seed in TINY.seeds
+        ]
+        factor = 1 if row["metric"] == "speed_kmh" else 100
+        ours = [factor * by_policy[name, "greedy"][row["metric"]] for name in names]
+        assert row["ours"] == pytest.approx(sum(ours) / 2, abs=1e-4)
+
+
+def test_the_thesis_table_a_2_follows_from_its_table_a_1(results):
+    rows = [row for row in results.tables["table_a_2"] if row["thesis"] != ""]
+    assert len(rows) == 9
+    for row in rows:
+        assert row["thesis_from_a_1"] == pytest.approx(row["thesis"], abs=0.008), row
+        pair, signal = f"{row['first']}_{row['second']}", row["signal"]
+        assert results.summary["table_a_2"][pair][signal]["ours"] == row["ours"]
+
+
+def test_policies_of_the_atlas_drive_among_both_kinds_of_neighbours(results, work):
+    """The same episodes' seeds, other neighbours: what happens differs."""
+    rows = {(row["member"], row["connected"]): row for row in results.tables["connected"]}
+    assert len(rows) == 2 * len(plan.members(TINY))
+    by_policy = {(r["policy"], r["readout"]): r for r in results.tables["policies"]}
+    for member, name in plan.members(TINY).items():
+        assert rows[member, "off"]["r_social"] == by_policy[name, "greedy"]["r_social"]
+    assert any(rows[m, "off"]["r_social"] != rows[m, "on"]["r_social"] for m, _ in rows)
+
+
+def test_every_job_has_its_time(results):
+    rows = results.tables["times"]
+    assert sum(row["number"] for row in rows) == len(plan.plan(TINY))
+    assert all(0 <= row["longest"] <= row["seconds"] for row in rows)
+    assert max(row["longest"] for row in rows) > 0
+
+
+def test_the_atlas_is_the_policies_that_were_evaluated(results, work):
+    manifest = json.loads(results.files["atlas/manifest.json"])["policies"]
+    assert set(manifest) == set(plan.members(TINY))
+    for name, entry in manifest.items():
+        assert (
+            results.files[f"atlas/{entry['file']}"]
+            == (work / entry["job"] / plan.policy_file(entry["job"])).read_bytes()
+        )
+        policy = QPolicy.load(work / entry["job"] / plan.policy_file(entry["job"]))
+        assert policy.sha256 == entry["sha256"], name
+
+
+def test_a_second_call_does_nothing_and_gives_the_same(results, work):
+    before = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
+    again = study.run(TINY, work=work)
+    assert {path: path.stat().st_mtime_ns for path in work.rglob("job.json")} == before
+    assert again.summary == results.summary
+
+
+def test_only_what_a_change_touches_is_done_again(results, work):
+    jobs = plan.plan(dataclasses.replace(TINY, episodes=30))
+    assert {job.stage for job in open_jobs(jobs, work)} == {"evaluation", "connected"}
+    jobs = plan.plan(dataclasses.replace(TINY, pool_episodes=13))
+    assert {job.stage for job in open_jobs(jobs, work)} == {
+        "demonstrations",
+        "learners",
+        "evaluation",
+        "connected",
+    }
+
+
+def test_results_are_saved_with_the_atlas_and_drawn_from_the_files(results, tmp_path):
+    store.save(results, tmp_path / "out", {}, replace=False)
+    assert (tmp_path / "out" / "atlas" / "baseline.safetensors").is_file()
+    read = store.load(tmp_path / "out")
+    assert read.summary == results.summary
+    assert {"fig_6_5_ring", "table_6_2", "tradeoff", "fig_a_1"} <= set(figures.draw(read))
+
+
+def test_the_whole_plan_has_jobs_of_distinct_names_after_their_inputs():
+    jobs = plan.plan(Config())
+    fingerprints(jobs)  # refuses a name that is there twice
+    seen = set()
+    for job in jobs:
+        assert {*job.inputs} <= seen, job.name
+        seen.add(job.name)
+
+
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        ({"parts": ("mian",)}, "unknown part 'mian'"),
+        ({"episodes": 0}, "episodes must be at least 1"),
+        ({"seeds": ()}, "seeds must name at least one"),
+    ],
+)
+def test_a_wrong_configuration_is_refused(changed, line):
+    with pytest.raises(UserError, match=line):
+        Config(**changed)
