@@ -20,14 +20,15 @@ from socialiq.evaluation.dial_exact import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.record import record
 from socialiq.experiments.gridworld_runs import Ground
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.config import Numbers
+from socialiq.learners.dial.config import Hyperparameters
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.studies.compare_priors.learners import Lane, dial_numbers, dial_structure
+from socialiq.studies.compare_priors.learners import Run as GridRun
+from socialiq.studies.compare_priors.learners import dial_numbers, dial_structure
 from socialiq.studies.dial.config import KEY_ANGLES, QUICK, RUNS, Run, seen, with_clock
 from socialiq.studies.intersection.jobs import source_of
 from socialiq.worlds.enumerate import tabulate
@@ -44,7 +45,7 @@ QUICK_SEEDS = (50, 51, 52, 53, 54, 55, 56, 57, 58, 59)
 DRIVERS = {"egoistic": "go", "prosocial": "gap_3s", "altruistic": "wait"}
 """Rules whose episodes stand for demonstrations: what is in them doesn't change the time."""
 
-Trains = Callable[[int, Outside, int], Any]
+Trains = Callable[[int, Callbacks, int], Any]
 """Trains for so many updates, in chunks of so many."""
 
 
@@ -80,9 +81,11 @@ def run(repeats: int) -> dict[str, Any]:
 def _seconds(trains: Trains, updates: int) -> float:
     """Seconds of a run, from a part of it after its first, compiling chunk."""
     stamps: list[tuple[int, float]] = []
-    outside = Outside(on_report=lambda report: stamps.append((report.done, time.perf_counter())))
+    callbacks = Callbacks(
+        on_report=lambda report: stamps.append((report.done, time.perf_counter()))
+    )
     part = max(updates // SHARE, 4 * CHUNK)
-    trains(part, outside, CHUNK)
+    trains(part, callbacks, CHUNK)
     (first, began), (last, ended) = stamps[0], stamps[-1]
     return (ended - began) * updates / (last - first)
 
@@ -92,9 +95,9 @@ def _grid_thesis() -> tuple[Trains, int]:
     world = make_grid("crossing7")
     data = trajectory_datasets(tabulate(world), [0], EPISODES_EACH)
 
-    def trains(updates: int, outside: Outside, chunk: int) -> Any:
+    def trains(updates: int, callbacks: Callbacks, chunk: int) -> Any:
         shorter = dataclasses.replace(presets.GRID, updates=updates)
-        return train_iq(shorter, [presets.TABLE_C1_NUMBERS], data, world, outside, chunk)
+        return train_iq(shorter, [presets.TABLE_C1_NUMBERS], data, world, callbacks, chunk)
 
     return trains, presets.GRID.updates
 
@@ -103,26 +106,26 @@ def _grid_dial(run: Run, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
     """A dial of the 7x7 world, with its clock; one for each seed, in one program."""
     world = make_grid("crossing7").with_clock()
     data = trajectory_datasets(tabulate(world), seeds, EPISODES_EACH)
-    numbers = [
-        dataclasses.replace(run.numbers, seed=seed, dataset=number)
+    hyperparameters = [
+        dataclasses.replace(run.hyperparameters, seed=seed, dataset=number)
         for number, seed in enumerate(seeds)
     ]
 
-    def trains(updates: int, outside: Outside, chunk: int) -> Any:
-        shorter = dataclasses.replace(run.structure, one_hot=seen(world), updates=updates)
-        return train_dial(shorter, numbers, data, world, outside=outside, chunk=chunk)
+    def trains(updates: int, callbacks: Callbacks, chunk: int) -> Any:
+        shorter = dataclasses.replace(run.static, one_hot=seen(world), updates=updates)
+        return train_dial(shorter, hyperparameters, data, world, callbacks=callbacks, chunk=chunk)
 
-    return trains, run.structure.updates
+    return trains, run.static.updates
 
 
 def _quick_regrets() -> list[float]:
     """Of the quick dial by seed: exact greedy regret, the mean over 0, 15, ..., 90 degrees."""
     ground = with_clock(Ground.of("crossing7"), clock=True)
     trains, updates = _grid_dial(QUICK, QUICK_SEEDS)
-    trained = trains(updates, Outside(), CHUNK)
+    trained = trains(updates, Callbacks(), CHUNK)
     regrets = []
-    for lane in range(len(QUICK_SEEDS)):
-        found = sweep(trained.dial(lane), ground.part, "greedy")
+    for run in range(len(QUICK_SEEDS)):
+        found = sweep(trained.dial(run), ground.part, "greedy")
         by_angle = dict(zip(found.angles, found.regrets(ground.optimum.attainable), strict=True))
         regrets.append(float(np.mean([by_angle[angle] for angle in KEY_ANGLES])))
     return regrets
@@ -139,20 +142,22 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
         for mode, driver in DRIVERS.items()
     }
     data = [MIXTURES["equal_trajectories"](shown, 100, 0)]
-    numbers: Numbers = dial_numbers(rates, Lane(0.0, rates.strength, 0, 0))
+    hyperparameters: Hyperparameters = dial_numbers(rates, GridRun(0.0, rates.strength, 0, 0))
 
     def collector(behaviour: Behaviour) -> Collector:
         source = source_of(options, 12, CHUNK * base.env_steps_per_update)
         return Collector([source], [0], behaviour)
 
-    def thesis(updates: int, outside: Outside, chunk: int) -> Any:
+    def thesis(updates: int, callbacks: Callbacks, chunk: int) -> Any:
         shorter = dataclasses.replace(base, updates=updates)
         acts = collector(soft([rates.temperature]))
-        return train_iq(shorter, [rates], data, None, outside, chunk, acts)
+        return train_iq(shorter, [rates], data, None, callbacks, chunk, acts)
 
-    def dial(updates: int, outside: Outside, chunk: int) -> Any:
+    def dial(updates: int, callbacks: Callbacks, chunk: int) -> Any:
         shorter = dataclasses.replace(dial_structure(base), updates=updates)
-        acts = collector(acting(shorter, [numbers]))
-        return train_dial(shorter, [numbers], data, outside=outside, chunk=chunk, before_chunk=acts)
+        acts = collector(acting(shorter, [hyperparameters]))
+        return train_dial(
+            shorter, [hyperparameters], data, callbacks=callbacks, chunk=chunk, before_chunk=acts
+        )
 
     return (thesis, base.updates), (dial, base.updates)

@@ -117,17 +117,17 @@ def train_(steps: int, marks: list[tuple[int, float]]) -> None:
     """A short run; notes (updates done, time) after each chunk."""
     from gymnasium.vector import AutoresetMode
 
-    from socialiq.learners.callbacks import Outside
+    from socialiq.learners.callbacks import Callbacks
     from socialiq.learners.collect import from_vector_env
-    from socialiq.learners.dqn.config import Numbers, Structure
+    from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
     from socialiq.learners.dqn.train import train
     from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 
-    structure = Structure(hidden=HIDDEN, steps=steps, steps_per_update=48, batch_size=BATCH)
+    static = StaticConfig(hidden=HIDDEN, steps=steps, steps_per_update=48, batch_size=BATCH)
     env = IntersectionVectorEnv(ENVIRONMENTS, autoreset_mode=AutoresetMode.SAME_STEP)
-    outside = Outside(lambda report: marks.append((report.done, time.perf_counter())))
-    source = from_vector_env(env, 200 * structure.steps_per_update)
-    train(structure, [Numbers()], [source], (70, 3), outside, 200)
+    callbacks = Callbacks(lambda report: marks.append((report.done, time.perf_counter())))
+    source = from_vector_env(env, 200 * static.steps_per_update)
+    train(static, [Hyperparameters()], [source], (70, 3), callbacks, 200)
 
 
 def updates_per_second() -> float:
@@ -138,20 +138,20 @@ def updates_per_second() -> float:
     import jax.numpy as jnp
 
     from socialiq.learners import replay
-    from socialiq.learners.dqn.config import Numbers, Structure
+    from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
     from socialiq.learners.dqn.train import initialise, traced, update
 
-    structure = Structure(hidden=HIDDEN, batch_size=BATCH, replay_capacity=20_000)
-    numbers = jax.tree.map(lambda leaf: leaf[0], traced([Numbers()]))
-    learnt, around = initialise(structure, (70, 3), numbers)
+    static = StaticConfig(hidden=HIDDEN, batch_size=BATCH, replay_capacity=20_000)
+    hyperparameters = jax.tree.map(lambda leaf: leaf[0], traced([Hyperparameters()]))
+    learnt, around = initialise(static, (70, 3), hyperparameters)
     around = around._replace(
-        replay=replay.Replay(around.replay.columns, jnp.asarray(structure.replay_capacity))
+        replay=replay.Replay(around.replay.columns, jnp.asarray(static.replay_capacity))
     )
 
     @jax.jit
     def advance(learnt: Any, around: Any) -> Any:
         def body(carry: Any, _: None) -> Any:
-            return partial(update, structure)(numbers, *carry)[:2], None
+            return partial(update, static)(hyperparameters, *carry)[:2], None
 
         return jax.lax.scan(body, (learnt, around), None, length=UPDATES)[0]
 

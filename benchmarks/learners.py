@@ -20,7 +20,7 @@ from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import train
 from socialiq.mdp.solve import value_iteration
 from socialiq.social.angle import weights
@@ -45,29 +45,29 @@ def run(repeats: int) -> dict[str, Any]:
     table = tabulate(make_grid("crossing7"))
     data = trajectory_datasets(table, [0], 60)
     peer = torch_loop(data[0])
-    structure = dataclasses.replace(presets.GRID, updates=UPDATES)
+    static = dataclasses.replace(presets.GRID, updates=UPDATES)
     ours, theirs = [], []
     for _ in range(repeats):
-        ours.append(UPDATES / training_seconds(structure, [Numbers()], data, table))
+        ours.append(UPDATES / training_seconds(static, [Hyperparameters()], data, table))
         theirs.append(UPDATES / timed(lambda: peer(UPDATES)))
-    lanes = [
-        Numbers(strength=strength, seed=seed)
+    runs = [
+        Hyperparameters(strength=strength, seed=seed)
         for strength in presets.SWEEP_STRENGTHS
         for seed in range(SWEEP_SEEDS)
     ]
     sweep = dataclasses.replace(presets.SWEEP, updates=SWEEP_UPDATES)
-    together = [training_seconds(sweep, lanes, data, table) for _ in range(repeats)]
-    sample = lanes[:: len(lanes) // 8]  # each needs a program of its own: a few stand for all
+    together = [training_seconds(sweep, runs, data, table) for _ in range(repeats)]
+    sample = runs[:: len(runs) // 8]  # each needs a program of its own: a few stand for all
     apart = [
         sum(training_seconds(sweep, [one], data, table) for one in sample)
-        * (len(lanes) / len(sample))
+        * (len(runs) / len(sample))
         for _ in range(repeats)
     ]
     return {
         "ours_updates_per_second": statistics.median(ours),
         "torch_updates_per_second": statistics.median(theirs),
         "ratio_to_torch": statistics.median(a / b for a, b in zip(ours, theirs, strict=True)),
-        "sweep_lanes": len(lanes),
+        "sweep_lanes": len(runs),
         "sweep_together_seconds": statistics.median(together),
         "sweep_one_by_one_seconds": statistics.median(apart),
         "ratio_together": statistics.median(b / a for a, b in zip(together, apart, strict=True)),
@@ -94,17 +94,19 @@ def solve(table: Table) -> None:
 
 
 def training_seconds(
-    structure: Structure, numbers: list[Numbers], data: list[Any], table: Table
+    static: StaticConfig, hyperparameters: list[Hyperparameters], data: list[Any], table: Table
 ) -> float:
     """Seconds of a training run after its first, compiling chunk, scaled to all its updates."""
-    from socialiq.learners.callbacks import Outside
+    from socialiq.learners.callbacks import Callbacks
 
     stamps: list[tuple[int, float]] = []
-    outside = Outside(on_report=lambda report: stamps.append((report.done, time.perf_counter())))
-    chunk = structure.updates // 5
-    train(structure, numbers, data, table.world, outside, chunk)
+    callbacks = Callbacks(
+        on_report=lambda report: stamps.append((report.done, time.perf_counter()))
+    )
+    chunk = static.updates // 5
+    train(static, hyperparameters, data, table.world, callbacks, chunk)
     (first, began), (last, ended) = stamps[0], stamps[-1]
-    return (ended - began) * structure.updates / (last - first)
+    return (ended - began) * static.updates / (last - first)
 
 
 def torch_loop(data: Any) -> Callable[[int], None]:
@@ -137,8 +139,8 @@ def torch_loop(data: Any) -> Callable[[int], None]:
             torch.nn.Linear(64, 3),
         )
 
-    online, slow = network(), network()
-    slow.load_state_dict(online.state_dict())
+    online, target_network = network(), network()
+    target_network.load_state_dict(online.state_dict())
     adam = torch.optim.Adam(online.parameters(), lr=3e-4)
 
     def sample(source: dict[str, Any]) -> dict[str, Any]:
@@ -151,7 +153,7 @@ def torch_loop(data: Any) -> Callable[[int], None]:
         q = online(batch["observation"])
         value = torch.logsumexp(q, dim=1)
         with torch.no_grad():
-            follows = (1 - batch["done"]) * torch.logsumexp(slow(batch["next"]), dim=1)
+            follows = (1 - batch["done"]) * torch.logsumexp(target_network(batch["next"]), dim=1)
         reward = q.gather(1, batch["action"][:, None])[:, 0] - 0.99 * follows
         shown = reward[:64]
         loss = -shown.mean() + (value - 0.99 * follows).mean() + 0.5 * shown.square().mean()
@@ -160,7 +162,7 @@ def torch_loop(data: Any) -> Callable[[int], None]:
         loss.backward()
         adam.step()
         with torch.no_grad():
-            for old, new in zip(slow.parameters(), online.parameters(), strict=True):
+            for old, new in zip(target_network.parameters(), online.parameters(), strict=True):
                 old.mul_(0.995).add_(new, alpha=0.005)
 
     def many(count: int) -> None:

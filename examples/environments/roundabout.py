@@ -11,7 +11,7 @@ import highway_env  # noqa: F401  registers roundabout-v0
 import numpy as np
 
 import socialiq
-from socialiq import Numbers, RewardPairWrapper, Structure, Transition
+from socialiq import Hyperparameters, RewardPairWrapper, StaticConfig, Transition
 
 CONFIG = {"simulation_frequency": 5}  # Hz; a third of the default, so about three times as fast
 FASTER, SLOWER = 3, 4
@@ -65,11 +65,14 @@ def main(episodes: int, updates: int, seeds: int) -> list[dict]:
         for mode, driver in drivers.items()
     }
     mixed = socialiq.equal_trajectories(pools, episodes, seed=0)
-    structure = Structure(updates=updates, online=False, value_term="value_expert")
-    numbers = [Numbers(angle, 3.0, seed=seed) for angle in ANGLES for seed in range(seeds)]
-    trained = socialiq.train(structure, numbers, [mixed])
+    static = StaticConfig(updates=updates, online=False, value_term="value_expert")
+    hyperparameters = [
+        Hyperparameters(angle, 3.0, seed=seed) for angle in ANGLES for seed in range(seeds)
+    ]
+    trained = socialiq.train(static, hyperparameters, [mixed])
     policies = {
-        f"{one.angle:g}, seed {one.seed}": trained.policy(i) for i, one in enumerate(numbers)
+        f"{one.angle:g}, seed {one.seed}": trained.policy(i)
+        for i, one in enumerate(hyperparameters)
     }
     rows = []
     for name, policy in {**drivers, **policies}.items():

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from socialiq.errors import UserError
     from socialiq.evaluation.rollout import rollout_env
     from socialiq.learners.collect import acting_in
-    from socialiq.learners.iq_learn.config import Numbers, Structure
+    from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
     from socialiq.learners.iq_learn.train import train
     from socialiq.mdp.front import attainable_set
     from socialiq.nn.q_policy import QPolicy
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 __all__ = [
     "Demonstrations",
     "Ending",
+    "Hyperparameters",
     "Margin",
-    "Numbers",
     "QPolicy",
     "RewardPair",
     "RewardPairWrapper",
-    "Structure",
+    "StaticConfig",
     "Transition",
     "UserError",
     "acting_in",
@@ -71,11 +71,11 @@ _PLACES = {
     "Demonstrations": "demonstrations.dataset",
     "Ending": "types",
     "Margin": "audit.profile",
-    "Numbers": "learners.iq_learn.config",
+    "Hyperparameters": "learners.iq_learn.config",
     "QPolicy": "nn.q_policy",
     "RewardPair": "types",
     "RewardPairWrapper": "worlds.wrapper",
-    "Structure": "learners.iq_learn.config",
+    "StaticConfig": "learners.iq_learn.config",
     "Transition": "worlds.wrapper",
     "UserError": "errors",
     "acting_in": "learners.collect",

@@ -25,9 +25,9 @@ def scalars(folder):
 
 
 def report(done, loss, angle):
-    by_lane = {"loss": np.array(loss)}
+    by_run = {"loss": np.array(loss)}
     monitored = {"greedy_angle": np.array(angle)}
-    return Report(done, 20, 1.0, 1.0, {}, monitored, (), by_lane=by_lane)
+    return Report(done, 20, 1.0, 1.0, {}, monitored, (), by_run=by_run)
 
 
 def test_each_lane_has_its_own_numbers(tmp_path):
@@ -38,8 +38,8 @@ def test_each_lane_has_its_own_numbers(tmp_path):
         "loss": [(10, 1.5), (20, 0.5)],
         "greedy_angle": [(10, 0.0), (20, 1.0)],
     }
-    lane = scalars(tmp_path / "events" / "b")
-    assert lane["loss"][0] == (10, 2.5) and np.isnan(lane["loss"][1][1])
+    run = scalars(tmp_path / "events" / "b")
+    assert run["loss"][0] == (10, 2.5) and np.isnan(run["loss"][1][1])
 
 
 def test_a_run_that_goes_on_adds_to_its_events(tmp_path):

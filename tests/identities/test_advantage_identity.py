@@ -12,7 +12,7 @@ from scipy.special import softmax
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.rollout import steps_of
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
 from socialiq.learners.iq_learn.train import traced
 from socialiq.nn.q_network import QNetwork
@@ -21,7 +21,7 @@ from socialiq.social.score import score
 from socialiq.types import Ending, RewardPair
 
 N_STATES, N_ACTIONS = 4, 3
-NUMBERS = Numbers(angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9)
+NUMBERS = Hyperparameters(angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9)
 SHRINKAGE = NUMBERS.prior_weight / (1 / (4 * NUMBERS.chi2_alpha) + NUMBERS.prior_weight)
 
 
@@ -60,21 +60,21 @@ class Problem:
         self.data, self.replay = wandering(seed), wandering(seed + 100)
         offline = {"online": False, "value_term": "value_expert", "next_value": "online"}
         size = self.data.n_transitions
-        self.structure = Structure(**{"hidden": (), "batch_size": size, **offline, **choices})
+        self.static = StaticConfig(**{"hidden": (), "batch_size": size, **offline, **choices})
         stacked = traced([NUMBERS])
-        self.numbers: Traced = jax.tree.map(lambda column: column[0], stacked)
+        self.hyperparameters: Traced = jax.tree.map(lambda column: column[0], stacked)
 
     def loss(self, kind: str):
         """The loss as a function of a flat table of Q, with its gradient."""
         rows = columns(self.data, self.data.returns(kind, NUMBERS.discount))
-        replay = columns(self.replay, self.replay.rewards) if self.structure.online else None
+        replay = columns(self.replay, self.replay.rewards) if self.static.online else None
         batches = Batches(rows, replay, None)
 
         @jax.jit
         @jax.value_and_grad
         def loss(flat: jax.Array) -> jax.Array:
             table = network(flat.reshape(N_STATES, N_ACTIONS))
-            return objective(table, table, batches, self.numbers, self.structure)[0]
+            return objective(table, table, batches, self.hyperparameters, self.static)[0]
 
         return loss
 

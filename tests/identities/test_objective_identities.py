@@ -10,7 +10,7 @@ import pytest
 
 from socialiq.learners import cql
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
+from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
 from socialiq.learners.iq_learn.train import traced
 from socialiq.nn.q_network import QNetwork
@@ -18,7 +18,7 @@ from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
 
 SIZE, N_FEATURES, N_ACTIONS = 16, 3, 4
-NUMBERS = Numbers(angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9)
+NUMBERS = Hyperparameters(angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9)
 EXPERT_ONLY = {"online": False, "value_term": "value_expert"}
 C = 1 / (4 * NUMBERS.chi2_alpha)
 KAPPA = C + NUMBERS.prior_weight
@@ -26,12 +26,12 @@ both_sources = pytest.mark.parametrize("next_value", ["target", "online"])
 seeds = pytest.mark.parametrize("seed", range(2))
 
 
-def structure(**choices: Any) -> Structure:
+def static(**choices: Any) -> StaticConfig:
     endings = Endings("zero", "absorbing", "bootstrap", "zero")
-    return Structure(**{"batch_size": SIZE, "endings": endings, **choices})
+    return StaticConfig(**{"batch_size": SIZE, "endings": endings, **choices})
 
 
-def numbers(**changes: Any) -> Traced:
+def hyperparameters(**changes: Any) -> Traced:
     stacked = traced([dataclasses.replace(NUMBERS, **changes)])
     return jax.tree.map(lambda column: column[0], stacked)
 
@@ -56,26 +56,36 @@ class Problem:
 
     def __init__(self, seed: int) -> None:
         keys = jax.random.split(jax.random.key(seed))
-        self.network, self.slow = (
+        self.network, self.target_network = (
             QNetwork.initialise(key, N_FEATURES, (9,), N_ACTIONS, "elu") for key in keys
         )
         self.expert, self.replay = batch(seed), batch(seed + 100)
         self.initial = batch(seed + 200).observation
 
-    def batches(self, shape: Structure) -> Batches:
+    def batches(self, shape: StaticConfig) -> Batches:
         return Batches(
             self.expert,
             self.replay if shape.online else None,
             self.initial if shape.value_term == "v0" else None,
         )
 
-    def terms(self, shape: Structure, **changes: Any) -> dict[str, jax.Array]:
-        found = objective(self.network, self.slow, self.batches(shape), numbers(**changes), shape)
+    def terms(self, shape: StaticConfig, **changes: Any) -> dict[str, jax.Array]:
+        found = objective(
+            self.network,
+            self.target_network,
+            self.batches(shape),
+            hyperparameters(**changes),
+            shape,
+        )
         return found[1]
 
-    def gradient(self, shape: Structure, **changes: Any) -> np.ndarray:
+    def gradient(self, shape: StaticConfig, **changes: Any) -> np.ndarray:
         found = jax.grad(objective, has_aux=True)(
-            self.network, self.slow, self.batches(shape), numbers(**changes), shape
+            self.network,
+            self.target_network,
+            self.batches(shape),
+            hyperparameters(**changes),
+            shape,
         )
         return flat(found[0])
 
@@ -93,13 +103,18 @@ def differ(one: np.ndarray, other: np.ndarray) -> bool:
     return np.abs(one - other).max() > 1e-2 * np.abs(one).max()
 
 
-def conservative_q_loss(network: QNetwork, slow: QNetwork, data: Batch, source: str) -> jax.Array:
+def conservative_q_loss(
+    network: QNetwork, target_network: QNetwork, data: Batch, source: str
+) -> jax.Array:
     """CQL(H) on the reward m = w λ R / κ, written out anew (theory: offline identity).
 
     τ E[-log softmax(Q/τ)(a)] + κ E[(Q - γ (1 - d) V(s') - m)²].
     """
     tau, gamma = NUMBERS.temperature, NUMBERS.discount
-    q, at_next = jax.vmap(network)(data.observation), network if source == "online" else slow
+    q, at_next = (
+        jax.vmap(network)(data.observation),
+        network if source == "online" else target_network,
+    )
     q_next = jax.vmap(at_next)(data.next_observation)
     value = tau * jnp.log(jnp.exp(q_next / tau).sum(axis=1))
     absorbing = tau * np.log(N_ACTIONS) / (1 - gamma)
@@ -120,8 +135,8 @@ def test_offline_iq_learn_with_the_prior_is_conservative_q_learning(
     seed: int, next_value: str
 ) -> None:
     problem = Problem(seed)
-    shape = structure(**EXPERT_ONLY, next_value=next_value)
-    arguments = problem.network, problem.slow, problem.expert, next_value
+    shape = static(**EXPERT_ONLY, next_value=next_value)
+    arguments = problem.network, problem.target_network, problem.expert, next_value
     assert_equal(problem.gradient(shape), flat(jax.grad(conservative_q_loss)(*arguments)))
     score = jnp.stack(problem.expert.target).T @ jnp.array(exact_weights(NUMBERS.angle))
     constant = C * NUMBERS.prior_weight / KAPPA * NUMBERS.strength**2 * (score**2).mean()
@@ -132,21 +147,21 @@ def test_offline_iq_learn_with_the_prior_is_conservative_q_learning(
 @seeds
 def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed: int) -> None:
     """2 κ times its gradient, where α_CQL = 1 / (2 κ) and its reward is the shrunk centre."""
-    problem, shape = Problem(seed), structure(**EXPERT_ONLY)
-    settings = cql.Numbers(
+    problem, shape = Problem(seed), static(**EXPERT_ONLY)
+    settings = cql.Hyperparameters(
         angle=NUMBERS.angle,
         strength=NUMBERS.strength * NUMBERS.prior_weight / KAPPA,
         conservatism=1 / (2 * KAPPA),
         temperature=NUMBERS.temperature,
         discount=NUMBERS.discount,
     )
-    lane = jax.tree.map(lambda column: column[0], cql.traced([settings]))
+    run = jax.tree.map(lambda column: column[0], cql.traced([settings]))
     slope, _ = jax.grad(cql.conservative_loss, has_aux=True)(
         problem.network,
-        problem.slow,
+        problem.target_network,
         problem.expert,
-        lane,
-        cql.Structure(endings=shape.endings, batch_size=SIZE),
+        run,
+        cql.StaticConfig(endings=shape.endings, batch_size=SIZE),
     )
     assert_equal(problem.gradient(shape), 2 * KAPPA * flat(slope))
 
@@ -156,20 +171,20 @@ def test_the_two_quadratics_are_one_with_a_shrunk_centre(seed: int) -> None:
     """c r² + w (r - λR)² = (c + w) (r - λR w/(c + w))² + constant."""
     problem = Problem(seed)
     merged = problem.gradient(
-        structure(prior="shifted_chi2"),
+        static(prior="shifted_chi2"),
         chi2_alpha=1 / (4 * KAPPA),
         strength=NUMBERS.strength * NUMBERS.prior_weight / KAPPA,
         prior_weight=1.0,
     )
-    assert_equal(problem.gradient(structure(prior="reward")), merged)
+    assert_equal(problem.gradient(static(prior="reward")), merged)
 
 
 @seeds
 def test_strength_zero_is_not_iq_learn_but_iq_learn_with_more_shrinkage(seed: int) -> None:
     """The thesis says that λ = 0 recovers IQ-Learn (4.3.1); at w = 1 it turns α_χ 1/2 into 1/6."""
     problem = Problem(seed)
-    zero = problem.gradient(structure(prior="reward"), strength=0.0, prior_weight=1.0)
-    plain = structure(prior="none")
+    zero = problem.gradient(static(prior="reward"), strength=0.0, prior_weight=1.0)
+    plain = static(prior="none")
     assert_equal(zero, problem.gradient(plain, chi2_alpha=1 / 6))
     assert differ(zero, problem.gradient(plain))
 
@@ -177,16 +192,16 @@ def test_strength_zero_is_not_iq_learn_but_iq_learn_with_more_shrinkage(seed: in
 @seeds
 def test_prior_weight_zero_is_iq_learn(seed: int) -> None:
     problem = Problem(seed)
-    plain = problem.gradient(structure(prior="none"))
-    assert_equal(problem.gradient(structure(prior="reward"), prior_weight=0.0), plain)
-    assert differ(problem.gradient(structure(prior="reward")), plain)
+    plain = problem.gradient(static(prior="none"))
+    assert_equal(problem.gradient(static(prior="reward"), prior_weight=0.0), plain)
+    assert differ(problem.gradient(static(prior="reward")), plain)
 
 
 @seeds
 def test_the_bellman_shift_is_inert_with_chi2_in_term_1_alone(seed: int) -> None:
     """φ' = 1 there, so the shift of B.1 is a constant of the loss."""
     problem = Problem(seed)
-    shifted, plain = structure(prior="bellman_shift"), structure(prior="none")
+    shifted, plain = static(prior="bellman_shift"), static(prior="none")
     np.testing.assert_array_equal(problem.gradient(shifted), problem.gradient(plain))
     difference = problem.terms(shifted)["expert"] - problem.terms(plain)["expert"]
     assert abs(difference) > 1e-2
@@ -195,18 +210,18 @@ def test_the_bellman_shift_is_inert_with_chi2_in_term_1_alone(seed: int) -> None
 @pytest.mark.parametrize("chi2_on", ["expert", "mixture"])
 def test_the_bellman_shift_inside_term_3_is_the_shifted_chi2(chi2_on: str) -> None:
     problem = Problem(0)
-    everywhere = structure(
+    everywhere = static(
         prior="bellman_shift", shift_term_3=True, chi2_on=chi2_on, target_kind="instantaneous"
     )
-    centred = structure(prior="shifted_chi2", chi2_on=chi2_on, target_kind="instantaneous")
+    centred = static(prior="shifted_chi2", chi2_on=chi2_on, target_kind="instantaneous")
     assert_equal(problem.gradient(everywhere), problem.gradient(centred, prior_weight=1.0))
 
 
 @pytest.mark.parametrize("divergence", ["kl", "reverse_kl", "hellinger", "js"])
 def test_the_bellman_shift_steers_under_other_divergences(divergence: str) -> None:
     problem = Problem(0)
-    shifted = problem.gradient(structure(prior="bellman_shift", divergence=divergence))
-    assert differ(shifted, problem.gradient(structure(prior="none", divergence=divergence)))
+    shifted = problem.gradient(static(prior="bellman_shift", divergence=divergence))
+    assert differ(shifted, problem.gradient(static(prior="none", divergence=divergence)))
 
 
 @seeds
@@ -221,10 +236,10 @@ def test_a_term_over_the_mixture_is_the_mean_over_its_halves(
     seed: int, term: str, mixed: dict[str, str], half: dict[str, str]
 ) -> None:
     problem = Problem(seed)
-    whole = problem.terms(structure(**mixed))[term]
-    first = problem.terms(structure(**half))[term]
+    whole = problem.terms(static(**mixed))[term]
+    first = problem.terms(static(**half))[term]
     problem.expert = problem.replay
-    second = problem.terms(structure(**half))[term]
+    second = problem.terms(static(**half))[term]
     assert whole == pytest.approx(float(first + second) / 2, rel=1e-5)
     assert abs(first - second) > 1e-2
 
@@ -232,14 +247,14 @@ def test_a_term_over_the_mixture_is_the_mean_over_its_halves(
 def test_terms_on_demonstrations_do_not_see_the_replay() -> None:
     one, other = Problem(0), Problem(0)
     other.replay = batch(999)
-    terms, others = (problem.terms(structure()) for problem in (one, other))
+    terms, others = (problem.terms(static()) for problem in (one, other))
     for name in ("expert", "chi2", "prior", "expert_reward"):
         assert terms[name] == others[name]
     assert terms["value"] != others["value"]
 
 
 def test_term_2_over_initial_states_sees_nothing_else() -> None:
-    problem, shape = Problem(0), structure(value_term="v0")
+    problem, shape = Problem(0), static(value_term="v0")
     q = jax.vmap(problem.network)(problem.initial) / NUMBERS.temperature
     expected = 0.1 * NUMBERS.temperature * np.log(np.exp(q).sum(axis=1)).mean()
     assert problem.terms(shape)["value"] == pytest.approx(expected, rel=1e-5)
@@ -253,15 +268,15 @@ def moved(network: QNetwork, direction: QNetwork, step: float) -> QNetwork:
 def test_only_online_does_the_gradient_pass_through_the_next_value(next_value: str) -> None:
     """Finite differences: with the slow copy held fixed, and with it moving along."""
     with jax.enable_x64(True):
-        problem, shape = Problem(0), structure(next_value=next_value)
+        problem, shape = Problem(0), static(next_value=next_value)
         network, way = jax.tree.map(
-            lambda leaf: leaf.astype(jnp.float64), (problem.network, problem.slow)
+            lambda leaf: leaf.astype(jnp.float64), (problem.network, problem.target_network)
         )
 
         @jax.jit
         def loss(step: float, slow_step: float) -> jax.Array:
             copies = moved(network, way, step), moved(network, way, slow_step)
-            return objective(*copies, problem.batches(shape), numbers(), shape)[0]
+            return objective(*copies, problem.batches(shape), hyperparameters(), shape)[0]
 
         held = float(loss(1e-5, 0.0) - loss(-1e-5, 0.0)) / 2e-5
         along = float(loss(1e-5, 1e-5) - loss(-1e-5, -1e-5)) / 2e-5

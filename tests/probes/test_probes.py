@@ -15,11 +15,11 @@ from scipy.special import expit
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.rollout import steps_of
 from socialiq.learners import cql
-from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
+from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import Trained, train
 from socialiq.types import Ending, RewardPair
 
-TABULAR = Structure(
+TABULAR = StaticConfig(
     online=False,
     value_term="value_expert",
     target_kind="instantaneous",
@@ -63,9 +63,11 @@ def bandit(counts: tuple[int, int]) -> Demonstrations:
 
 
 def solve(
-    structure: Structure, numbers: Sequence[Numbers], datasets: Sequence[Demonstrations]
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
+    datasets: Sequence[Demonstrations],
 ) -> Trained:
-    trained = train(structure, numbers, datasets, chunk=structure.updates)
+    trained = train(static, hyperparameters, datasets, chunk=static.updates)
     assert trained.failures == ()
     return trained
 
@@ -74,18 +76,18 @@ ALIKE, EQUAL, UNEQUAL = range(3)
 COUNTS = [(0, 10), (10, 10), (7, 3)]
 RATE = 6e-4
 BANDITS = {
-    "alike": Numbers(0.0, prior_weight=0.0, learning_rate=0.01, dataset=ALIKE),
-    "egoist": Numbers(0.0, 3.0, learning_rate=RATE, dataset=EQUAL),
-    "altruist": Numbers(90.0, 3.0, learning_rate=RATE, dataset=EQUAL),
-    "between": Numbers(45.0, 3.0, learning_rate=RATE, dataset=EQUAL),
-    "baseline": Numbers(prior_weight=0.0, learning_rate=RATE, dataset=EQUAL),
-    "unequal": Numbers(prior_weight=0.0, learning_rate=RATE, dataset=UNEQUAL),
-    "as in the thesis": Numbers(90.0, 1.0, 1.0, learning_rate=RATE, dataset=UNEQUAL),
-    "strong": Numbers(45.0, 2.0, 0.5, temperature=0.3, learning_rate=RATE, dataset=UNEQUAL),
-    "against": Numbers(
+    "alike": Hyperparameters(0.0, prior_weight=0.0, learning_rate=0.01, dataset=ALIKE),
+    "egoist": Hyperparameters(0.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "altruist": Hyperparameters(90.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "between": Hyperparameters(45.0, 3.0, learning_rate=RATE, dataset=EQUAL),
+    "baseline": Hyperparameters(prior_weight=0.0, learning_rate=RATE, dataset=EQUAL),
+    "unequal": Hyperparameters(prior_weight=0.0, learning_rate=RATE, dataset=UNEQUAL),
+    "as in the thesis": Hyperparameters(90.0, 1.0, 1.0, learning_rate=RATE, dataset=UNEQUAL),
+    "strong": Hyperparameters(45.0, 2.0, 0.5, temperature=0.3, learning_rate=RATE, dataset=UNEQUAL),
+    "against": Hyperparameters(
         180.0, 0.5, chi2_alpha=0.25, temperature=2.0, learning_rate=RATE, dataset=UNEQUAL
     ),
-    "strength zero": Numbers(90.0, 0.0, learning_rate=RATE, dataset=UNEQUAL),
+    "strength zero": Hyperparameters(90.0, 0.0, learning_rate=RATE, dataset=UNEQUAL),
 }
 
 
@@ -114,33 +116,33 @@ def test_without_a_prior_equally_frequent_modes_stay_equal(bandits: Trained) -> 
     assert 0.5 < chance_of_0(bandits, "unequal") < 0.7  # the entropy draws 0.7 towards 0.5
 
 
-def minimiser(share: float, numbers: Numbers) -> np.ndarray:
+def minimiser(share: float, hyperparameters: Hyperparameters) -> np.ndarray:
     """Q of the stationary point of L_total where every transition ends its episode.
 
     Then r̂ = Q and term 2 is V, and dL/dQ_a = 0 reads
     Q_a = (1 - π_a / p_a + 2 w λ R_a) / (2 (c + w)): theory's Theorem 1. π = softmax(Q/τ) leaves
     one equation for π_0.
     """
-    radians = np.deg2rad(numbers.angle)
+    radians = np.deg2rad(hyperparameters.angle)
     score, p = np.array([np.cos(radians), np.sin(radians)]), np.array([share, 1 - share])
-    kappa = 1 / (4 * numbers.chi2_alpha) + numbers.prior_weight
-    pull = 2 * numbers.prior_weight * numbers.strength * score
+    kappa = 1 / (4 * hyperparameters.chi2_alpha) + hyperparameters.prior_weight
+    pull = 2 * hyperparameters.prior_weight * hyperparameters.strength * score
 
     def q(chance: float) -> np.ndarray:
         return (1 - np.array([chance, 1 - chance]) / p + pull) / (2 * kappa)
 
     def gap(chance: float) -> float:
-        return chance - expit((q(chance)[0] - q(chance)[1]) / numbers.temperature)
+        return chance - expit((q(chance)[0] - q(chance)[1]) / hyperparameters.temperature)
 
     return q(brentq(gap, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("name", [name for name in BANDITS if name != "alike"])
 def test_long_training_reaches_the_minimiser_in_closed_form(bandits: Trained, name: str) -> None:
-    numbers = BANDITS[name]
-    egoist, altruist = COUNTS[numbers.dataset]
+    hyperparameters = BANDITS[name]
+    egoist, altruist = COUNTS[hyperparameters.dataset]
     q = bandits.policy(list(BANDITS).index(name)).q_values(ONLY_STATE)[0]
-    expected = minimiser(egoist / (egoist + altruist), numbers)
+    expected = minimiser(egoist / (egoist + altruist), hyperparameters)
     np.testing.assert_allclose(q, expected, atol=1e-2)
 
 
@@ -160,38 +162,38 @@ def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: floa
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
     loop = [(0, 0, 0, Ending.TIMEOUT, 3.0, 0.0)]
     shared = {"learning_rate": 3e-3, "polyak": 0.1}
-    numbers = [
-        Numbers(discount=0.9, **shared),
-        Numbers(discount=0.5, **shared),
-        Numbers(discount=0.5, dataset=1, **shared),
+    hyperparameters = [
+        Hyperparameters(discount=0.9, **shared),
+        Hyperparameters(discount=0.5, **shared),
+        Hyperparameters(discount=0.5, dataset=1, **shared),
     ]
-    structure = dataclasses.replace(TABULAR, updates=3000, **choices)
-    found = solve(structure, numbers, [table(rows * 4, 2, 1) for rows in (road, loop)])
-    far, near, repeating = (found.policy(lane).q_values(np.eye(2))[:, 0] for lane in range(3))
+    static = dataclasses.replace(TABULAR, updates=3000, **choices)
+    found = solve(static, hyperparameters, [table(rows * 4, 2, 1) for rows in (road, loop)])
+    far, near, repeating = (found.policy(run).q_values(np.eye(2))[:, 0] for run in range(3))
     np.testing.assert_allclose(far, [1.8, 2.0], atol=0.02)
     np.testing.assert_allclose(near, [1.0, 2.0], atol=0.02)
     assert repeating[0] == pytest.approx(worth, abs=0.02)
 
 
-CONSERVATIVE = cql.Structure(hidden=(), batch_size=128, updates=6000)
+CONSERVATIVE = cql.StaticConfig(hidden=(), batch_size=128, updates=6000)
 
 
 def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
     """Where every transition ends: p_a (Q_a - λ R_a) + α_CQL (π_a - p_a) = 0."""
     settings = [
-        cql.Numbers(0.0, 2.0, 0.5, learning_rate=RATE),
-        cql.Numbers(90.0, 1.0, 1.0, temperature=0.5, learning_rate=RATE),
-        cql.Numbers(45.0, 3.0, 0.0, learning_rate=RATE),
+        cql.Hyperparameters(0.0, 2.0, 0.5, learning_rate=RATE),
+        cql.Hyperparameters(90.0, 1.0, 1.0, temperature=0.5, learning_rate=RATE),
+        cql.Hyperparameters(45.0, 3.0, 0.0, learning_rate=RATE),
     ]
     found = cql.train(CONSERVATIVE, settings, [bandit((7, 3))], chunk=CONSERVATIVE.updates)
     assert found.failures == ()
     share = np.array([0.7, 0.3])
-    for lane, numbers in enumerate(settings):
-        radians = np.deg2rad(numbers.angle)
-        reward = numbers.strength * np.array([np.cos(radians), np.sin(radians)])
-        policy = found.policy(lane)
+    for run, hyperparameters in enumerate(settings):
+        radians = np.deg2rad(hyperparameters.angle)
+        reward = hyperparameters.strength * np.array([np.cos(radians), np.sin(radians)])
+        policy = found.policy(run)
         chance = policy.probabilities(ONLY_STATE)[0]
-        expected = reward + numbers.conservatism * (1 - chance / share)
+        expected = reward + hyperparameters.conservatism * (1 - chance / share)
         np.testing.assert_allclose(
             policy.q_values(ONLY_STATE)[0], expected, atol=0.05
         )  # of Adam on batches
@@ -200,6 +202,6 @@ def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
 def test_conservative_values_travel_back_at_the_discount() -> None:
     """One action only: nothing to be conservative about, and Q is the discounted reward."""
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
-    numbers = cql.Numbers(discount=0.9, learning_rate=3e-3, polyak=0.1)
-    found = cql.train(CONSERVATIVE, [numbers], [table(road * 4, 2, 1)], chunk=6000)
+    hyperparameters = cql.Hyperparameters(discount=0.9, learning_rate=3e-3, polyak=0.1)
+    found = cql.train(CONSERVATIVE, [hyperparameters], [table(road * 4, 2, 1)], chunk=6000)
     np.testing.assert_allclose(found.policy(0).q_values(np.eye(2))[:, 0], [2.7, 3.0], atol=0.02)

@@ -19,7 +19,7 @@ from socialiq.storage import packaged_results
 from socialiq.studies.audits import policies as contestants
 from socialiq.studies.audits import study as audits
 from socialiq.studies.compare_priors import intersection as priors
-from socialiq.studies.compare_priors.budget import Lane
+from socialiq.studies.compare_priors.budget import Run
 from socialiq.studies.compare_priors.config import EPISODES_EACH, Config
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
@@ -265,14 +265,14 @@ def test_the_dial_drives_as_before(committed, batch, angle):
 
 def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
     """From the atlas' experts to recordings, a mixture, a clone of one mode and its J(90)."""
-    results, lane = committed["compare-priors-intersection"], Lane(90.0, 1.0, 10, 0)
+    results, run = committed["compare-priors-intersection"], Run(90.0, 1.0, 10, 0)
     pools, out = tmp_path / "pools", tmp_path / "clone"
     pools.mkdir()
     out.mkdir()
     recording = atlas_pools(priors.STUDY.pool_episodes)
     recording.work(recording.config, pools, {}, lambda _: None)
-    train, run = priors.LEARNERS["clone_of_mode"](Config(), BY_NAME["clone_of_mode"], lane)
-    train(run, out, {"pools": pools}, lambda _: None)
+    train, given = priors.LEARNERS["clone_of_mode"](Config(), BY_NAME["clone_of_mode"], run)
+    train(given, out, {"pools": pools}, lambda _: None)
     (theirs,) = [
         row
         for row in results.tables["policies"]

@@ -136,8 +136,8 @@ def calibrate(
 def _tost(low: float, high: float, declared: float, margin: float) -> Decision:
     if declared - margin <= low and high <= declared + margin:
         return Decision.PASS
-    outside = low > declared + margin or high < declared - margin
-    return Decision.FAIL if outside else Decision.INCONCLUSIVE
+    callbacks = low > declared + margin or high < declared - margin
+    return Decision.FAIL if callbacks else Decision.INCONCLUSIVE
 
 
 def _wrapped(degrees: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from socialiq.audit.regret import Regrets
-from socialiq.social.arcs import Arc, outside, runs
+from socialiq.social.arcs import Arc, callbacks, runs
 
 _STEP = 1.0  # degrees of the band's grid
 _FINE = 0.1  # degrees of the search for the least regret
@@ -65,7 +65,7 @@ def rationalised(
     fine = np.deg2rad(np.arange(0.0, 360.0, _FINE))
     by_angle = np.max(env[:, None] * np.cos(fine) + social[:, None] * np.sin(fine), axis=0)
     return Rationalised(
-        arcs=outside(centres.tolist(), halves.tolist()),
+        arcs=callbacks(centres.tolist(), halves.tolist()),
         surely=runs(within, _STEP),
         possibly=runs(~beyond_it, _STEP),
         least_angle=round(int(by_angle.argmin()) * _FINE, 6),

@@ -20,13 +20,13 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.experiments.results import as_csv, rounded, versions
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.presets import PRESETS
 from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.ranges import check_seeds
-from socialiq.learners.state import Lanes
+from socialiq.learners.state import Runs
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.recordings.closed_loop import refuse_recording
 from socialiq.storage import new_folder, write_atomically, write_json
@@ -110,56 +110,54 @@ class Train:
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         data = files.load(self.data)
-        structure, numbers = self.settings()
-        simulator, before_chunk = self.surroundings(structure, numbers, data)
-        check_fit(structure, numbers, [data], simulator, before_chunk is not None)
+        static, hyperparameters = self.settings()
+        simulator, before_chunk = self.surroundings(static, hyperparameters, data)
+        check_fit(static, hyperparameters, [data], simulator, before_chunk is not None)
         with ExitStack() as stack:
-            events = self.event_files(numbers, stack)
+            events = self.event_files(hyperparameters, stack)
             checkpoint = self.folder() / "checkpoint.safetensors"
             told = [stack.enter_context(Display()).stage("training"), *events]
             trained = train(
-                structure,
-                numbers,
+                static,
+                hyperparameters,
                 [data],
                 simulator,
-                Outside(
+                Callbacks(
                     on_report=to_all(told),
-                    monitor=_monitor(simulator, numbers),
+                    monitor=_monitor(simulator, hyperparameters),
                     checkpoint=checkpoint,
                     resume=self.resume,
                 ),
                 CHUNK,
                 before_chunk,
             )
-        lanes = self.write(trained, data)
+        runs = self.write(trained, data)
         checkpoint.unlink(missing_ok=True)
         if self.json:
-            print_json({"out": str(self.out), "policies": lanes})
+            print_json({"out": str(self.out), "policies": runs})
         else:
-            print_table([{k: v for k, v in lane.items() if k != "sha256"} for lane in lanes])
+            print_table([{k: v for k, v in run.items() if k != "sha256"} for run in runs])
         for failure in trained.failures:
             complain(failure)
         return 1 if trained.failures else 0
 
-    def settings(self) -> tuple[Structure, list[Numbers]]:
+    def settings(self) -> tuple[StaticConfig, list[Hyperparameters]]:
         """The preset with the options laid over it."""
         one_of("preset", self.preset, tuple(PRESETS))
         check_seeds(self.seed)
-        structure, base = PRESETS[self.preset]
-        structure = dataclasses.replace(
-            structure, online=bool(self.world), **self._given(Structure)
-        )
+        static, base = PRESETS[self.preset]
+        static = dataclasses.replace(static, online=bool(self.world), **self._given(StaticConfig))
         if self.timeout is not None:
-            endings = dataclasses.replace(structure.endings, timeout=self.timeout)
-            structure = dataclasses.replace(structure, endings=endings)
-        base = dataclasses.replace(base, **self._given(Numbers))
-        numbers = [
+            endings = dataclasses.replace(static.endings, timeout=self.timeout)
+            static = dataclasses.replace(static, endings=endings)
+        base = dataclasses.replace(base, **self._given(Hyperparameters))
+        hyperparameters = [
             dataclasses.replace(base, angle=angle, strength=strength, seed=seed)
             for angle in self.angle
             for strength in self.strength or (base.strength,)
             for seed in self.seed
         ]
-        return structure, numbers
+        return static, hyperparameters
 
     def _given(self, kind: type) -> dict[str, Any]:
         """Options of this command that override fields of a settings class."""
@@ -169,8 +167,8 @@ class Train:
         return {name: value for name, value in given.items() if value is not None}
 
     def surroundings(
-        self, structure: Structure, numbers: list[Numbers], data: Demonstrations
-    ) -> tuple[GridWorld | None, Callable[[Lanes, int], Lanes] | None]:
+        self, static: StaticConfig, hyperparameters: list[Hyperparameters], data: Demonstrations
+    ) -> tuple[GridWorld | None, Callable[[Runs, int], Runs] | None]:
         """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
         if not self.world:
             return None, None
@@ -188,13 +186,17 @@ class Train:
                 )
             return env
 
-        return None, acting_in(make, structure, numbers, CHUNK)
+        return None, acting_in(make, static, hyperparameters, CHUNK)
 
-    def event_files(self, numbers: list[Numbers], stack: ExitStack) -> list[EventFiles]:
+    def event_files(
+        self, hyperparameters: list[Hyperparameters], stack: ExitStack
+    ) -> list[EventFiles]:
         """Event files of all lanes, if they are asked for; closed with the stack."""
         if self.tensorboard is None:
             return []
-        names = [f"angle_{n.angle:g}_strength_{n.strength:g}_seed_{n.seed}" for n in numbers]
+        names = [
+            f"angle_{n.angle:g}_strength_{n.strength:g}_seed_{n.seed}" for n in hyperparameters
+        ]
         return [stack.enter_context(EventFiles(self.tensorboard, names))]
 
     def folder(self) -> Path:
@@ -207,23 +209,23 @@ class Train:
 
     def write(self, trained: Trained, data: Demonstrations) -> list[Row]:
         """Policies, metrics and the record of the run."""
-        lanes = []
-        for lane, numbers in enumerate(trained.numbers):
-            name = f"policy_{lane}.safetensors"
-            sha256 = trained.policy(lane).save(self.out / name)
+        runs = []
+        for run, hyperparameters in enumerate(trained.hyperparameters):
+            name = f"policy_{run}.safetensors"
+            sha256 = trained.policy(run).save(self.out / name)
             last = {
-                name.removeprefix("greedy_"): trained.history.array(name)[-1, lane]
+                name.removeprefix("greedy_"): trained.history.array(name)[-1, run]
                 for name in trained.history.values
                 if name in ("greedy_angle", "greedy_arrival", "loss")
             }
-            described = {"angle": numbers.angle, "strength": numbers.strength}
-            described |= {"seed": numbers.seed, "file": name, "sha256": sha256}
+            described = {"angle": hyperparameters.angle, "strength": hyperparameters.strength}
+            described |= {"seed": hyperparameters.seed, "file": name, "sha256": sha256}
             names = {"angle": "angle_hat"}
-            lanes.append(described | {names.get(k, k): float(v) for k, v in last.items()})
+            runs.append(described | {names.get(k, k): float(v) for k, v in last.items()})
         write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
         record = {
-            "structure": dataclasses.asdict(trained.structure),
-            "numbers": [dataclasses.asdict(one) for one in trained.numbers],
+            "structure": dataclasses.asdict(trained.static),
+            "numbers": [dataclasses.asdict(one) for one in trained.hyperparameters],
             "world": self.world,
             "data": {
                 "file": str(self.data),
@@ -232,17 +234,17 @@ class Train:
             },
             "versions": versions(),
             "failures": trained.failures,
-            "policies": lanes,
+            "policies": runs,
         }
         write_json(self.out / "run.json", rounded(record))
-        return lanes
+        return runs
 
 
-def _monitor(simulator: GridWorld | None, numbers: list[Numbers]) -> Any:
+def _monitor(simulator: GridWorld | None, hyperparameters: list[Hyperparameters]) -> Any:
     if simulator is None:
         return None
     part = tabulate(simulator).reachable_part()
-    return exact_monitor(part, [one.temperature for one in numbers])
+    return exact_monitor(part, [one.temperature for one in hyperparameters])
 
 
 def _history_rows(trained: Trained) -> list[Row]:
@@ -251,7 +253,7 @@ def _history_rows(trained: Trained) -> list[Row]:
     arrays = {name: history.array(name) for name in history.values}
     return [
         {"updates": updates, "angle_target": one.angle, "strength": one.strength, "seed": one.seed}
-        | {name: rounded(float(array[chunk, lane])) for name, array in arrays.items()}
+        | {name: rounded(float(array[chunk, run])) for name, array in arrays.items()}
         for chunk, updates in enumerate(history.updates)
-        for lane, one in enumerate(trained.numbers)
+        for run, one in enumerate(trained.hyperparameters)
     ]

@@ -19,9 +19,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.experiments.gridworld_runs import Ground
 from socialiq.experiments.results import as_csv, rounded, versions
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Look
-from socialiq.learners.dial.config import Numbers, Structure, check_fit
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
 from socialiq.learners.dial.train import Trained, train
 from socialiq.learners.ranges import check_seeds
 from socialiq.learners.tensorboard import EventFiles
@@ -72,43 +72,43 @@ class TrainDial:
         chosen = PRESETS[self.preset]
         plain = make_grid(self.world)
         world = plain.with_clock() if chosen.clock else plain
-        structure = dataclasses.replace(
+        static = dataclasses.replace(
             self.narrowed(chosen.structure),
             one_hot=seen(world),
             updates=self.updates or chosen.structure.updates,
             redraw_times=world.horizon if chosen.structure.redraw_times else 0,
         )
-        numbers = [dataclasses.replace(chosen.numbers, seed=seed) for seed in self.seed]
-        budget = self.dual_ascent(structure, numbers)
-        data = self.demonstrations(structure.demonstrations)
-        simulator = world if structure.online else None
+        hyperparameters = [dataclasses.replace(chosen.numbers, seed=seed) for seed in self.seed]
+        budget = self.dual_ascent(static, hyperparameters)
+        data = self.demonstrations(static.demonstrations)
+        simulator = world if static.online else None
         sizes = (world.n_features, world.n_actions)
-        check_fit(structure, numbers, data, simulator, sizes, collects=False)
+        check_fit(static, hyperparameters, data, simulator, sizes, collects=False)
         with ExitStack() as stack:
-            names = [f"seed_{one.seed}" for one in numbers]
+            names = [f"seed_{one.seed}" for one in hyperparameters]
             events = [EventFiles(self.tensorboard, names)] if self.tensorboard else []
             told = [stack.enter_context(one) for one in events]
             checkpoint = self.folder() / "checkpoint.safetensors"
             show = stack.enter_context(Display()).stage("training")
-            outside = Outside(
+            callbacks = Callbacks(
                 on_report=to_all([show, *told]), checkpoint=checkpoint, resume=self.resume
             )
             trained = train(
-                structure,
-                numbers,
+                static,
+                hyperparameters,
                 data,
                 simulator,
                 sizes,
-                outside,
+                callbacks,
                 chunk=CHUNK if budget else 500,
                 budget=budget,
             )
-        lanes = self.write(trained, budget)
+        runs = self.write(trained, budget)
         checkpoint.unlink(missing_ok=True)
         if self.json:
-            print_json({"out": str(self.out), "dials": lanes})
+            print_json({"out": str(self.out), "dials": runs})
         else:
-            print_table(lanes)
+            print_table(runs)
         for failure in trained.failures:
             complain(failure)
         return 1 if trained.failures else 0
@@ -128,7 +128,7 @@ class TrainDial:
             raise UserError(f"preset '{self.preset}' takes no demonstrations: leave --data out")
         return [files.load(self.data)] if self.data else []
 
-    def narrowed(self, structure: Structure) -> Structure:
+    def narrowed(self, static: StaticConfig) -> StaticConfig:
         """The preset's structure, for the one angle if there is one.
 
         Raises:
@@ -137,10 +137,12 @@ class TrainDial:
         if self.budget is not None and self.angle is None:
             raise UserError("a budget is of the regret at one angle: add --angle")
         if self.angle is None:
-            return structure
-        return dataclasses.replace(structure, low=self.angle, high=self.angle, margin=0.0)
+            return static
+        return dataclasses.replace(static, low=self.angle, high=self.angle, margin=0.0)
 
-    def dual_ascent(self, structure: Structure, numbers: list[Numbers]) -> Budget | None:
+    def dual_ascent(
+        self, static: StaticConfig, hyperparameters: list[Hyperparameters]
+    ) -> Budget | None:
         """What finds the strength for the budget, if there is one; its path is of this process.
 
         Raises:
@@ -148,12 +150,12 @@ class TrainDial:
         """
         if self.budget is None:
             return None
-        if structure.updates <= CHUNK:
+        if static.updates <= CHUNK:
             raise UserError(f"a budget is looked at every {CHUNK} updates: train for more")
-        budgets = np.full(len(numbers), self.budget)
+        budgets = np.full(len(hyperparameters), self.budget)
         plain, clock = make_grid(self.world), PRESETS[self.preset].clock
         ground = with_clock(Ground.of(plain.name), clock)
-        return Budget(exact_regret(ground, structure, numbers), budgets)
+        return Budget(exact_regret(ground, static, hyperparameters), budgets)
 
     def folder(self) -> Path:
         """The output folder: a new one, or that of a stopped run."""
@@ -165,20 +167,22 @@ class TrainDial:
 
     def write(self, trained: Trained, budget: Budget | None) -> list[dict[str, Any]]:
         """Dials and the record of the run."""
-        lanes = []
-        for lane, numbers in enumerate(trained.numbers):
-            name = f"dial_{lane}.safetensors"
-            sha256 = trained.dial(lane).save(self.out / name)
-            loss = float(np.asarray(trained.history.array("loss"))[-1, lane])
-            lanes.append({"file": name, "seed": numbers.seed, "loss": loss, "sha256": sha256})
+        runs = []
+        for run, hyperparameters in enumerate(trained.hyperparameters):
+            name = f"dial_{run}.safetensors"
+            sha256 = trained.dial(run).save(self.out / name)
+            loss = float(np.asarray(trained.history.array("loss"))[-1, run])
+            runs.append(
+                {"file": name, "seed": hyperparameters.seed, "loss": loss, "sha256": sha256}
+            )
             if budget is not None:
-                regret = float(budget.path[-1].regret[lane])
-                lanes[-1] |= {"multiplier": trained.multipliers[lane], "regret": regret}
+                regret = float(budget.path[-1].regret[run])
+                runs[-1] |= {"multiplier": trained.multipliers[run], "regret": regret}
         write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
         record = {
             "preset": self.preset,
-            "structure": dataclasses.asdict(trained.structure),
-            "numbers": [dataclasses.asdict(one) for one in trained.numbers],
+            "structure": dataclasses.asdict(trained.static),
+            "numbers": [dataclasses.asdict(one) for one in trained.hyperparameters],
             "world": self.world,
             "data": self.data
             and {
@@ -189,10 +193,10 @@ class TrainDial:
             "budget_path": [look_row(look) for look in budget.path] if budget else [],
             "versions": versions(),
             "failures": trained.failures,
-            "dials": lanes,
+            "dials": runs,
         }
         write_json(self.out / "run.json", rounded(record))
-        return lanes
+        return runs
 
 
 def _history_rows(trained: Trained) -> list[Row]:
@@ -201,9 +205,9 @@ def _history_rows(trained: Trained) -> list[Row]:
     arrays = {name: np.asarray(history.array(name)) for name in history.values}
     return [
         {"updates": updates, "seed": one.seed}
-        | {name: rounded(float(array[chunk, lane])) for name, array in arrays.items()}
+        | {name: rounded(float(array[chunk, run])) for name, array in arrays.items()}
         for chunk, updates in enumerate(history.updates)
-        for lane, one in enumerate(trained.numbers)
+        for run, one in enumerate(trained.hyperparameters)
     ]
 
 

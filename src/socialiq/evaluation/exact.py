@@ -93,8 +93,8 @@ def exact_monitor(
 
     def monitor(learnt: Any) -> dict[str, np.ndarray]:
         values: dict[str, list[float]] = {}
-        for lane, temperature in enumerate(temperatures):
-            policy = QPolicy.of(network_of(learnt.network, lane), temperature, {})
+        for run, temperature in enumerate(temperatures):
+            policy = QPolicy.of(network_of(learnt.network, run), temperature, {})
             for readout in READOUTS:
                 metrics = evaluate_exactly(table, action_table(policy, table, readout))
                 for name, value in metrics._asdict().items():

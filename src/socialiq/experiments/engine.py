@@ -39,7 +39,7 @@ def work_folder(given: Path | None) -> Iterator[Path]:
 def run_jobs(
     jobs: Sequence[Job],
     work: Path,
-    watch: Callable[[str], Callable[[Report], None] | None],
+    on_stage: Callable[[str], Callable[[Report], None] | None],
     processes: int = 0,
 ) -> None:
     """Do what is not done yet, each job after its inputs.
@@ -47,7 +47,7 @@ def run_jobs(
     Args:
         jobs: Each stands after its inputs.
         work: Folder of their folders.
-        watch: Given the name of a stage, what shows its progress.
+        on_stage: Given the name of a stage, what shows its progress.
         processes: How many; by default one for each core that this process may use.
 
     Raises:
@@ -62,7 +62,7 @@ def run_jobs(
         try:
             around = _surroundings(work)
             crew += (_Worker(cores[number % len(cores)], around) for number in range(count))
-            _Shift(jobs, still_open, work, watch, crew).finish()
+            _Shift(jobs, still_open, work, on_stage, crew).finish()
         except KeyboardInterrupt:
             for worker in crew:
                 worker.stop()
@@ -82,11 +82,11 @@ class _Shift:
         jobs: Sequence[Job],
         still_open: Sequence[Job],
         work: Path,
-        watch: Callable[[str], Callable[[Report], None] | None],
+        on_stage: Callable[[str], Callable[[Report], None] | None],
         crew: Sequence[_Worker],
     ) -> None:
         self.known, self.work, self.crew = fingerprints(jobs), work, crew
-        self.progress = Progress(jobs, still_open, watch)
+        self.progress = Progress(jobs, still_open, on_stage)
         self.waiting = list(still_open)
         self.unfinished = {job.name for job in still_open}
 

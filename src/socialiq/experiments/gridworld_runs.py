@@ -18,15 +18,15 @@ from socialiq.evaluation.exact import (
     exact_monitor,
 )
 from socialiq.evaluation.metrics import Metrics, mean_of
-from socialiq.learners.callbacks import Outside, Report
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.callbacks import Callbacks, Report
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import Trained, train
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid
 
-Watch = Callable[[str], Callable[[Report], None] | None]
+StageCallback = Callable[[str], Callable[[Report], None] | None]
 """Given the name of a stage, what shows its progress."""
 
 
@@ -35,7 +35,7 @@ Monitor = Callable[[Any], dict[str, np.ndarray]]
 
 
 def silent(_stage: str) -> None:
-    """A `Watch` that shows nothing."""
+    """A `StageCallback` that shows nothing."""
 
 
 class Ground(NamedTuple):
@@ -60,8 +60,8 @@ class Ground(NamedTuple):
 
 
 def grid_of(
-    angles: Sequence[float], strengths: Sequence[float], seeds: Sequence[int], base: Numbers
-) -> list[Numbers]:
+    angles: Sequence[float], strengths: Sequence[float], seeds: Sequence[int], base: Hyperparameters
+) -> list[Hyperparameters]:
     """Numbers for every angle, strength and seed; seed number i learns from data set i."""
     return [
         dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
@@ -71,10 +71,10 @@ def grid_of(
     ]
 
 
-def train_lanes(
+def train_runs(
     ground: Ground,
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     datasets: Sequence[Demonstrations],
     on_report: Callable[[Report], None] | None,
     chunk: int = 500,
@@ -85,10 +85,10 @@ def train_lanes(
     Without a monitor of its own a study that shows progress watches the exact metrics.
     """
     if monitor is None and on_report is not None:
-        monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
-    outside = Outside(on_report=on_report, monitor=monitor)
-    simulator = ground.table.world if structure.online else None
-    return train(structure, numbers, datasets, simulator, outside, chunk)
+        monitor = exact_monitor(ground.part, [one.temperature for one in hyperparameters])
+    callbacks = Callbacks(on_report=on_report, monitor=monitor)
+    simulator = ground.table.world if static.online else None
+    return train(static, hyperparameters, datasets, simulator, callbacks, chunk)
 
 
 def evaluate(ground: Ground, policy: QPolicy, readout: Readout) -> Metrics:

@@ -27,10 +27,10 @@ from socialiq.storage import read_json, write_json
 
 RECORD = "job.json"
 
-Tell = Callable[[float], None]
+ProgressCallback = Callable[[float], None]
 """Called by a job with the share of it that is done."""
 
-Work = Callable[[Any, Path, Mapping[str, Path], Tell], None]
+Work = Callable[[Any, Path, Mapping[str, Path], ProgressCallback], None]
 """Fills a folder: given the job's configuration, its folder, and the folders of its inputs."""
 
 
@@ -85,7 +85,7 @@ def is_done(folder: Path, fingerprint: str) -> bool:
     return record.is_file() and read_json(record).get("fingerprint") == fingerprint
 
 
-def do(job: Job, work: Path, fingerprint: str, tell: Tell) -> float:
+def do(job: Job, work: Path, fingerprint: str, on_progress: ProgressCallback) -> float:
     """Do one job: its folder appears whole, or the parts it had written stay for the next try.
 
     Returns:
@@ -104,7 +104,7 @@ def do(job: Job, work: Path, fingerprint: str, tell: Tell) -> float:
         raise UserError(f"cannot write {part}: {error.strerror}; choose another place") from error
     write_json(mark, {"fingerprint": fingerprint})
     began = time.monotonic()
-    job.work(job.config, part, {name: work / name for name in job.inputs}, tell)
+    job.work(job.config, part, {name: work / name for name in job.inputs}, on_progress)
     seconds = time.monotonic() - began
     record = {
         "fingerprint": fingerprint,
@@ -152,16 +152,16 @@ class Progress:
     Args:
         jobs: All of them, finished or not.
         still_open: Those that are to be done now.
-        watch: Given the name of a stage, what shows its progress.
+        on_stage: Given the name of a stage, what shows its progress.
     """
 
     def __init__(
         self,
         jobs: Sequence[Job],
         still_open: Sequence[Job],
-        watch: Callable[[str], Callable[[Report], None] | None],
+        on_stage: Callable[[str], Callable[[Report], None] | None],
     ) -> None:
-        self._watch, self._shown = watch, dict[str, Any]()
+        self._watch, self._shown = on_stage, dict[str, Any]()
         self._jobs = {job.name: job for job in jobs}
         waiting = {job.name for job in still_open}
         self._share = {job.name: float(job.name not in waiting) for job in jobs}

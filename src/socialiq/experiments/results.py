@@ -23,6 +23,7 @@ from socialiq.storage import (
     write_atomically,
     write_json,
 )
+from socialiq.types import Row
 
 DECIMALS = 6  # of a number in a table; exact evaluation is good to more, reading is not
 

@@ -21,7 +21,7 @@ from jaxtyping import Array
 
 from socialiq.errors import UserError, one_of
 from socialiq.learners import loop
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn import priors
 from socialiq.learners.ranges import check_above_zero, check_counts, check_not_negative, check_seed
@@ -36,7 +36,7 @@ _ADAM = optax.scale_by_adam()
 
 
 @dataclass(frozen=True)
-class Structure:
+class StaticConfig:
     """What shapes the program."""
 
     hidden: tuple[int, ...] = (64, 64)
@@ -56,7 +56,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class Hyperparameters:
     """Numbers of one run, all traced."""
 
     learning_rate: float = 3e-4
@@ -99,81 +99,81 @@ class _Surroundings(NamedTuple):
 class Cloned:
     """The outcome: one network for each of `numbers`."""
 
-    structure: Structure
-    numbers: tuple[Numbers, ...]
+    static: StaticConfig
+    hyperparameters: tuple[Hyperparameters, ...]
     networks: QNetwork
     history: History
 
-    def policy(self, lane: int) -> QPolicy:
+    def policy(self, run: int) -> QPolicy:
         """The clone of one lane; its soft policy at τ = 1 is the fitted distribution."""
         record = {
             "learner": "behaviour_cloning",
-            "structure": asdict(self.structure),
-            "numbers": asdict(self.numbers[lane]),
+            "structure": asdict(self.static),
+            "numbers": asdict(self.hyperparameters[run]),
         }
-        return QPolicy.of(network_of(self.networks, lane), 1.0, record)
+        return QPolicy.of(network_of(self.networks, run), 1.0, record)
 
 
 def clone(
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     datasets: Sequence[Transitions],
-    outside: Outside | None = None,
+    callbacks: Callbacks | None = None,
     chunk: int = 500,
 ) -> Cloned:
     """Clone one lane for each of `numbers`, all in one compiled program.
 
     Args:
-        structure: What the lanes share.
-        numbers: What they differ in.
-        datasets: Sets of demonstrations; `Numbers.dataset` picks each lane's.
-        outside: Progress, monitor, checkpoint.
+        static: What the lanes share.
+        hyperparameters: What they differ in.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each lane's.
+        callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside.
 
     Raises:
         UserError: If there is no run, or no such set of demonstrations.
         Stopped: On Ctrl-C.
     """
-    if not numbers or max(one.dataset for one in numbers) >= len(datasets):
+    if not hyperparameters or max(one.dataset for one in hyperparameters) >= len(datasets):
         raise UserError("pass at least one run, and the demonstrations that each run names")
-    table = _table(structure, datasets)
+    table = _table(static, datasets)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    lanes, history = loop.run(
-        initialise=Partial(partial(_initialise, structure, sizes), table),
-        update=Partial(partial(_update, structure), table),
-        numbers=_traced(numbers),
-        total=structure.updates,
+    runs, history = loop.run(
+        initialise=Partial(partial(_initialise, static, sizes), table),
+        update=Partial(partial(_update, static), table),
+        hyperparameters=_traced(hyperparameters),
+        total=static.updates,
         chunk=chunk,
-        fingerprint=loop.fingerprint(table, structure, *numbers),
-        outside=outside or Outside(),
+        fingerprint=loop.fingerprint(table, static, *hyperparameters),
+        callbacks=callbacks or Callbacks(),
     )
-    return Cloned(structure, tuple(numbers), lanes.learnt.network, history)
+    return Cloned(static, tuple(hyperparameters), runs.learnt.network, history)
 
 
-def effective_size(data: Transitions, numbers: Numbers) -> float:
+def effective_size(data: Transitions, hyperparameters: Hyperparameters) -> float:
     """How many transitions of equal weight a weighted run's demonstrations are worth (B.2)."""
-    weights = jax.tree.map(lambda column: column[0], _traced([numbers])).weights
-    table = _table(Structure(weighted=True), [data])
-    temperature = numbers.reweight_temperature
+    weights = jax.tree.map(lambda column: column[0], _traced([hyperparameters])).weights
+    table = _table(StaticConfig(weighted=True), [data])
+    temperature = hyperparameters.reweight_temperature
     found = priors.table_weights(table, weights, jnp.array(0), temperature)
     return float(priors.effective_sample_size(found))
 
 
-def _table(structure: Structure, datasets: Sequence[Transitions]) -> ExpertTable:
+def _table(static: StaticConfig, datasets: Sequence[Transitions]) -> ExpertTable:
     """The sets; where they are weighted, with each episode's total on all its rows."""
-    if structure.weighted:
+    if static.weighted:
         return ExpertTable.of(datasets, "trajectory", 1.0)
     return ExpertTable.of(datasets, "instantaneous", 0.0)
 
 
-def _traced(numbers: Sequence[Numbers]) -> _Traced:
-    env, social = zip(*(exact_weights(one.angle) for one in numbers), strict=True)
+def _traced(hyperparameters: Sequence[Hyperparameters]) -> _Traced:
+    env, social = zip(*(exact_weights(one.angle) for one in hyperparameters), strict=True)
     return _Traced(
-        jnp.array([one.learning_rate for one in numbers], jnp.float32),
-        jnp.array([one.seed for one in numbers], jnp.uint32),
-        jnp.array([one.dataset for one in numbers], jnp.int32),
+        jnp.array([one.learning_rate for one in hyperparameters], jnp.float32),
+        jnp.array([one.seed for one in hyperparameters], jnp.uint32),
+        jnp.array([one.dataset for one in hyperparameters], jnp.int32),
         RewardPair(jnp.array(env, jnp.float32), jnp.array(social, jnp.float32)),
-        jnp.array([one.reweight_temperature for one in numbers], jnp.float32),
+        jnp.array([one.reweight_temperature for one in hyperparameters], jnp.float32),
     )
 
 
@@ -184,16 +184,19 @@ def negative_log_likelihood(network: QNetwork, observation: Array, action: Array
 
 
 def _initialise(
-    structure: Structure, sizes: tuple[int, int], table: ExpertTable, numbers: _Traced
+    static: StaticConfig, sizes: tuple[int, int], table: ExpertTable, hyperparameters: _Traced
 ) -> tuple[_Learnt, _Surroundings]:
-    key, for_network = jax.random.split(jax.random.key(numbers.seed))
+    key, for_network = jax.random.split(jax.random.key(hyperparameters.seed))
     network = QNetwork.initialise(
-        for_network, sizes[0], structure.hidden, sizes[1], structure.activation, structure.view
+        for_network, sizes[0], static.hidden, sizes[1], static.activation, static.view
     )
     cumulative = None
-    if structure.weighted:
+    if static.weighted:
         found = priors.table_weights(
-            table, numbers.weights, numbers.dataset, numbers.reweight_temperature
+            table,
+            hyperparameters.weights,
+            hyperparameters.dataset,
+            hyperparameters.reweight_temperature,
         )
         cumulative = jnp.cumsum(found)
     adam = _ADAM.init(eqx.filter(network, eqx.is_array))
@@ -201,22 +204,24 @@ def _initialise(
 
 
 def _update(
-    structure: Structure,
+    static: StaticConfig,
     table: ExpertTable,
-    numbers: _Traced,
+    hyperparameters: _Traced,
     learnt: _Learnt,
     surroundings: _Surroundings,
 ) -> tuple[_Learnt, _Surroundings, dict[str, Array]]:
     key, for_batch = jax.random.split(surroundings.key)
     if surroundings.cumulative is not None:
-        batch = table.sample_weighted(for_batch, surroundings.cumulative, structure.batch_size)
+        batch = table.sample_weighted(for_batch, surroundings.cumulative, static.batch_size)
     else:
-        batch = table.sample(for_batch, numbers.dataset, structure.batch_size)
+        batch = table.sample(for_batch, hyperparameters.dataset, static.batch_size)
     loss, gradient = jax.value_and_grad(negative_log_likelihood)(
         learnt.network, batch.observation, batch.action
     )
     direction, adam = _ADAM.update(gradient, learnt.adam)
     network = jax.tree.map(
-        lambda weight, step: weight - numbers.learning_rate * step, learnt.network, direction
+        lambda weight, step: weight - hyperparameters.learning_rate * step,
+        learnt.network,
+        direction,
     )
     return _Learnt(network, adam), surroundings._replace(key=key), {"loss": loss}

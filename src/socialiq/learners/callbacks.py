@@ -30,7 +30,7 @@ class Report(NamedTuple):
         monitored: What the monitor returned, each (lanes,).
         failures: One line for each lane that has stopped.
         unit: What is counted, "updates", or "jobs/min" where the rate is not per second.
-        by_lane: Mean of each named term over the chunk, each (lanes,); NaN where a lane broke.
+        by_run: Mean of each named term over the chunk, each (lanes,); NaN where a lane broke.
     """
 
     done: int
@@ -41,11 +41,11 @@ class Report(NamedTuple):
     monitored: dict[str, np.ndarray]
     failures: tuple[str, ...]
     unit: str = "updates"
-    by_lane: Mapping[str, np.ndarray] = MappingProxyType({})
+    by_run: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Outside:
+class Callbacks:
     """What surrounds a run and never changes its result.
 
     Attributes:
@@ -53,14 +53,14 @@ class Outside:
         monitor: Given the `learnt` of all lanes, returns named values, each (lanes,).
         checkpoint: File of the resumable state; written when stopped and about once a minute.
         resume: Whether to go on from that file.
-        lane_names: How failure messages call the lanes.
+        run_names: How failure messages call the lanes.
     """
 
     on_report: Callable[[Report], None] | None = None
     monitor: Callable[[Any], dict[str, np.ndarray]] | None = None
     checkpoint: Path | None = None
     resume: bool = False
-    lane_names: tuple[str, ...] = ()
+    run_names: tuple[str, ...] = ()
 
 
 class Stopped(UserError):
@@ -70,8 +70,8 @@ class Stopped(UserError):
 class Clock:
     """Rates and remaining time, of this process only."""
 
-    def __init__(self, done: int, total: int, lanes: int) -> None:
-        self.total, self.lanes = total, lanes
+    def __init__(self, done: int, total: int, runs: int) -> None:
+        self.total, self.runs = total, runs
         self.saved = time.monotonic()
         self.marks = [(done, self.saved)]
 
@@ -93,12 +93,12 @@ class Clock:
         return Report(
             done,
             self.total,
-            rate * self.lanes,
+            rate * self.runs,
             left,
             terms,
             monitored,
             failures,
-            by_lane=record,
+            by_run=record,
         )
 
     def minute_passed(self) -> bool:

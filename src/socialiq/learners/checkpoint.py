@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.learners.state import History, Lanes
+from socialiq.learners.state import History, Runs
 from socialiq.storage import load_arrays, save_arrays
 
 SCHEMA_VERSION = 1
 
 
-def save(path: Path, fingerprint: str, lanes: Lanes, history: History) -> None:
+def save(path: Path, fingerprint: str, runs: Runs, history: History) -> None:
     """Write the state; a reader finds the previous state or this one, never a part.
 
     Raises:
@@ -23,7 +23,7 @@ def save(path: Path, fingerprint: str, lanes: Lanes, history: History) -> None:
     """
     leaves = [
         np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
-        for leaf in jax.tree.leaves(lanes)
+        for leaf in jax.tree.leaves(runs)
     ]
     arrays = {f"leaf_{number:03d}": leaf for number, leaf in enumerate(leaves)}
     arrays |= {f"history_{name}": history.array(name) for name in history.values}
@@ -32,8 +32,8 @@ def save(path: Path, fingerprint: str, lanes: Lanes, history: History) -> None:
 
 
 def load(
-    path: Path, fingerprint: str, like: Lanes
-) -> tuple[Lanes, list[int], dict[str, list[np.ndarray]]]:
+    path: Path, fingerprint: str, like: Runs
+) -> tuple[Runs, list[int], dict[str, list[np.ndarray]]]:
     """Read the state of the same run.
 
     Args:

@@ -14,8 +14,8 @@ from gymnasium.vector import AutoresetMode
 from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.expert_table import Batch
-from socialiq.learners.iq_learn.config import Numbers, Structure
-from socialiq.learners.state import Lanes
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.state import Runs
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
@@ -50,26 +50,26 @@ class Collector:
         self.sources, self.seeds, self.behaviour = sources, seeds, behaviour
         self._add = jax.jit(jax.vmap(replay.add_many))
 
-    def __call__(self, lanes: Lanes, done: int) -> Lanes:
+    def __call__(self, runs: Runs, done: int) -> Runs:
         """Let every lane act with its present network, and store what happens."""
         batches = [
-            self._collect(lane, network_of(lanes.learnt.network, lane), done)
-            for lane in range(len(self.sources))
+            self._collect(run, network_of(runs.learnt.network, run), done)
+            for run in range(len(self.sources))
         ]
         stacked = jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
-        ring = self._add(lanes.surroundings.replay, stacked)
-        return lanes._replace(surroundings=lanes.surroundings._replace(replay=ring))
+        ring = self._add(runs.surroundings.replay, stacked)
+        return runs._replace(surroundings=runs.surroundings._replace(replay=ring))
 
-    def _collect(self, lane: int, network: Any, done: int) -> Batch:
-        rng = np.random.default_rng(np.random.SeedSequence([self.seeds[lane], done]))
-        return self.sources[lane](self.behaviour(network, lane, done, rng), rng)
+    def _collect(self, run: int, network: Any, done: int) -> Batch:
+        rng = np.random.default_rng(np.random.SeedSequence([self.seeds[run], done]))
+        return self.sources[run](self.behaviour(network, run, done, rng), rng)
 
 
 def soft(temperatures: Sequence[float]) -> Behaviour:
     """Act by softmax(Q/τ), with each lane's τ."""
 
-    def behaviour(network: QNetwork, lane: int, _done: int, rng: np.random.Generator) -> Act:
-        policy = QPolicy.of(network, temperatures[lane], {}, rng)
+    def behaviour(network: QNetwork, run: int, _done: int, rng: np.random.Generator) -> Act:
+        policy = QPolicy.of(network, temperatures[run], {}, rng)
         return lambda observation: policy.predict(observation, deterministic=False)[0]
 
     return behaviour
@@ -77,25 +77,25 @@ def soft(temperatures: Sequence[float]) -> Behaviour:
 
 def acting_in(
     make: Callable[[], gymnasium.Env[Any, Any]],
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     chunk: int = 500,
 ) -> Collector:
     """Let IQ-Learn's runs act in a Gymnasium environment: the `before_chunk` of `train`.
 
     Args:
         make: Makes the environment, with discrete actions, once for each run.
-        structure: Of the runs; `env_steps_per_update` is how much they act.
-        numbers: Of each run.
+        static: Of the runs; `env_steps_per_update` is how much they act.
+        hyperparameters: Of each run.
         chunk: Updates between two times of acting, as `train` is told.
 
     Raises:
         UserError: If the actions are not discrete.
     """
-    steps = chunk * structure.env_steps_per_update
-    sources = [from_env(make(), steps) for _ in numbers]
-    behaviour = soft([one.temperature for one in numbers])
-    return Collector(sources, [one.seed for one in numbers], behaviour)
+    steps = chunk * static.env_steps_per_update
+    sources = [from_env(make(), steps) for _ in hyperparameters]
+    behaviour = soft([one.temperature for one in hyperparameters])
+    return Collector(sources, [one.seed for one in hyperparameters], behaviour)
 
 
 def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:

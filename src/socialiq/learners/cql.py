@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 from socialiq.errors import UserError, one_of
 from socialiq.learners import loop
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
@@ -48,7 +48,7 @@ _ADAM = optax.scale_by_adam()
 
 
 @dataclass(frozen=True)
-class Structure:
+class StaticConfig:
     """What shapes the program. Defaults: those of IQ-Learn (Table C.1, gridworld)."""
 
     endings: Endings = field(default_factory=Endings)
@@ -67,7 +67,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class Hyperparameters:
     """Numbers of one run, all traced."""
 
     angle: float = 0.0
@@ -97,7 +97,7 @@ class Numbers:
 
 
 class Traced(NamedTuple):
-    """`Numbers` as arrays, with the angle's weights in place of the angle."""
+    """`Hyperparameters` as arrays, with the angle's weights in place of the angle."""
 
     weights: RewardPair
     strength: Array
@@ -112,7 +112,7 @@ class Traced(NamedTuple):
 
 class _Learnt(NamedTuple):
     network: QNetwork
-    slow: QNetwork
+    target_network: QNetwork
     adam: Any
 
 
@@ -120,70 +120,74 @@ class _Learnt(NamedTuple):
 class Trained:
     """The outcome: one network for each of `numbers`; `failures` has a line for each that broke."""
 
-    structure: Structure
-    numbers: tuple[Numbers, ...]
+    static: StaticConfig
+    hyperparameters: tuple[Hyperparameters, ...]
     networks: QNetwork
     history: History
     failures: tuple[str, ...]
 
-    def policy(self, lane: int) -> QPolicy:
+    def policy(self, run: int) -> QPolicy:
         """The trained policy of one lane."""
         record = {
             "learner": "cql",
-            "structure": dataclasses.asdict(self.structure),
-            "numbers": dataclasses.asdict(self.numbers[lane]),
+            "structure": dataclasses.asdict(self.static),
+            "numbers": dataclasses.asdict(self.hyperparameters[run]),
         }
-        temperature = self.numbers[lane].temperature
-        return QPolicy.of(network_of(self.networks, lane), temperature, record)
+        temperature = self.hyperparameters[run].temperature
+        return QPolicy.of(network_of(self.networks, run), temperature, record)
 
 
 def train(
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     datasets: Sequence[Transitions],
-    outside: Outside | None = None,
+    callbacks: Callbacks | None = None,
     chunk: int = 500,
 ) -> Trained:
     """Train one lane for each of `numbers`, all in one compiled program.
 
     Args:
-        structure: What the lanes share.
-        numbers: What they differ in.
-        datasets: Sets of demonstrations; `Numbers.dataset` picks each lane's.
-        outside: Progress, monitor, checkpoint.
+        static: What the lanes share.
+        hyperparameters: What they differ in.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each lane's.
+        callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside.
 
     Raises:
         UserError: If there is no run, or no such set of demonstrations.
         Stopped: On Ctrl-C.
     """
-    if not numbers or max(one.dataset for one in numbers) >= len(datasets):
+    if not hyperparameters or max(one.dataset for one in hyperparameters) >= len(datasets):
         raise UserError("pass at least one run, and the demonstrations that each run names")
     table = ExpertTable.of(datasets, "instantaneous", 0.0)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    outside = outside or Outside()
-    names = outside.lane_names or tuple(f"angle {n.angle:g}, seed {n.seed}" for n in numbers)
-    update = Partial(partial(_update, structure), table)
-    lanes, history = loop.run(
-        initialise=partial(_initialise, structure, sizes),
-        update=update,
-        numbers=traced(numbers),
-        total=structure.updates,
-        chunk=chunk,
-        fingerprint=loop.fingerprint(table, structure, *numbers, chunk),
-        outside=dataclasses.replace(outside, lane_names=names),
+    callbacks = callbacks or Callbacks()
+    names = callbacks.run_names or tuple(
+        f"angle {n.angle:g}, seed {n.seed}" for n in hyperparameters
     )
-    terms = loop.term_names(update, traced(numbers), lanes)
-    failures = loop.failure_lines(lanes, terms, names)
-    return Trained(structure, tuple(numbers), lanes.learnt.network, history, failures)
+    update = Partial(partial(_update, static), table)
+    runs, history = loop.run(
+        initialise=partial(_initialise, static, sizes),
+        update=update,
+        hyperparameters=traced(hyperparameters),
+        total=static.updates,
+        chunk=chunk,
+        fingerprint=loop.fingerprint(table, static, *hyperparameters, chunk),
+        callbacks=dataclasses.replace(callbacks, run_names=names),
+    )
+    terms = loop.term_names(update, traced(hyperparameters), runs)
+    failures = loop.failure_lines(runs, terms, names)
+    return Trained(static, tuple(hyperparameters), runs.learnt.network, history, failures)
 
 
-def traced(numbers: Sequence[Numbers]) -> Traced:
+def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
     """Stack the lanes' numbers into arrays."""
-    pairs = [exact_weights(one.angle) for one in numbers]
+    pairs = [exact_weights(one.angle) for one in hyperparameters]
     kinds: dict[str, Any] = {"seed": jnp.uint32, "dataset": jnp.int32}
     columns = {
-        name: jnp.array([getattr(one, name) for one in numbers], kinds.get(name, jnp.float32))
+        name: jnp.array(
+            [getattr(one, name) for one in hyperparameters], kinds.get(name, jnp.float32)
+        )
         for name in Traced._fields
         if name != "weights"
     }
@@ -192,7 +196,11 @@ def traced(numbers: Sequence[Numbers]) -> Traced:
 
 
 def conservative_loss(
-    network: QNetwork, slow: QNetwork, batch: Batch, numbers: Traced, structure: Structure
+    network: QNetwork,
+    target_network: QNetwork,
+    batch: Batch,
+    hyperparameters: Traced,
+    static: StaticConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], and its terms.
 
@@ -201,47 +209,51 @@ def conservative_loss(
     """
     q = jax.vmap(network)(batch.observation)
     taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
-    q_next = jax.vmap(slow)(batch.next_observation)
+    q_next = jax.vmap(target_network)(batch.next_observation)
     follows = losses.continuation(
-        losses.soft_value(q_next, numbers.temperature),
+        losses.soft_value(q_next, hyperparameters.temperature),
         batch.ending,
-        structure.endings.by_kind(),
-        losses.absorbing_value(q.shape[-1], numbers.temperature, numbers.discount),
+        static.endings.by_kind(),
+        losses.absorbing_value(q.shape[-1], hyperparameters.temperature, hyperparameters.discount),
     )
-    reward = numbers.strength * score(numbers.weights, batch.target)
-    error = losses.implicit_reward(taken, follows, numbers.discount) - reward
-    gap = jnp.mean(losses.soft_value(q, numbers.temperature) - taken)
+    reward = hyperparameters.strength * score(hyperparameters.weights, batch.target)
+    error = losses.implicit_reward(taken, follows, hyperparameters.discount) - reward
+    gap = jnp.mean(losses.soft_value(q, hyperparameters.temperature) - taken)
     terms = {
         "bellman": jnp.mean(jnp.square(error)) / 2,
-        "conservative": numbers.conservatism * gap,
+        "conservative": hyperparameters.conservatism * gap,
     }
     total = terms["bellman"] + terms["conservative"]
     return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}
 
 
 def _initialise(
-    structure: Structure, sizes: tuple[int, int], numbers: Traced
+    static: StaticConfig, sizes: tuple[int, int], hyperparameters: Traced
 ) -> tuple[_Learnt, Array]:
-    key, for_network = jax.random.split(jax.random.key(numbers.seed))
+    key, for_network = jax.random.split(jax.random.key(hyperparameters.seed))
     n_features, n_actions = sizes
     network = QNetwork.initialise(
-        for_network, n_features, structure.hidden, n_actions, structure.activation, structure.view
+        for_network, n_features, static.hidden, n_actions, static.activation, static.view
     )
     return _Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array))), key
 
 
 def _update(
-    structure: Structure, table: ExpertTable, numbers: Traced, learnt: _Learnt, key: Array
+    static: StaticConfig, table: ExpertTable, hyperparameters: Traced, learnt: _Learnt, key: Array
 ) -> tuple[_Learnt, Array, dict[str, Array]]:
     """Sample, and take one Adam step on the loss."""
     key, for_batch = jax.random.split(key)
-    batch = table.sample(for_batch, numbers.dataset, structure.batch_size)
+    batch = table.sample(for_batch, hyperparameters.dataset, static.batch_size)
     gradient, terms = jax.grad(conservative_loss, has_aux=True)(
-        learnt.network, learnt.slow, batch, numbers, structure
+        learnt.network, learnt.target_network, batch, hyperparameters, static
     )
     direction, adam = _ADAM.update(gradient, learnt.adam)
     network = jax.tree.map(
-        lambda weight, step: weight - numbers.learning_rate * step, learnt.network, direction
+        lambda weight, step: weight - hyperparameters.learning_rate * step,
+        learnt.network,
+        direction,
     )
-    slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
-    return _Learnt(network, slow, adam), key, terms
+    target_network = jax.tree.map(
+        lambda old, new: old + hyperparameters.polyak * (new - old), learnt.target_network, network
+    )
+    return _Learnt(network, target_network, adam), key, terms

@@ -26,8 +26,8 @@ from jaxtyping import Array
 
 from socialiq.errors import UserError
 from socialiq.learners import checkpoint
-from socialiq.learners.callbacks import Clock, Outside, Stopped, stop_line, stop_requests
-from socialiq.learners.state import History, Lanes
+from socialiq.learners.callbacks import Callbacks, Clock, Stopped, stop_line, stop_requests
+from socialiq.learners.state import History, Runs
 
 # A parameter of this size is finite, but the next product of two layers is not.
 _OVERFLOWS = 1e15
@@ -39,23 +39,23 @@ _COMPILE_FAST = {"xla_backend_optimization_level": 0}
 def run(
     initialise: Callable[[Any], tuple[Any, Any]],
     update: Callable[[Any, Any, Any], tuple[Any, Any, dict[str, Any]]],
-    numbers: Any,
+    hyperparameters: Any,
     total: int,
     chunk: int,
     fingerprint: str,
-    outside: Outside,
-    before_chunk: Callable[[Lanes, int], Lanes] | None = None,
-) -> tuple[Lanes, History]:
+    callbacks: Callbacks,
+    before_chunk: Callable[[Runs, int], Runs] | None = None,
+) -> tuple[Runs, History]:
     """Train all lanes for `total` updates.
 
     Args:
         initialise: Makes one lane's state of its numbers.
         update: One gradient step of one lane.
-        numbers: Pytree of the lanes' traced numbers, each with a leading lane axis.
+        hyperparameters: Pytree of the lanes' traced numbers, each with a leading lane axis.
         total: Updates of each lane.
         chunk: Updates between two looks at the outside world.
         fingerprint: Names the run; a checkpoint of another fingerprint is refused.
-        outside: Progress, monitor, checkpoint.
+        callbacks: Progress, monitor, checkpoint.
         before_chunk: Called with the lanes and the number of updates done, to bring in outside
             experience; must depend on nothing else, or a resumed run would differ.
 
@@ -68,50 +68,50 @@ def run(
     """
     initialise, update = _bound(initialise), _bound(update)
     begin = jax.jit(_start_all, compiler_options=_COMPILE_FAST)
-    lanes, history = begin(initialise, numbers), History()
-    if outside.resume:
-        lanes, history = _resume(outside.checkpoint, fingerprint, lanes)
+    runs, history = begin(initialise, hyperparameters), History()
+    if callbacks.resume:
+        runs, history = _resume(callbacks.checkpoint, fingerprint, runs)
     advance = jax.jit(_advance_all, static_argnums=3, donate_argnums=2)
-    names = term_names(update, numbers, lanes)
+    names = term_names(update, hyperparameters, runs)
     done = history.updates[-1] if history.updates else 0
-    clock = Clock(done, total, len(jax.tree.leaves(numbers)[0]))
+    clock = Clock(done, total, len(jax.tree.leaves(hyperparameters)[0]))
     with stop_requests() as stop:
         while done < total:
             if before_chunk is not None:
-                lanes = before_chunk(lanes, done)
+                runs = before_chunk(runs, done)
             steps = min(chunk, total - done)
-            lanes, terms = advance(update, numbers, lanes, steps)
+            runs, terms = advance(update, hyperparameters, runs, steps)
             done += steps
             record = dict(zip(names, np.asarray(terms).T, strict=True))
-            monitored = outside.monitor(lanes.learnt) if outside.monitor else {}
+            monitored = callbacks.monitor(runs.learnt) if callbacks.monitor else {}
             history.add(done, record | monitored)
-            if outside.on_report:
-                failures = failure_lines(lanes, names, outside.lane_names)
-                outside.on_report(clock.report(done, record, monitored, failures))
-            if outside.checkpoint and (stop.is_set() or clock.minute_passed()):
-                checkpoint.save(outside.checkpoint, fingerprint, lanes, history)
+            if callbacks.on_report:
+                failures = failure_lines(runs, names, callbacks.run_names)
+                callbacks.on_report(clock.report(done, record, monitored, failures))
+            if callbacks.checkpoint and (stop.is_set() or clock.minute_passed()):
+                checkpoint.save(callbacks.checkpoint, fingerprint, runs, history)
             if stop.is_set() and done < total:
-                raise Stopped(stop_line(done, total, outside.checkpoint))
-    return lanes, history
+                raise Stopped(stop_line(done, total, callbacks.checkpoint))
+    return runs, history
 
 
-def term_names(update: Callable[..., Any], numbers: Any, lanes: Lanes) -> tuple[str, ...]:
+def term_names(update: Callable[..., Any], hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
     """Names of a learner's terms, in the order of `Lanes.failed_term`."""
-    _, _, terms = jax.eval_shape(jax.vmap(update), numbers, lanes.learnt, lanes.surroundings)
+    _, _, terms = jax.eval_shape(jax.vmap(update), hyperparameters, runs.learnt, runs.surroundings)
     return _in_order(terms)
 
 
 def failure_lines(
-    lanes: Lanes, names: tuple[str, ...], lane_names: tuple[str, ...]
+    runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...]
 ) -> tuple[str, ...]:
     """One line for each lane that stopped: which, when, which term."""
     causes = (*names, "parameters")
     lines = []
-    for lane, (step, term) in enumerate(
-        zip(np.asarray(lanes.failed_at), np.asarray(lanes.failed_term), strict=True)
+    for run, (step, term) in enumerate(
+        zip(np.asarray(runs.failed_at), np.asarray(runs.failed_term), strict=True)
     ):
         if step >= 0:
-            name = lane_names[lane] if lane_names else f"lane {lane}"
+            name = run_names[run] if run_names else f"lane {run}"
             lines.append(
                 f"{name} stopped at update {step}: {causes[term]} not finite; "
                 "lower learning_rate, strength or prior_weight"
@@ -143,44 +143,46 @@ def _bound(function: Callable[..., Any]) -> Partial:
     return function if isinstance(function, Partial) else Partial(function)
 
 
-def _start_all(initialise: Partial, numbers: Any) -> Lanes:
-    return jax.vmap(partial(_start, initialise))(numbers)
+def _start_all(initialise: Partial, hyperparameters: Any) -> Runs:
+    return jax.vmap(partial(_start, initialise))(hyperparameters)
 
 
-def _advance_all(update: Partial, numbers: Any, lanes: Lanes, steps: int) -> tuple[Lanes, Array]:
+def _advance_all(
+    update: Partial, hyperparameters: Any, runs: Runs, steps: int
+) -> tuple[Runs, Array]:
     """One chunk of all lanes."""
     one = partial(_advance, update, steps=steps)
-    return jax.vmap(one)(numbers, lanes)
+    return jax.vmap(one)(hyperparameters, runs)
 
 
-def _start(initialise: Callable[[Any], tuple[Any, Any]], numbers: Any) -> Lanes:
-    learnt, surroundings = initialise(numbers)
+def _start(initialise: Callable[[Any], tuple[Any, Any]], hyperparameters: Any) -> Runs:
+    learnt, surroundings = initialise(hyperparameters)
     zero = jnp.zeros((), jnp.int32)
-    return Lanes(learnt, surroundings, zero, zero - 1, zero - 1)
+    return Runs(learnt, surroundings, zero, zero - 1, zero - 1)
 
 
 def _advance(
-    update: Callable[..., Any], numbers: Any, lane: Lanes, *, steps: int
-) -> tuple[Lanes, Array]:
+    update: Callable[..., Any], hyperparameters: Any, run: Runs, *, steps: int
+) -> tuple[Runs, Array]:
     """One chunk of one lane; returns the mean of each term, NaN once the lane has broken."""
 
-    def body(lane: Lanes, _: None) -> tuple[Lanes, Array]:
-        learnt, surroundings, terms = update(numbers, lane.learnt, lane.surroundings)
+    def body(run: Runs, _: None) -> tuple[Runs, Array]:
+        learnt, surroundings, terms = update(hyperparameters, run.learnt, run.surroundings)
         values = jnp.stack([terms[name] for name in _in_order(terms)])
         finite = jnp.append(jnp.isfinite(values), _all_finite(learnt))
-        sound = lane.failed_at < 0
+        sound = run.failed_at < 0
         breaks = sound & ~finite.all()
-        after = Lanes(
-            learnt=_choose(sound & finite.all(), learnt, lane.learnt),
+        after = Runs(
+            learnt=_choose(sound & finite.all(), learnt, run.learnt),
             surroundings=surroundings,
-            updates=lane.updates + 1,
-            failed_at=jnp.where(breaks, lane.updates, lane.failed_at),
-            failed_term=jnp.where(breaks, jnp.argmin(finite), lane.failed_term),
+            updates=run.updates + 1,
+            failed_at=jnp.where(breaks, run.updates, run.failed_at),
+            failed_term=jnp.where(breaks, jnp.argmin(finite), run.failed_term),
         )
         return after, jnp.where(sound, values, jnp.nan)
 
-    lane, values = jax.lax.scan(body, lane, None, length=steps)
-    return lane, values.mean(axis=0)
+    run, values = jax.lax.scan(body, run, None, length=steps)
+    return run, values.mean(axis=0)
 
 
 def _all_finite(tree: Any) -> Array:
@@ -192,8 +194,8 @@ def _choose(condition: Array, yes: Any, no: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def _resume(path: Path | None, fingerprint: str, like: Lanes) -> tuple[Lanes, History]:
+def _resume(path: Path | None, fingerprint: str, like: Runs) -> tuple[Runs, History]:
     if path is None:
         raise UserError("nothing to resume from: name the run's folder")
-    lanes, updates, values = checkpoint.load(path, fingerprint, like)
-    return lanes, History(updates, values)
+    runs, updates, values = checkpoint.load(path, fingerprint, like)
+    return runs, History(updates, values)

@@ -28,8 +28,8 @@ def empty(capacity: int, n_features: int) -> Replay:
     """A ring with nothing in it."""
     observation = jnp.zeros((capacity, n_features), jnp.float32)
     integers = jnp.zeros(capacity, jnp.int32)
-    numbers = jnp.zeros(capacity, jnp.float32)
-    pair = RewardPair(numbers, numbers)
+    hyperparameters = jnp.zeros(capacity, jnp.float32)
+    pair = RewardPair(hyperparameters, hyperparameters)
     return Replay(
         Batch(observation, integers, observation, integers, pair), jnp.zeros((), jnp.int32)
     )

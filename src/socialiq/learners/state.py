@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 
-class Lanes(NamedTuple):
+class Runs(NamedTuple):
     """The state of all lanes; every array has a leading lane axis.
 
     Attributes:
@@ -22,9 +22,9 @@ class Lanes(NamedTuple):
 
     learnt: Any
     surroundings: Any
-    updates: Int[Array, " lane"]
-    failed_at: Int[Array, " lane"]
-    failed_term: Int[Array, " lane"]
+    updates: Int[Array, " run"]
+    failed_at: Int[Array, " run"]
+    failed_term: Int[Array, " run"]
 
 
 @dataclass

@@ -18,7 +18,7 @@ from socialiq.learners.callbacks import Report
 
 
 class EventFiles:
-    """One folder of events for each lane; a context, and an `Outside.on_report`.
+    """One folder of events for each lane; a context, and an `Callbacks.on_report`.
 
     The tag of a number is its name in metrics.csv, its step the number of updates. What is not
     finite is written as it is: TensorBoard marks it.
@@ -26,16 +26,16 @@ class EventFiles:
     Args:
         folder: Folder of all lanes; it is made. Events that are there stay, as TensorBoard wants
             it of a run that goes on.
-        lane_names: One folder name for each lane.
+        run_names: One folder name for each lane.
 
     Raises:
         UserError: If the extra `tensorboard` is not installed, or the folder can't be written.
     """
 
-    def __init__(self, folder: Path, lane_names: Sequence[str]) -> None:
+    def __init__(self, folder: Path, run_names: Sequence[str]) -> None:
         writer = _writer()
         try:
-            self._writers = [writer(str(folder / name)) for name in lane_names]
+            self._writers = [writer(str(folder / name)) for name in run_names]
         except OSError as error:
             raise UserError(f"cannot write {folder}: {error}; choose another place") from error
 
@@ -56,11 +56,11 @@ class EventFiles:
         from tensorboard.compat.proto.event_pb2 import Event  # pyright: ignore
         from tensorboard.compat.proto.summary_pb2 import Summary  # pyright: ignore
 
-        numbers = {**report.by_lane, **report.monitored}
-        for lane, writer in enumerate(self._writers):
+        hyperparameters = {**report.by_run, **report.monitored}
+        for run, writer in enumerate(self._writers):
             values: list[Any] = [
-                Summary.Value(tag=name, simple_value=float(np.asarray(column)[lane]))
-                for name, column in numbers.items()
+                Summary.Value(tag=name, simple_value=float(np.asarray(column)[run]))
+                for name, column in hyperparameters.items()
             ]
             summary = Summary(value=values)
             writer.add_event(Event(wall_time=time.time(), step=report.done, summary=summary))

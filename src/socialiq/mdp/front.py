@@ -123,8 +123,8 @@ class AttainableSet:
             tolerance: Distance allowed outside, relative to the set's largest coordinate.
         """
         normals, offsets = self._half_planes()
-        outside = normals @ np.array([point.env, point.social], np.float64) - offsets
-        return bool((outside <= tolerance * self.scale).all())
+        callbacks = normals @ np.array([point.env, point.social], np.float64) - offsets
+        return bool((callbacks <= tolerance * self.scale).all())
 
     def _edges(self) -> Float[np.ndarray, "vertex 2"]:
         return np.roll(self.vertices, -1, axis=0) - self.vertices

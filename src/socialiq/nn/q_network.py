@@ -88,6 +88,6 @@ def through(
     return last(value)
 
 
-def network_of(networks: Any, lane: int) -> Any:
+def network_of(networks: Any, run: int) -> Any:
     """One network of many whose arrays share a leading lane axis."""
-    return jax.tree.map(lambda leaf: leaf[lane], networks)
+    return jax.tree.map(lambda leaf: leaf[run], networks)

@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int64
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning
-from socialiq.learners.iq_learn.config import Endings, Structure
+from socialiq.learners.iq_learn.config import Endings, StaticConfig
 from socialiq.learners.iq_learn.presets import (
     INTERSECTION_CALIBRATED,
     INTERSECTION_CALIBRATED_NUMBERS,
@@ -45,7 +45,7 @@ class Config:
     hidden: tuple[int, ...] = (64, 64)
     seed: int = 0
 
-    def structure(self) -> Structure:
+    def static(self) -> StaticConfig:
         """IQ-Learn on demonstrations alone; leaving the view is a cut, not an end."""
         return dataclasses.replace(
             offline(INTERSECTION_CALIBRATED),
@@ -108,19 +108,20 @@ def held_out(table: Demonstrations, config: Config) -> HeldOut:
         raise UserError("agreement on held-out sites needs at least two with an episode")
     splits = [split(table, [name for name in used if site_of(name) == site]) for site in sites]
     seen = [train_on for train_on, _ in splits]
-    numbers = [
+    hyperparameters = [
         dataclasses.replace(
             INTERSECTION_CALIBRATED_NUMBERS, angle=angle, dataset=place, seed=config.seed
         )
         for place in range(len(sites))
         for angle in config.angles
     ]
-    trained = train(config.structure(), numbers, seen)
-    shape = behaviour_cloning.Structure(
+    trained = train(config.static(), hyperparameters, seen)
+    shape = behaviour_cloning.StaticConfig(
         hidden=config.hidden, batch_size=config.batch_size, updates=config.updates
     )
     clones = [
-        behaviour_cloning.Numbers(dataset=place, seed=config.seed) for place in range(len(sites))
+        behaviour_cloning.Hyperparameters(dataset=place, seed=config.seed)
+        for place in range(len(sites))
     ]
     cloned = behaviour_cloning.clone(shape, clones, seen)
     rows: list[Row] = []
@@ -129,7 +130,7 @@ def held_out(table: Demonstrations, config: Config) -> HeldOut:
         chances = {"majority": np.tile(shares / shares.sum(), (test.n_transitions, 1))}
         policy = cloned.policy(number)
         chances["behaviour cloning"] = policy.probabilities(test.observation)
-        for lane, one in enumerate(numbers):
+        for lane, one in enumerate(hyperparameters):
             if one.dataset == number:
                 policy = trained.policy(lane)
                 chances[f"IQ-Learn, {one.angle:g}°"] = policy.probabilities(test.observation)

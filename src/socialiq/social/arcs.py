@@ -21,7 +21,7 @@ class Arc:
         return (angle - self.low) % 360.0 <= self.high - self.low
 
 
-def outside(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...]:
+def callbacks(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...]:
     """What open arcs, each a centre and half a width in degrees, leave of the circle.
 
     Returns:

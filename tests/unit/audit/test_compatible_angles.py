@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from socialiq.audit.compatible_angles import rationalised
 from socialiq.audit.regret import Regrets
-from socialiq.social.arcs import Arc, outside, runs
+from socialiq.social.arcs import Arc, callbacks, runs
 
 
 def apart(one, other):
@@ -28,7 +28,7 @@ def apart(one, other):
     ],
 )
 def test_what_open_arcs_leave_by_hand(centres, halves, arcs):
-    assert outside(centres, halves) == tuple(Arc(*map(float, arc)) for arc in arcs)
+    assert callbacks(centres, halves) == tuple(Arc(*map(float, arc)) for arc in arcs)
 
 
 @given(
@@ -37,7 +37,7 @@ def test_what_open_arcs_leave_by_hand(centres, halves, arcs):
 )
 def test_an_angle_is_left_or_ruled_out(spans, angle):
     centres, halves = ([float(one[side]) for one in spans] for side in (0, 1))
-    left = any(arc.holds(float(angle)) for arc in outside(centres, halves))
+    left = any(arc.holds(float(angle)) for arc in callbacks(centres, halves))
     ruled_out = [apart(angle, one) < half for one, half in zip(centres, halves, strict=True)]
     assert left != any(ruled_out)
 

@@ -216,7 +216,7 @@ def test_evaluate_is_exact_and_agrees_with_rollouts(run, capsys):
 
 
 def test_evaluate_pools_policies_by_their_mean_totals(run, capsys):
-    files = [str(run / f"policy_{lane}.safetensors") for lane in (0, 1)]
+    files = [str(run / f"policy_{index}.safetensors") for index in (0, 1)]
     found = json_of(capsys, "evaluate", *files)
     each = [json_of(capsys, "evaluate", file) for file in files]
     assert found["policies"] == each

@@ -145,15 +145,15 @@ def test_unknown_readouts_are_refused(table5):
 def test_the_monitor_evaluates_every_lane(table7):
     part = table7.reachable_part()
     keys = jax.random.split(jax.random.key(0), 2)
-    lanes = [QNetwork.initialise(key, 6, (8,), 3) for key in keys]
-    learnt = SimpleNamespace(network=jax.tree.map(lambda *leaves: jax.numpy.stack(leaves), *lanes))
+    runs = [QNetwork.initialise(key, 6, (8,), 3) for key in keys]
+    learnt = SimpleNamespace(network=jax.tree.map(lambda *leaves: jax.numpy.stack(leaves), *runs))
     values = exact_monitor(part, [1.0, 0.2])(learnt)
     assert set(values) == {
         f"{readout}_{n}" for readout in ("greedy", "soft") for n in Metrics._fields
     }
-    for lane, temperature in enumerate([1.0, 0.2]):
-        policy = QPolicy.of(network_of(learnt.network, lane), temperature, {})
+    for run, temperature in enumerate([1.0, 0.2]):
+        policy = QPolicy.of(network_of(learnt.network, run), temperature, {})
         for readout in ("greedy", "soft"):
             expected = evaluate_exactly(part, action_table(policy, part, readout))
-            found = [values[f"{readout}_{name}"][lane] for name in Metrics._fields]
+            found = [values[f"{readout}_{name}"][run] for name in Metrics._fields]
             assert found == pytest.approx(list(expected), abs=1e-12)

@@ -57,11 +57,11 @@ def test_every_tested_claim_of_one_number_states_our_number(rows):
 def test_our_numbers_are_never_typed():
     text = importlib.resources.files("socialiq.experiments").joinpath("claims.toml").read_text()
     for claim in tomllib.loads(text)["claim"]:
-        outside = claims._PLACE.sub("", claim.get("ours", ""))
+        callbacks = claims._PLACE.sub("", claim.get("ours", ""))
         assert "." not in "".join(
-            outside[i - 1 : i + 2]
-            for i in range(1, len(outside) - 1)
-            if outside[i] == "." and outside[i - 1].isdigit() and outside[i + 1].isdigit()
+            callbacks[i - 1 : i + 2]
+            for i in range(1, len(callbacks) - 1)
+            if callbacks[i] == "." and callbacks[i - 1].isdigit() and callbacks[i + 1].isdigit()
         ), claim["id"]
 
 

@@ -16,21 +16,21 @@ class Config:
     sizes: tuple[int, ...] = (2, 3)
 
 
-def add(config, folder, inputs, tell):
+def add(config, folder, inputs, on_progress):
     """Its value and its inputs' together; it notes that it was called."""
     value = config.value + sum(int((one / "value").read_text()) for one in inputs.values())
     (folder / "value").write_text(str(value))
     with (folder.parent / "calls").open("a") as calls:
         calls.write(f"{folder.name} ")
-    tell(0.5)
+    on_progress(0.5)
 
 
-def fail(config, folder, inputs, tell):
+def fail(config, folder, inputs, on_progress):
     (folder / "half").write_text(str(config.value))
     raise UserError("the ink is out")
 
 
-def finish(config, folder, inputs, tell):
+def finish(config, folder, inputs, on_progress):
     """Goes on from what `fail` has left, if it has."""
     half = folder / "half"
     (folder / "found").write_text(half.read_text() if half.exists() else "nothing")
@@ -173,10 +173,10 @@ def test_progress_by_hand(monkeypatch):
         Job("t/a", add, Config()),
     ]
 
-    def watch(stage):
+    def on_stage(stage):
         return lambda report: reports.append((stage, report))
 
-    progress = Progress(work, work, watch)
+    progress = Progress(work, work, on_stage)
     progress.begin("s/a")
     now[0] = 105.0
     progress.update("s/a", 0.5)

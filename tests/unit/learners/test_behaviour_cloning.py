@@ -8,8 +8,8 @@ import pytest
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.behaviour_cloning import (
-    Numbers,
-    Structure,
+    Hyperparameters,
+    StaticConfig,
     clone,
     effective_size,
     negative_log_likelihood,
@@ -53,17 +53,17 @@ def test_the_likelihood_by_hand() -> None:
 
 
 def test_clones_recover_the_frequencies_of_their_own_sets() -> None:
-    sets, structure = (
+    sets, static = (
         [counted(COUNTS), counted(COUNTS[::-1])],
-        Structure(hidden=(), batch_size=256, updates=1500),
+        StaticConfig(hidden=(), batch_size=256, updates=1500),
     )
-    numbers = [Numbers(learning_rate=0.005, seed=seed, dataset=seed) for seed in (0, 1)]
-    cloned = clone(structure, numbers, sets, chunk=1500)
+    hyperparameters = [
+        Hyperparameters(learning_rate=0.005, seed=seed, dataset=seed) for seed in (0, 1)
+    ]
+    cloned = clone(static, hyperparameters, sets, chunk=1500)
     expected = COUNTS / COUNTS.sum(axis=1, keepdims=True)
-    for lane, frequencies in ((0, expected), (1, expected[::-1])):
-        np.testing.assert_allclose(
-            cloned.policy(lane).probabilities(STATES), frequencies, atol=0.05
-        )
+    for run, frequencies in ((0, expected), (1, expected[::-1])):
+        np.testing.assert_allclose(cloned.policy(run).probabilities(STATES), frequencies, atol=0.05)
     record = cloned.policy(1).provenance
     assert (record["learner"], record["numbers"]["dataset"]) == ("behaviour_cloning", 1)
 
@@ -86,52 +86,52 @@ def two_episodes() -> Demonstrations:
 def test_weighted_clones_follow_the_totals_of_episodes() -> None:
     """Totals 2 and 0: at τ_w = 2 / ln 3 the weights of the episodes are 3/4 and 1/4."""
     temperature = 2 / np.log(3)
-    structure = Structure(hidden=(), batch_size=256, updates=1500, weighted=True)
-    numbers = [
-        Numbers(learning_rate=0.005, angle=0.0, reweight_temperature=temperature),
-        Numbers(learning_rate=0.005, angle=90.0, reweight_temperature=temperature),
-        Numbers(learning_rate=0.005, angle=90.0, reweight_temperature=1e6),
+    static = StaticConfig(hidden=(), batch_size=256, updates=1500, weighted=True)
+    hyperparameters = [
+        Hyperparameters(learning_rate=0.005, angle=0.0, reweight_temperature=temperature),
+        Hyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=temperature),
+        Hyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=1e6),
     ]
-    cloned = clone(structure, numbers, [two_episodes()], chunk=1500)
-    for lane, first in enumerate([3 / 4, 1 / 4, 1 / 2]):
-        chances = cloned.policy(lane).probabilities(STATES[:1])[0]
+    cloned = clone(static, hyperparameters, [two_episodes()], chunk=1500)
+    for run, first in enumerate([3 / 4, 1 / 4, 1 / 2]):
+        chances = cloned.policy(run).probabilities(STATES[:1])[0]
         np.testing.assert_allclose(chances, [first, 1 - first, 0.0], atol=0.05)
 
 
 def test_the_effective_size_by_hand() -> None:
     """Weights 3/8, 3/8, 1/8, 1/8: 1 / (2 * 9/64 + 2 / 64) = 3.2 of 4 transitions."""
-    numbers = Numbers(reweight_temperature=2 / np.log(3))
-    assert effective_size(two_episodes(), numbers) == pytest.approx(3.2, rel=1e-5)
-    numbers = Numbers(reweight_temperature=1e6)
-    assert effective_size(two_episodes(), numbers) == pytest.approx(4.0, rel=1e-5)
+    hyperparameters = Hyperparameters(reweight_temperature=2 / np.log(3))
+    assert effective_size(two_episodes(), hyperparameters) == pytest.approx(3.2, rel=1e-5)
+    hyperparameters = Hyperparameters(reweight_temperature=1e6)
+    assert effective_size(two_episodes(), hyperparameters) == pytest.approx(4.0, rel=1e-5)
 
 
 def test_weights_need_whole_episodes() -> None:
     with pytest.raises(UserError, match="misses steps"):
-        clone(Structure(weighted=True), [Numbers()], [two_episodes().subsample(2)])
+        clone(StaticConfig(weighted=True), [Hyperparameters()], [two_episodes().subsample(2)])
 
 
 def test_runs_without_demonstrations_are_refused() -> None:
     data = counted(COUNTS)
-    for numbers in ([], [Numbers(dataset=1)]):
+    for hyperparameters in ([], [Hyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
-            clone(Structure(), numbers, [data])
+            clone(StaticConfig(), hyperparameters, [data])
 
 
 @pytest.mark.usefixtures("without_type_checker")
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Structure(activation="gelu"),
-        lambda: Structure(batch_size=0),
-        lambda: Structure(updates=0),
-        lambda: Structure(view="round"),
-        lambda: Numbers(angle=360.0),
-        lambda: Numbers(reweight_temperature=0.0),
-        lambda: Numbers(learning_rate=float("nan")),
-        lambda: Numbers(learning_rate=0.0),
-        lambda: Numbers(seed=2**32),
-        lambda: Numbers(dataset=-1),
+        lambda: StaticConfig(activation="gelu"),
+        lambda: StaticConfig(batch_size=0),
+        lambda: StaticConfig(updates=0),
+        lambda: StaticConfig(view="round"),
+        lambda: Hyperparameters(angle=360.0),
+        lambda: Hyperparameters(reweight_temperature=0.0),
+        lambda: Hyperparameters(learning_rate=float("nan")),
+        lambda: Hyperparameters(learning_rate=0.0),
+        lambda: Hyperparameters(seed=2**32),
+        lambda: Hyperparameters(dataset=-1),
     ],
 )
 def test_settings_that_make_no_run_are_refused(make) -> None:

@@ -7,15 +7,15 @@ import socialiq  # noqa: F401 - registers the worlds
 from socialiq.errors import UserError
 from socialiq.learners.collect import Collector, from_env, soft
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import initialise, traced, train
-from socialiq.learners.state import Lanes
+from socialiq.learners.state import Runs
 from socialiq.types import Ending
 from socialiq.worlds import registry
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
-STRUCTURE = Structure(hidden=(8,), batch_size=8, updates=40, replay_capacity=80)
-RUNS = [Numbers(seed=3), Numbers(seed=4)]
+STRUCTURE = StaticConfig(hidden=(8,), batch_size=8, updates=40, replay_capacity=80)
+RUNS = [Hyperparameters(seed=3), Hyperparameters(seed=4)]
 STEPS = 60
 
 
@@ -27,17 +27,17 @@ def collector(steps: int = STEPS) -> Collector:
     return Collector([from_env(crossing7(), steps) for _ in RUNS], [3, 4], soft([1.0, 1.0]))
 
 
-@pytest.fixture(name="lanes", scope="module")
-def fresh_lanes(demonstrations) -> Lanes:
+@pytest.fixture(name="runs", scope="module")
+def fresh_lanes(demonstrations) -> Runs:
     table = ExpertTable.of([demonstrations()], "running", 0.99)
     start = jax.vmap(lambda one: initialise(STRUCTURE, None, (6, 3), table, one))
     zero = np.zeros(2, np.int32)
-    return Lanes(*start(traced(RUNS)), zero, zero - 1, zero - 1)
+    return Runs(*start(traced(RUNS)), zero, zero - 1, zero - 1)
 
 
 @pytest.fixture(name="filled", scope="module")
-def filled_lanes(lanes) -> Lanes:
-    return collector()(lanes, 0)
+def filled_lanes(runs) -> Runs:
+    return collector()(runs, 0)
 
 
 def test_the_ring_holds_what_the_world_did(filled) -> None:
@@ -45,10 +45,8 @@ def test_the_ring_holds_what_the_world_did(filled) -> None:
     ring, world = filled.surroundings.replay, registry.make("crossing7")
     assert ring.added.tolist() == [STEPS, STEPS]
     rules = jax.jit(jax.vmap(world.rules, in_axes=(0, 0, None)))
-    for lane in range(2):
-        rows = jax.tree.map(
-            lambda column, lane=lane: np.asarray(column[lane][:STEPS]), ring.columns
-        )
+    for run in range(2):
+        rows = jax.tree.map(lambda column, run=run: np.asarray(column[run][:STEPS]), ring.columns)
         possible = []
         for chance in range(2):
             outcome = rules(rows.observation.astype(np.int32), rows.action, chance)
@@ -69,13 +67,13 @@ def test_the_ring_holds_what_the_world_did(filled) -> None:
 
 
 def test_experience_depends_on_the_seed_and_the_updates_done_alone(
-    lanes, filled, assert_same
+    runs, filled, assert_same
 ) -> None:
-    assert_same(collector()(lanes, 0), filled)
+    assert_same(collector()(runs, 0), filled)
     used = collector()
-    used(lanes, 500)
-    assert_same(used(lanes, 0), filled)
-    later = collector()(lanes, 20).surroundings.replay.columns
+    used(runs, 500)
+    assert_same(used(runs, 0), filled)
+    later = collector()(runs, 20).surroundings.replay.columns
     columns = filled.surroundings.replay.columns
     assert (later.action != columns.action).any()
     assert (columns.action[0] != columns.action[1]).any()

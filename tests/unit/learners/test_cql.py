@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.cql import Numbers, Structure, conservative_loss, traced, train
+from socialiq.learners.cql import Hyperparameters, StaticConfig, conservative_loss, traced, train
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
-SMALL = Structure(hidden=(8,), batch_size=8, updates=60)
-RUNS = (Numbers(seed=0, angle=45.0), Numbers(seed=1, angle=45.0))
+SMALL = StaticConfig(hidden=(8,), batch_size=8, updates=60)
+RUNS = (Hyperparameters(seed=0, angle=45.0), Hyperparameters(seed=1, angle=45.0))
 
 
 @pytest.fixture(name="data", scope="module")
@@ -43,7 +43,10 @@ def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> N
 
     V = 1 + 2 ln 4, so V - Q is 2 ln (4/3); V(s') = 2 ln 4; R at 90 degrees is r_social.
     """
-    network, slow = constant(1.0, 1 + 2 * np.log(3)), constant(2 * np.log(2), 2 * np.log(2))
+    network, target_network = (
+        constant(1.0, 1 + 2 * np.log(3)),
+        constant(2 * np.log(2), 2 * np.log(2)),
+    )
     one = jnp.ones((1, 1))
     batch = Batch(
         one,
@@ -52,9 +55,11 @@ def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> N
         jnp.array([int(ending)]),
         RewardPair(jnp.array([9.0]), jnp.array([0.4])),
     )
-    numbers = Numbers(90.0, 3.0, conservatism=0.7, temperature=2.0, discount=0.5)
-    lane = jax.tree.map(lambda column: column[0], traced([numbers]))
-    loss, terms = conservative_loss(network, slow, batch, lane, Structure(endings=endings))
+    hyperparameters = Hyperparameters(90.0, 3.0, conservatism=0.7, temperature=2.0, discount=0.5)
+    run = jax.tree.map(lambda column: column[0], traced([hyperparameters]))
+    loss, terms = conservative_loss(
+        network, target_network, batch, run, StaticConfig(endings=endings)
+    )
     error = 1 + 2 * np.log(3) - 0.5 * follows - 1.2
     assert terms["bellman"] == pytest.approx(error**2 / 2, rel=1e-5)
     assert terms["conservative"] == pytest.approx(0.7 * 2 * np.log(4 / 3), rel=1e-5)
@@ -67,15 +72,15 @@ def test_runs_are_sound_and_repeat_bit_for_bit(data, assert_same) -> None:
     assert found.history.updates == [20, 40, 60]
     assert set(found.history.values) == {"bellman", "conservative", "loss", "max_q"}
     assert_same(train(SMALL, RUNS, [data], chunk=20).networks, found.networks)
-    first, second = (found.policy(lane).q_values(data.observation) for lane in (0, 1))
+    first, second = (found.policy(run).q_values(data.observation) for run in (0, 1))
     assert not np.allclose(first, second)
 
 
 def test_a_policy_carries_its_origin_and_temperature(data) -> None:
-    numbers = dataclasses.replace(RUNS[0], temperature=0.3)
-    policy = train(SMALL, [numbers], [data], chunk=60).policy(0)
+    hyperparameters = dataclasses.replace(RUNS[0], temperature=0.3)
+    policy = train(SMALL, [hyperparameters], [data], chunk=60).policy(0)
     assert policy.provenance["learner"] == "cql"
-    assert Numbers(**policy.provenance["numbers"]) == numbers
+    assert Hyperparameters(**policy.provenance["numbers"]) == hyperparameters
     assert policy.temperature == 0.3
 
 
@@ -86,28 +91,28 @@ def test_a_network_that_blows_up_is_told(data) -> None:
 
 
 def test_runs_without_demonstrations_are_refused(data) -> None:
-    for numbers in ([], [Numbers(dataset=1)]):
+    for hyperparameters in ([], [Hyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
-            train(SMALL, numbers, [data])
+            train(SMALL, hyperparameters, [data])
 
 
 @pytest.mark.usefixtures("without_type_checker")
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Structure(activation="gelu"),
-        lambda: Structure(view="round"),
-        lambda: Structure(batch_size=0),
-        lambda: Structure(updates=0),
-        lambda: Numbers(angle=-1.0),
-        lambda: Numbers(strength=-1.0),
-        lambda: Numbers(conservatism=float("nan")),
-        lambda: Numbers(temperature=0.0),
-        lambda: Numbers(learning_rate=0.0),
-        lambda: Numbers(discount=1.0),
-        lambda: Numbers(polyak=0.0),
-        lambda: Numbers(seed=-1),
-        lambda: Numbers(dataset=-1),
+        lambda: StaticConfig(activation="gelu"),
+        lambda: StaticConfig(view="round"),
+        lambda: StaticConfig(batch_size=0),
+        lambda: StaticConfig(updates=0),
+        lambda: Hyperparameters(angle=-1.0),
+        lambda: Hyperparameters(strength=-1.0),
+        lambda: Hyperparameters(conservatism=float("nan")),
+        lambda: Hyperparameters(temperature=0.0),
+        lambda: Hyperparameters(learning_rate=0.0),
+        lambda: Hyperparameters(discount=1.0),
+        lambda: Hyperparameters(polyak=0.0),
+        lambda: Hyperparameters(seed=-1),
+        lambda: Hyperparameters(dataset=-1),
     ],
 )
 def test_settings_that_make_no_run_are_refused(make) -> None:

@@ -15,8 +15,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners import callbacks as outside_module
 from socialiq.learners import loop
-from socialiq.learners.callbacks import Outside, Report, Stopped
-from socialiq.learners.state import History, Lanes
+from socialiq.learners.callbacks import Callbacks, Report, Stopped
+from socialiq.learners.state import History, Runs
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 TOTAL, NEVER = 40, 10_000
@@ -39,31 +39,35 @@ def toys(*targets: float, breaks_at: tuple[int, ...] = (), breaks: int = 1) -> T
     )
 
 
-def initialise(numbers: Toy) -> tuple[Any, Any]:
-    key = jax.random.key(jnp.asarray(numbers.target, jnp.uint32))
+def initialise(hyperparameters: Toy) -> tuple[Any, Any]:
+    key = jax.random.key(jnp.asarray(hyperparameters.target, jnp.uint32))
     return {"x": jnp.zeros(3)}, (key, jnp.zeros((), jnp.int32))
 
 
-def update(numbers: Toy, learnt: Any, surroundings: Any) -> tuple[Any, Any, dict[str, Any]]:
+def update(hyperparameters: Toy, learnt: Any, surroundings: Any) -> tuple[Any, Any, dict[str, Any]]:
     key, step = surroundings
     key, one = jax.random.split(key)
     noise = 1e-3 * jax.random.normal(one, (3,))
-    broken = jnp.where(step == numbers.breaks_at, jnp.inf, 0.0)
-    x = learnt["x"] + 0.2 * (numbers.target - learnt["x"]) + noise
-    x = x + jnp.where(numbers.breaks == 2, broken, 0.0)
+    broken = jnp.where(step == hyperparameters.breaks_at, jnp.inf, 0.0)
+    x = learnt["x"] + 0.2 * (hyperparameters.target - learnt["x"]) + noise
+    x = x + jnp.where(hyperparameters.breaks == 2, broken, 0.0)
     terms = {
-        "square": jnp.sum((numbers.target - learnt["x"]) ** 2)
-        + jnp.where(numbers.breaks == 1, broken, 0.0),
-        "noise": noise[0] + jnp.where(numbers.breaks == 0, broken, 0.0),
+        "square": jnp.sum((hyperparameters.target - learnt["x"]) ** 2)
+        + jnp.where(hyperparameters.breaks == 1, broken, 0.0),
+        "noise": noise[0] + jnp.where(hyperparameters.breaks == 0, broken, 0.0),
     }
     return {"x": x}, (key, step + 1), terms
 
 
 def train(
-    numbers: Toy, chunk: int = 10, total: int = TOTAL, fingerprint: str = "toy", **outside: Any
-) -> tuple[Lanes, History]:
-    around = Outside(**outside)
-    return loop.run(initialise, update, numbers, total, chunk, fingerprint, around)
+    hyperparameters: Toy,
+    chunk: int = 10,
+    total: int = TOTAL,
+    fingerprint: str = "toy",
+    **callbacks: Any,
+) -> tuple[Runs, History]:
+    around = Callbacks(**callbacks)
+    return loop.run(initialise, update, hyperparameters, total, chunk, fingerprint, around)
 
 
 def interrupt_after(done: int) -> Callable[[Report], None]:
@@ -77,7 +81,7 @@ def interrupt_after(done: int) -> Callable[[Report], None]:
 
 
 @pytest.fixture(name="whole", scope="module")
-def uninterrupted() -> tuple[Lanes, History]:
+def uninterrupted() -> tuple[Runs, History]:
     return train(toys(1.0, 5.0))
 
 
@@ -89,10 +93,10 @@ def assert_same_history(one: History, other: History) -> None:
 
 
 def test_lanes_converge_to_their_own_targets(whole) -> None:
-    lanes, history = whole
-    np.testing.assert_allclose(lanes.learnt["x"], [[1] * 3, [5] * 3], atol=0.01)
-    assert lanes.updates.tolist() == [TOTAL, TOTAL]
-    assert lanes.failed_at.tolist() == [-1, -1]
+    runs, history = whole
+    np.testing.assert_allclose(runs.learnt["x"], [[1] * 3, [5] * 3], atol=0.01)
+    assert runs.updates.tolist() == [TOTAL, TOTAL]
+    assert runs.failed_at.tolist() == [-1, -1]
     assert history.updates == [10, 20, 30, 40]
     assert history.array("square").shape == (4, 2)
 
@@ -111,8 +115,8 @@ def test_the_size_of_chunks_changes_nothing(whole, assert_same, chunk: int) -> N
 def test_a_lane_does_not_depend_on_its_neighbours(whole) -> None:
     alone, _ = train(toys(5.0))
     among, _ = train(toys(9.0, 5.0, 2.0, breaks_at=(3,)))
-    for lanes, lane in ((alone, 0), (among, 1)):
-        np.testing.assert_allclose(lanes.learnt["x"][lane], whole[0].learnt["x"][1], atol=1e-5)
+    for runs, run in ((alone, 0), (among, 1)):
+        np.testing.assert_allclose(runs.learnt["x"][run], whole[0].learnt["x"][1], atol=1e-5)
 
 
 @pytest.mark.parametrize(("breaks", "term"), [(0, "noise"), (1, "square"), (2, "parameters")])
@@ -121,12 +125,12 @@ def test_a_lane_that_breaks_keeps_its_last_sound_state(
 ) -> None:
     reports: list[Report] = []
     names = ("first", "second")
-    numbers = toys(1.0, 5.0, breaks_at=(20,), breaks=breaks)
-    lanes, _ = train(numbers, on_report=reports.append, lane_names=names)
-    assert lanes.failed_at.tolist() == [20, -1]
+    hyperparameters = toys(1.0, 5.0, breaks_at=(20,), breaks=breaks)
+    runs, _ = train(hyperparameters, on_report=reports.append, run_names=names)
+    assert runs.failed_at.tolist() == [20, -1]
     before, _ = train(toys(1.0, 5.0), total=20)
-    assert_same(lanes.learnt["x"][0], before.learnt["x"][0])
-    assert_same(lanes.learnt["x"][1], whole[0].learnt["x"][1])
+    assert_same(runs.learnt["x"][0], before.learnt["x"][0])
+    assert_same(runs.learnt["x"][1], whole[0].learnt["x"][1])
     assert [len(report.failures) for report in reports] == [0, 0, 1, 1]
     assert (
         reports[-1]
@@ -144,20 +148,23 @@ def test_a_lane_without_a_name_is_called_by_its_number() -> None:
 def test_only_the_first_failure_is_told() -> None:
     always = loop.run(
         initialise,
-        lambda numbers, learnt, around: (*update(numbers, learnt, around)[:2], {"a": jnp.nan}),
+        lambda hyperparameters, learnt, around: (
+            *update(hyperparameters, learnt, around)[:2],
+            {"a": jnp.nan},
+        ),
         toys(1.0),
         TOTAL,
         10,
         "toy",
-        Outside(),
+        Callbacks(),
     )[0]
     assert (always.failed_at.tolist(), always.failed_term.tolist()) == ([0], [0])
 
 
 def test_reports_and_history_leave_a_broken_lane_out() -> None:
     reports: list[Report] = []
-    numbers = toys(100.0, 5.0, breaks_at=(3,))
-    _, history = train(numbers, on_report=reports.append)
+    hyperparameters = toys(100.0, 5.0, breaks_at=(3,))
+    _, history = train(hyperparameters, on_report=reports.append)
     square = history.array("square")
     assert not np.isfinite(square[:, 0]).any()
     assert [report.terms["square"] for report in reports] == square[:, 1].tolist()
@@ -165,7 +172,7 @@ def test_reports_and_history_leave_a_broken_lane_out() -> None:
 
 def test_reports_tell_progress_terms_and_what_the_monitor_saw() -> None:
     reports: list[Report] = []
-    lanes, history = train(
+    runs, history = train(
         toys(1.0, 5.0),
         on_report=reports.append,
         monitor=lambda learnt: {"x": np.asarray(learnt["x"][:, 0])},
@@ -177,8 +184,8 @@ def test_reports_tell_progress_terms_and_what_the_monitor_saw() -> None:
     assert reports[0].seconds_left > reports[-1].seconds_left == 0
     assert reports[1].terms["square"] == pytest.approx(history.array("square")[1].mean())
     assert set(reports[1].terms) == {"square", "noise"}
-    np.testing.assert_array_equal(reports[-1].monitored["x"], lanes.learnt["x"][:, 0])
-    np.testing.assert_array_equal(history.array("x")[-1], lanes.learnt["x"][:, 0])
+    np.testing.assert_array_equal(reports[-1].monitored["x"], runs.learnt["x"][:, 0])
+    np.testing.assert_array_equal(history.array("x")[-1], runs.learnt["x"][:, 0])
 
 
 def test_the_rate_leaves_out_the_first_chunk_which_compiles(
@@ -209,17 +216,17 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
                 checkpoint=path,
                 resume=number > 0,
             )
-    lanes, history = train(toys(1.0, 5.0), checkpoint=path, resume=True)
-    assert_same(lanes, whole[0])
+    runs, history = train(toys(1.0, 5.0), checkpoint=path, resume=True)
+    assert_same(runs, whole[0])
     assert_same_history(history, whole[1])
 
 
 def test_a_broken_lane_stays_broken_after_a_resume(assert_same, tmp_path: Path) -> None:
-    numbers, path = toys(1.0, 5.0, breaks_at=(3,)), tmp_path / "state"
+    hyperparameters, path = toys(1.0, 5.0, breaks_at=(3,)), tmp_path / "state"
     with pytest.raises(Stopped):
-        train(numbers, on_report=interrupt_after(20), checkpoint=path)
-    resumed, history = train(numbers, checkpoint=path, resume=True)
-    whole, whole_history = train(numbers)
+        train(hyperparameters, on_report=interrupt_after(20), checkpoint=path)
+    resumed, history = train(hyperparameters, checkpoint=path, resume=True)
+    whole, whole_history = train(hyperparameters)
     assert_same(resumed, whole)
     assert_same_history(history, whole_history)
 
@@ -227,13 +234,13 @@ def test_a_broken_lane_stays_broken_after_a_resume(assert_same, tmp_path: Path) 
 def test_before_chunk_is_told_the_updates_done_and_changes_the_lanes() -> None:
     told = []
 
-    def reset(lanes: Lanes, done: int) -> Lanes:
+    def reset(runs: Runs, done: int) -> Runs:
         told.append(done)
-        return lanes._replace(learnt=jax.tree.map(jnp.zeros_like, lanes.learnt))
+        return runs._replace(learnt=jax.tree.map(jnp.zeros_like, runs.learnt))
 
-    lanes, _ = loop.run(initialise, update, toys(1.0), 40, 10, "toy", Outside(), reset)
+    runs, _ = loop.run(initialise, update, toys(1.0), 40, 10, "toy", Callbacks(), reset)
     assert told == [0, 10, 20, 30]
-    np.testing.assert_allclose(lanes.learnt["x"], 1 - 0.8**10, atol=0.01)
+    np.testing.assert_allclose(runs.learnt["x"], 1 - 0.8**10, atol=0.01)
 
 
 @pytest.fixture(name="saved")
@@ -269,8 +276,8 @@ def test_stopping_without_a_checkpoint_says_that_nothing_was_saved() -> None:
 
 def test_a_stop_in_the_last_chunk_is_the_end_of_the_run(whole, assert_same, tmp_path: Path) -> None:
     path = tmp_path / "state"
-    lanes, _ = train(toys(1.0, 5.0), on_report=interrupt_after(40), checkpoint=path)
-    assert_same(lanes, whole[0])
+    runs, _ = train(toys(1.0, 5.0), on_report=interrupt_after(40), checkpoint=path)
+    assert_same(runs, whole[0])
     again, history = train(toys(1.0, 5.0), checkpoint=path, resume=True)
     assert_same(again, whole[0])
     assert_same_history(history, whole[1])

@@ -157,8 +157,8 @@ def test_radius_along_a_segment_is_its_far_end():
 def test_contains_by_hand():
     for inside in [(1.0, 1.0), (0.0, -1.0), (0.3, 0.2)]:
         assert SQUARE.contains(RewardPair(*inside))
-    for outside in [(1.001, 0.0), (0.0, -1.001)]:
-        assert not SQUARE.contains(RewardPair(*outside))
+    for callbacks in [(1.001, 0.0), (0.0, -1.001)]:
+        assert not SQUARE.contains(RewardPair(*callbacks))
     assert SEGMENT.contains(RewardPair(1.0, 1.0))
     assert not SEGMENT.contains(RewardPair(0.9, 1.0))
     assert not SEGMENT.contains(RewardPair(2.1, -0.1))

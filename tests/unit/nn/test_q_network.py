@@ -48,8 +48,8 @@ def test_the_activation_stands_between_the_layers_only(activation: str, expected
 
 def test_network_of_takes_one_lane() -> None:
     keys = jax.random.split(jax.random.key(2), 3)
-    lanes = jax.vmap(lambda key: QNetwork.initialise(key, 4, (5,), 2))(keys)
+    runs = jax.vmap(lambda key: QNetwork.initialise(key, 4, (5,), 2))(keys)
     alone = QNetwork.initialise(keys[1], 4, (5,), 2)
     observation = jnp.arange(4.0)
-    np.testing.assert_allclose(network_of(lanes, 1)(observation), alone(observation), rtol=1e-6)
-    assert not np.allclose(network_of(lanes, 0)(observation), alone(observation))
+    np.testing.assert_allclose(network_of(runs, 1)(observation), alone(observation), rtol=1e-6)
+    assert not np.allclose(network_of(runs, 0)(observation), alone(observation))

@@ -13,7 +13,7 @@ from socialiq.experiments.gridworld_runs import Ground
 from socialiq.experiments.jobs import fingerprints
 from socialiq.plotting.style import png
 from socialiq.studies.compare_priors import alignment, figures, intersection, learners, study
-from socialiq.studies.compare_priors.budget import Lane, structure_of
+from socialiq.studies.compare_priors.budget import Run, structure_of
 from socialiq.studies.compare_priors.config import Config
 from socialiq.studies.compare_priors.gridworlds import effective_share
 from socialiq.studies.compare_priors.learners import Arena
@@ -43,12 +43,12 @@ def five_by_five() -> Arena:
 @pytest.mark.parametrize("name", ["advantage", *(name for name in learners.LEARNERS if name != IQ)])
 def test_every_learner_trains_a_policy_for_each_lane(arena: Arena, name: str) -> None:
     method = BY_NAME[name]
-    lanes = [Lane(0.0, 1.0, 0, 0), Lane(90.0, 3.0, 1, 1)]
-    policies = learners.LEARNERS[method.learner](arena, method, lanes)
+    runs = [Run(0.0, 1.0, 0, 0), Run(90.0, 3.0, 1, 1)]
+    policies = learners.LEARNERS[method.learner](arena, method, runs)
     tables = [action_table(policy, arena.ground.part, "soft") for policy in policies]
     assert len(policies) == 2 and not np.allclose(*tables)
-    for policy, lane in zip(policies, lanes, strict=True):
-        assert policy.provenance["numbers"]["seed"] == lane.seed
+    for policy, run in zip(policies, runs, strict=True):
+        assert policy.provenance["numbers"]["seed"] == run.seed
         structure = policy.provenance["structure"]
         assert tuple(structure["hidden"]) == arena.structure.hidden
         rows = structure.get("batch_size", structure.get("expert_batch"))
@@ -86,7 +86,7 @@ def test_the_nearest_mode(angle: float, mode: str) -> None:
 def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
     """Of the transitions GGGG, WGGGG, WWWWGGGG of each set the egoist has 4 of 17."""
     shares = {
-        name: effective_share(arena, BY_NAME[name], Lane(0.0, 1.0, 0, 0))
+        name: effective_share(arena, BY_NAME[name], Run(0.0, 1.0, 0, 0))
         for name in ("none", "clone", "clone_of_mode", "clone_weighted", "reweighting", "rl")
     }
     assert shares["none"] == shares["clone"] == 1.0
@@ -94,7 +94,7 @@ def test_the_share_of_the_data_that_counts(arena: Arena) -> None:
     assert shares["rl"] == 0.0
     for name in ("clone_weighted", "reweighting"):
         assert 0.0 < shares[name] < 1.0
-        mild = effective_share(arena, BY_NAME[name], Lane(0.0, 1e-6, 0, 0))
+        mild = effective_share(arena, BY_NAME[name], Run(0.0, 1e-6, 0, 0))
         assert mild == pytest.approx(1.0, abs=1e-4)
 
 

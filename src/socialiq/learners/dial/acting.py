@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from socialiq.learners import replay
 from socialiq.learners.collect import Act, Behaviour
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.objective import Traced
 from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.expert_table import Batch
@@ -30,20 +30,18 @@ class Acting(NamedTuple):
     direction: RewardPair
 
 
-def begin(structure: Structure, simulator: Simulator, key: Array) -> Acting:
+def begin(static: StaticConfig, simulator: Simulator, key: Array) -> Acting:
     """Fresh episodes at angles drawn for them."""
     for_world, for_angle = jax.random.split(key)
-    keys = jax.random.split(for_world, structure.environments)
+    keys = jax.random.split(for_world, static.environments)
     episode, observation = jax.vmap(simulator.reset)(keys)
-    return Acting(
-        episode, observation, draw_directions(for_angle, structure.environments, structure)
-    )
+    return Acting(episode, observation, draw_directions(for_angle, static.environments, static))
 
 
 def act(
-    structure: Structure,
+    static: StaticConfig,
     simulator: Simulator,
-    numbers: Traced,
+    hyperparameters: Traced,
     network: DialNetwork,
     ring: replay.Replay,
     now: Acting,
@@ -51,11 +49,11 @@ def act(
 ) -> tuple[replay.Replay, Acting]:
     """One step in every environment of a simulator, stored; an episode that ends begins anew."""
     for_action, for_chance, for_random, for_step, for_new = jax.random.split(key, 5)
-    count = structure.environments
+    count = static.environments
     q = jax.vmap(network)(now.observation, now.direction)
-    chosen = jax.random.categorical(for_action, q / numbers.temperature)
+    chosen = jax.random.categorical(for_action, q / hyperparameters.temperature)
     random = jax.random.randint(for_random, (count,), 0, q.shape[-1])
-    explores = jax.random.uniform(for_chance, (count,)) < numbers.exploration
+    explores = jax.random.uniform(for_chance, (count,)) < hyperparameters.exploration
     action = jnp.where(explores, random, chosen)
     follows, step = jax.vmap(simulator.advance)(
         jax.random.split(for_step, count), now.episode, action
@@ -69,23 +67,23 @@ def act(
     def begun(new: Array, old: Array) -> Array:
         return jnp.where(ended.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
-    return ring, jax.tree.map(begun, begin(structure, simulator, for_new), going)
+    return ring, jax.tree.map(begun, begin(static, simulator, for_new), going)
 
 
-def acting(structure: Structure, numbers: Sequence[Numbers]) -> Behaviour:
+def acting(static: StaticConfig, hyperparameters: Sequence[Hyperparameters]) -> Behaviour:
     """Outside JAX: softmax(Q/τ) at the environment's angle, or now and then a random action.
 
     An environment keeps its angle for a chunk. Together the environments' angles are stratified:
     one in each of as many equal parts of the dial's range, so every chunk sees all of it.
     """
 
-    def behaviour(network: DialNetwork, lane: int, _done: int, rng: np.random.Generator) -> Act:
-        one, directions = numbers[lane], dict[int, RewardPair]()
+    def behaviour(network: DialNetwork, run: int, _done: int, rng: np.random.Generator) -> Act:
+        one, directions = hyperparameters[run], dict[int, RewardPair]()
 
         def decide(observation: np.ndarray) -> np.ndarray:
             count = len(observation)
             if count not in directions:
-                directions[count] = stratified(structure, count, rng)
+                directions[count] = stratified(static, count, rng)
             q = np.asarray(
                 _values(network, jnp.asarray(observation, jnp.float32), directions[count])
             )
@@ -98,9 +96,9 @@ def acting(structure: Structure, numbers: Sequence[Numbers]) -> Behaviour:
     return behaviour
 
 
-def stratified(structure: Structure, count: int, rng: np.random.Generator) -> RewardPair:
+def stratified(static: StaticConfig, count: int, rng: np.random.Generator) -> RewardPair:
     """Directions (cos α, sin α), α uniform within each of `count` equal parts of the range."""
-    low, high = structure.low - structure.margin, structure.high + structure.margin
+    low, high = static.low - static.margin, static.high + static.margin
     angles = low + (high - low) * (np.arange(count) + rng.random(count)) / count
     pairs = np.array([exact_weights(angle) for angle in angles.tolist()], np.float32)
     return RewardPair(pairs[:, 0], pairs[:, 1])

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.learners.state import Lanes
+from socialiq.learners.state import Runs
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import network_of
 
@@ -36,8 +36,8 @@ class Look(NamedTuple):
     """
 
     updates: int
-    regret: Float[np.ndarray, " lane"]
-    multiplier: Float[np.ndarray, " lane"]
+    regret: Float[np.ndarray, " run"]
+    multiplier: Float[np.ndarray, " run"]
 
 
 class Budget:
@@ -60,7 +60,7 @@ class Budget:
     def __init__(
         self,
         regret: Regret,
-        budget: Float[np.ndarray, " lane"],
+        budget: Float[np.ndarray, " run"],
         step: float = 0.3,
         low: float = 1e-2,
         high: float = 1e3,
@@ -73,20 +73,20 @@ class Budget:
         self._step, self._low, self._high = step, low, high
         self.path: list[Look] = []
 
-    def __call__(self, lanes: Lanes, done: int) -> Lanes:
+    def __call__(self, runs: Runs, done: int) -> Runs:
         """Measure every lane, and move its multiplier."""
-        before = np.asarray(lanes.surroundings.multiplier, np.float64)
+        before = np.asarray(runs.surroundings.multiplier, np.float64)
         if not done:
-            return lanes
+            return runs
         regret = np.array(
             [
-                self._regret(network_of(lanes.learnt.slow, lane), lane, float(before[lane]))
-                for lane in range(len(before))
+                self._regret(network_of(runs.learnt.target_network, run), run, float(before[run]))
+                for run in range(len(before))
             ]
         )
         # Bounded: far from the budget every step is as long as any.
         excess = np.clip(regret / self._budget - 1.0, -1.0, 1.0)
         after = np.clip(before * np.exp(self._step * excess), self._low, self._high)
         self.path.append(Look(done, regret, after))
-        moved = lanes.surroundings._replace(multiplier=jnp.asarray(after, jnp.float32))
-        return lanes._replace(surroundings=moved)
+        moved = runs.surroundings._replace(multiplier=jnp.asarray(after, jnp.float32))
+        return runs._replace(surroundings=moved)

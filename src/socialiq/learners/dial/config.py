@@ -26,7 +26,7 @@ Scored = Literal["all", "demonstrations"]
 
 
 @dataclass(frozen=True)
-class Structure:
+class StaticConfig:
     """Choices that shape the program. Defaults: the 7x7 world with its clock, online."""
 
     low: float = 0.0
@@ -104,7 +104,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class Hyperparameters:
     """Numbers of one run; all are traced, so a whole grid of them shares one program."""
 
     strength: float = 1.0
@@ -145,8 +145,8 @@ class Numbers:
 
 
 def check_fit(
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     datasets: Sequence[Transitions],
     simulator: Simulator | None,
     sizes: tuple[int, int] | None,
@@ -160,18 +160,18 @@ def check_fit(
     Raises:
         UserError: The line says what doesn't fit.
     """
-    if not numbers:
+    if not hyperparameters:
         raise UserError("no runs: pass at least one set of numbers")
-    if structure.demonstrations and not datasets:
+    if static.demonstrations and not datasets:
         raise UserError("no demonstrations: pass at least one set, or train without them")
-    sets = len(datasets) // max(len(structure.demonstrators), 1)
-    if structure.demonstrations and max(one.dataset for one in numbers) >= sets:
+    sets = len(datasets) // max(len(static.demonstrators), 1)
+    if static.demonstrations and max(one.dataset for one in hyperparameters) >= sets:
         raise UserError(f"a run names a set of demonstrations beyond the {sets} given")
     acts = simulator is not None or collects
-    if structure.online != acts:
+    if static.online != acts:
         raise UserError(
             "online training needs a world: name one, or train offline"
-            if structure.online
+            if static.online
             else "offline training takes no world: drop it, or train online"
         )
     found = [(data.observation.shape[1], data.n_actions) for data in datasets]

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from socialiq.learners.dial.config import Structure
+from socialiq.learners.dial.config import StaticConfig
 from socialiq.learners.dial.rows import Rows
 from socialiq.learners.iq_learn import losses, priors
 from socialiq.nn.dial_network import DialNetwork
@@ -33,7 +33,7 @@ Scalar = Float[Array, ""]
 
 
 class Traced(NamedTuple):
-    """`Numbers` as arrays."""
+    """`Hyperparameters` as arrays."""
 
     strength: Scalar
     prior_weight: Scalar
@@ -63,7 +63,11 @@ class Networks(NamedTuple):
 
 
 def objective(
-    networks: Networks, slow: DialNetwork, rows: Rows, numbers: Traced, structure: Structure
+    networks: Networks,
+    target_network: DialNetwork,
+    rows: Rows,
+    hyperparameters: Traced,
+    static: StaticConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """The loss and its terms by name: `expert` and `value` of IQ-Learn, `prior` the quadratic.
 
@@ -72,41 +76,45 @@ def objective(
     network, skill = networks
     batch, direction, expert = rows.batch, rows.direction, slice(rows.n_expert)
     q = jax.vmap(network)(batch.observation, direction)
-    q_next = jax.vmap(slow)(batch.next_observation, direction)
-    absorbing = losses.absorbing_value(q.shape[-1], numbers.temperature, numbers.discount)
+    q_next = jax.vmap(target_network)(batch.next_observation, direction)
+    absorbing = losses.absorbing_value(
+        q.shape[-1], hyperparameters.temperature, hyperparameters.discount
+    )
     follows = losses.continuation(
-        losses.soft_value(q_next, numbers.temperature),
+        losses.soft_value(q_next, hyperparameters.temperature),
         batch.ending,
-        structure.endings.by_kind(),
+        static.endings.by_kind(),
         absorbing,
     )
     taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
-    reward = losses.implicit_reward(taken, follows, numbers.discount)
+    reward = losses.implicit_reward(taken, follows, hyperparameters.discount)
     target = score(direction, batch.target)
 
     terms = {}
     if skill is not None and rows.own is not None:
         correction = jax.vmap(skill)(batch.observation)
-        terms["skill"] = _skill_loss(correction, slow, rows, rows.own, numbers)
+        terms["skill"] = _skill_loss(correction, target_network, rows, rows.own, hyperparameters)
         shown = jnp.take_along_axis(correction, batch.action[:, None], axis=1)[:, 0]
-        target = target + jax.lax.stop_gradient(shown) / numbers.strength
-    elif structure.demonstrations:
-        value = losses.soft_value(q, numbers.temperature)
+        target = target + jax.lax.stop_gradient(shown) / hyperparameters.strength
+    elif static.demonstrations:
+        value = losses.soft_value(q, hyperparameters.temperature)
         terms["expert"] = losses.expert_term("chi2", reward[expert])
-        terms["value"] = losses.value_term(value, follows, numbers.discount)
-    scored = expert if structure.scored == "demonstrations" else slice(None)
-    gap = priors.shifted_chi2(reward[scored], target[scored], numbers.strength, numbers.chi2_alpha)
-    terms["prior"] = numbers.prior_weight * gap
+        terms["value"] = losses.value_term(value, follows, hyperparameters.discount)
+    scored = expert if static.scored == "demonstrations" else slice(None)
+    gap = priors.shifted_chi2(
+        reward[scored], target[scored], hyperparameters.strength, hyperparameters.chi2_alpha
+    )
+    terms["prior"] = hyperparameters.prior_weight * gap
     total = jnp.sum(jnp.stack(list(terms.values())))
     return total, terms | {"max_q": jnp.max(jnp.abs(q)), "loss": total}
 
 
 def _skill_loss(
     correction: Float[Array, "batch action"],
-    slow: DialNetwork,
+    target_network: DialNetwork,
     rows: Rows,
     own: RewardPair,
-    numbers: Traced,
+    hyperparameters: Traced,
 ) -> Scalar:
     """What f(s, a) is learned by: what demonstrators do and their own R(a_i) + f doesn't yet.
 
@@ -118,9 +126,9 @@ def _skill_loss(
     """
     count = rows.n_expert
     f, action = correction[:count], rows.batch.action[:count]
-    q = jax.vmap(slow)(rows.batch.observation[:count], own)
-    policy = jax.lax.stop_gradient(jax.nn.softmax(q / numbers.temperature))
+    q = jax.vmap(target_network)(rows.batch.observation[:count], own)
+    policy = jax.lax.stop_gradient(jax.nn.softmax(q / hyperparameters.temperature))
     shown = jnp.take_along_axis(f, action[:, None], axis=1)[:, 0]
     moved = jnp.mean(jnp.sum(policy * f, axis=1) - shown)
-    size = jnp.mean(jnp.square(shown) + numbers.spread * jnp.sum(jnp.square(f), axis=1))
-    return moved + numbers.shrinkage * size
+    size = jnp.mean(jnp.square(shown) + hyperparameters.spread * jnp.sum(jnp.square(f), axis=1))
+    return moved + hyperparameters.shrinkage * size

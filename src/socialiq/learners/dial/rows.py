@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, PRNGKeyArray
 
 from socialiq.learners import replay
-from socialiq.learners.dial.config import Structure
+from socialiq.learners.dial.config import StaticConfig
 from socialiq.learners.expert_table import Batch, ExpertTable, draw_between
 from socialiq.social.angle import exact_weights
 from socialiq.types import Ending, RewardPair
@@ -32,7 +32,7 @@ class Rows(NamedTuple):
 
 
 def draw_rows(
-    structure: Structure,
+    static: StaticConfig,
     table: ExpertTable | None,
     dataset: Array,
     ring: replay.Replay | None,
@@ -41,41 +41,41 @@ def draw_rows(
     """Demonstrations, then the learner's own steps, each row at an angle drawn for it."""
     for_expert, for_replay, for_angle, for_time = jax.random.split(key, 4)
     parts: list[Batch] = []
-    if structure.demonstrations and table is not None:
-        parts += _shown(structure, table, dataset, for_expert)
+    if static.demonstrations and table is not None:
+        parts += _shown(static, table, dataset, for_expert)
     if ring is not None:
-        parts.append(replay.sample(ring, for_replay, structure.replay_batch))
+        parts.append(replay.sample(ring, for_replay, static.replay_batch))
     batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
-    if structure.redraw_times:
-        batch = at_other_times(for_time, batch, structure.redraw_times)
-    n_expert = structure.expert_batch if structure.demonstrations else 0
-    directions = draw_directions(for_angle, len(batch.action), structure)
-    return Rows(batch, directions, n_expert, _own_directions(structure))
+    if static.redraw_times:
+        batch = at_other_times(for_time, batch, static.redraw_times)
+    n_expert = static.expert_batch if static.demonstrations else 0
+    directions = draw_directions(for_angle, len(batch.action), static)
+    return Rows(batch, directions, n_expert, _own_directions(static))
 
 
-def _shown(structure: Structure, table: ExpertTable, dataset: Array, key: Array) -> list[Batch]:
+def _shown(static: StaticConfig, table: ExpertTable, dataset: Array, key: Array) -> list[Batch]:
     """Demonstrations; of several demonstrators as many of each, in their order."""
-    count = len(structure.demonstrators)
+    count = len(static.demonstrators)
     if not count:
-        return [table.sample(key, dataset, structure.expert_batch)]
+        return [table.sample(key, dataset, static.expert_batch)]
     return [
-        table.sample(one, dataset * count + number, structure.expert_batch // count)
+        table.sample(one, dataset * count + number, static.expert_batch // count)
         for number, one in enumerate(jax.random.split(key, count))
     ]
 
 
-def _own_directions(structure: Structure) -> RewardPair | None:
+def _own_directions(static: StaticConfig) -> RewardPair | None:
     """Each demonstrator's own direction, for as many rows as there are of it."""
-    if not structure.demonstrators:
+    if not static.demonstrators:
         return None
-    pairs = jnp.array([exact_weights(angle) for angle in structure.demonstrators])
-    rows = jnp.repeat(pairs, structure.expert_batch // len(structure.demonstrators), axis=0)
+    pairs = jnp.array([exact_weights(angle) for angle in static.demonstrators])
+    rows = jnp.repeat(pairs, static.expert_batch // len(static.demonstrators), axis=0)
     return RewardPair(rows[:, 0], rows[:, 1])
 
 
-def draw_directions(key: PRNGKeyArray, size: int, structure: Structure) -> RewardPair:
+def draw_directions(key: PRNGKeyArray, size: int, static: StaticConfig) -> RewardPair:
     """Draw (cos α, sin α), α uniform between the structure's `low` and `high` and its margin."""
-    low, high = structure.low - structure.margin, structure.high + structure.margin
+    low, high = static.low - static.margin, static.high + static.margin
     drawn = jax.random.uniform(key, (size,), minval=low, maxval=high)
     radians = jnp.deg2rad(drawn)
     return RewardPair(jnp.cos(radians), jnp.sin(radians))

@@ -20,7 +20,7 @@ from socialiq.social.angle import check_angle
 
 
 @dataclass(frozen=True)
-class Structure:
+class StaticConfig:
     """Choices that shape the program. Defaults: the experts of thesis 5.2.
 
     The thesis gives network, learning rate, discount, steps and environments. The rest is of
@@ -62,7 +62,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class Hyperparameters:
     """Numbers of one run; all are traced, so runs that differ in them share one program."""
 
     angle: float = 0.0

@@ -12,17 +12,17 @@ Scalar = Float[Array, ""]
 
 
 def next_value(
-    slow: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
+    target_network: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
 ) -> Float[Array, " batch"]:
     """max_a Q(s', a) by the slow copy; "double" lets the network itself choose a.
 
     Args:
-        slow: Q(s', ·) of the slow copy (Mnih et al. 2015).
+        target_network: Q(s', ·) of the slow copy (Mnih et al. 2015).
         fast: Q(s', ·) of the network (van Hasselt et al. 2016).
         double: Who chooses.
     """
-    chosen = jnp.argmax(fast if double else slow, axis=-1)
-    return jnp.take_along_axis(slow, chosen[:, None], axis=-1)[:, 0]
+    chosen = jnp.argmax(fast if double else target_network, axis=-1)
+    return jnp.take_along_axis(target_network, chosen[:, None], axis=-1)[:, 0]
 
 
 def bootstrapped_target(

@@ -17,10 +17,10 @@ from jaxtyping import Array
 
 from socialiq.errors import UserError
 from socialiq.learners import loop, replay
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Act, Behaviour, Collector, Source
 from socialiq.learners.dqn import losses
-from socialiq.learners.dqn.config import Numbers, Structure
+from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import History
 from socialiq.nn.q_network import QNetwork, network_of
@@ -33,7 +33,7 @@ _ADAM = optax.scale_by_adam()  # the traced learning rate is applied by hand
 
 
 class Traced(NamedTuple):
-    """`Numbers` as arrays, with the angle's weights in place of the angle."""
+    """`Hyperparameters` as arrays, with the angle's weights in place of the angle."""
 
     weights: RewardPair
     discount: Array
@@ -47,7 +47,7 @@ class Learnt(NamedTuple):
     """What training changes."""
 
     network: QNetwork
-    slow: QNetwork
+    target_network: QNetwork
     adam: Any
 
 
@@ -63,83 +63,89 @@ class Trained:
     """The outcome: one network for each of `numbers`.
 
     Attributes:
-        structure: Of all lanes.
-        numbers: Of each lane.
+        static: Of all lanes.
+        hyperparameters: Of each lane.
         networks: The networks, arrays with a leading lane axis.
         history: What was recorded, (chunks, lanes).
         failures: One line for each lane that stopped early.
     """
 
-    structure: Structure
-    numbers: tuple[Numbers, ...]
+    static: StaticConfig
+    hyperparameters: tuple[Hyperparameters, ...]
     networks: QNetwork
     history: History
     failures: tuple[str, ...]
 
-    def policy(self, lane: int) -> QPolicy:
+    def policy(self, run: int) -> QPolicy:
         """The policy of one lane after the last update."""
-        return policy_of(self.structure, self.numbers[lane], network_of(self.networks, lane))
+        return policy_of(self.static, self.hyperparameters[run], network_of(self.networks, run))
 
 
-def policy_of(structure: Structure, numbers: Numbers, network: QNetwork) -> QPolicy:
+def policy_of(static: StaticConfig, hyperparameters: Hyperparameters, network: QNetwork) -> QPolicy:
     """A network as a policy with its record; its soft form, at τ = 1, means nothing."""
     record = {
         "learner": "dqn",
-        "structure": dataclasses.asdict(structure),
-        "numbers": dataclasses.asdict(numbers),
+        "structure": dataclasses.asdict(static),
+        "numbers": dataclasses.asdict(hyperparameters),
     }
     return QPolicy.of(network, 1.0, record)
 
 
 def train(
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     sources: Sequence[Source],
     sizes: tuple[int, int],
-    outside: Outside | None = None,
+    callbacks: Callbacks | None = None,
     chunk: int = 200,
 ) -> Trained:
     """Train one lane for each of `numbers`, all in one compiled program.
 
     Args:
-        structure: What the lanes share.
-        numbers: What they differ in.
+        static: What the lanes share.
+        hyperparameters: What they differ in.
         sources: Where each lane acts; `learners.collect` makes them, for
             `chunk * structure.steps_per_update` steps.
         sizes: Features of an observation, and number of actions.
-        outside: Progress, monitor, checkpoint.
+        callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside, and between two rounds of acting.
 
     Raises:
         UserError: If there is no run, or not one source for each.
         Stopped: On Ctrl-C.
     """
-    if not numbers or len(sources) != len(numbers):
-        raise UserError(f"{len(numbers)} runs and {len(sources)} sources: pass one for each")
-    outside = outside or Outside()
-    names = outside.lane_names or tuple(f"angle {n.angle:g}, seed {n.seed}" for n in numbers)
-    update_lane = partial(update, structure)
-    lanes, history = loop.run(
-        initialise=partial(initialise, structure, sizes),
-        update=update_lane,
-        numbers=traced(numbers),
-        total=structure.updates,
-        chunk=chunk,
-        fingerprint=loop.fingerprint((), structure, *numbers, chunk),
-        outside=dataclasses.replace(outside, lane_names=names),
-        before_chunk=Collector(sources, [n.seed for n in numbers], acting(structure, numbers)),
+    if not hyperparameters or len(sources) != len(hyperparameters):
+        raise UserError(
+            f"{len(hyperparameters)} runs and {len(sources)} sources: pass one for each"
+        )
+    callbacks = callbacks or Callbacks()
+    names = callbacks.run_names or tuple(
+        f"angle {n.angle:g}, seed {n.seed}" for n in hyperparameters
     )
-    terms = loop.term_names(update_lane, traced(numbers), lanes)
-    failures = loop.failure_lines(lanes, terms, names)
-    return Trained(structure, tuple(numbers), lanes.learnt.network, history, failures)
+    update_run = partial(update, static)
+    runs, history = loop.run(
+        initialise=partial(initialise, static, sizes),
+        update=update_run,
+        hyperparameters=traced(hyperparameters),
+        total=static.updates,
+        chunk=chunk,
+        fingerprint=loop.fingerprint((), static, *hyperparameters, chunk),
+        callbacks=dataclasses.replace(callbacks, run_names=names),
+        before_chunk=Collector(
+            sources, [n.seed for n in hyperparameters], acting(static, hyperparameters)
+        ),
+    )
+    terms = loop.term_names(update_run, traced(hyperparameters), runs)
+    failures = loop.failure_lines(runs, terms, names)
+    return Trained(static, tuple(hyperparameters), runs.learnt.network, history, failures)
 
 
-def acting(structure: Structure, numbers: Sequence[Numbers]) -> Behaviour:
+def acting(static: StaticConfig, hyperparameters: Sequence[Hyperparameters]) -> Behaviour:
     """ε-greedy, ε by the share of the run that is done."""
 
-    def behaviour(network: QNetwork, lane: int, done: int, rng: np.random.Generator) -> Act:
+    def behaviour(network: QNetwork, run: int, done: int, rng: np.random.Generator) -> Act:
         policy = QPolicy.of(network, 1.0, {})
-        share = numbers[lane].exploring(done / structure.updates)
+        share = hyperparameters[run].exploring(done / static.updates)
 
         def act(observation: np.ndarray) -> np.ndarray:
             random = rng.integers(policy.n_actions, size=len(observation))
@@ -151,9 +157,9 @@ def acting(structure: Structure, numbers: Sequence[Numbers]) -> Behaviour:
     return behaviour
 
 
-def traced(numbers: Sequence[Numbers]) -> Traced:
+def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
     """Stack the lanes' numbers into arrays."""
-    pairs = [exact_weights(one.angle) for one in numbers]
+    pairs = [exact_weights(one.angle) for one in hyperparameters]
 
     def column(values: Sequence[float | int], kind: Any = jnp.float32) -> Array:
         return jnp.array(values, kind)
@@ -161,56 +167,64 @@ def traced(numbers: Sequence[Numbers]) -> Traced:
     names = ("discount", "learning_rate", "final_learning_rate", "polyak")
     return Traced(
         RewardPair(column([p.env for p in pairs]), column([p.social for p in pairs])),
-        *(column([getattr(one, name) for one in numbers]) for name in names),
-        seed=column([one.seed for one in numbers], jnp.uint32),
+        *(column([getattr(one, name) for one in hyperparameters]) for name in names),
+        seed=column([one.seed for one in hyperparameters], jnp.uint32),
     )
 
 
 def initialise(
-    structure: Structure, sizes: tuple[int, int], numbers: Traced
+    static: StaticConfig, sizes: tuple[int, int], hyperparameters: Traced
 ) -> tuple[Learnt, Surroundings]:
     """Draw a network from the lane's seed, beside an empty replay."""
-    key, for_network = jax.random.split(jax.random.key(numbers.seed))
+    key, for_network = jax.random.split(jax.random.key(hyperparameters.seed))
     n_features, n_actions = sizes
     network = QNetwork.initialise(
-        for_network, n_features, structure.hidden, n_actions, structure.activation, structure.view
+        for_network, n_features, static.hidden, n_actions, static.activation, static.view
     )
-    ring = replay.empty(structure.replay_capacity, n_features)
+    ring = replay.empty(static.replay_capacity, n_features)
     adam = _ADAM.init(eqx.filter(network, eqx.is_array))
     return Learnt(network, network, adam), Surroundings(key, ring)
 
 
 def update(
-    structure: Structure, numbers: Traced, learnt: Learnt, surroundings: Surroundings
+    static: StaticConfig, hyperparameters: Traced, learnt: Learnt, surroundings: Surroundings
 ) -> tuple[Learnt, Surroundings, dict[str, Array]]:
     """Sample, and take one Adam step on the temporal-difference loss."""
     key, for_batch = jax.random.split(surroundings.key)
-    batch = replay.sample(surroundings.replay, for_batch, structure.batch_size)
+    batch = replay.sample(surroundings.replay, for_batch, static.batch_size)
     (loss, max_q), gradient = jax.value_and_grad(_loss, has_aux=True)(
-        learnt.network, learnt.slow, batch, numbers, structure
+        learnt.network, learnt.target_network, batch, hyperparameters, static
     )
     direction, adam = _ADAM.update(gradient, learnt.adam)
-    done = (learnt.adam.count + 1) / structure.updates
-    rate = numbers.learning_rate + done * (numbers.final_learning_rate - numbers.learning_rate)
+    done = (learnt.adam.count + 1) / static.updates
+    rate = hyperparameters.learning_rate + done * (
+        hyperparameters.final_learning_rate - hyperparameters.learning_rate
+    )
     network = jax.tree.map(lambda weight, step: weight - rate * step, learnt.network, direction)
-    slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
+    target_network = jax.tree.map(
+        lambda old, new: old + hyperparameters.polyak * (new - old), learnt.target_network, network
+    )
     terms = {"loss": loss, "max_q": max_q}
-    return Learnt(network, slow, adam), surroundings._replace(key=key), terms
+    return Learnt(network, target_network, adam), surroundings._replace(key=key), terms
 
 
 def _loss(
-    network: QNetwork, slow: QNetwork, batch: Batch, numbers: Traced, structure: Structure
+    network: QNetwork,
+    target_network: QNetwork,
+    batch: Batch,
+    hyperparameters: Traced,
+    static: StaticConfig,
 ) -> tuple[Array, Array]:
-    fast = jax.vmap(network)(batch.next_observation) if structure.double else None
-    steady = jax.vmap(slow)(batch.next_observation)
-    value = losses.next_value(steady, steady if fast is None else fast, structure.double)
+    fast = jax.vmap(network)(batch.next_observation) if static.double else None
+    steady = jax.vmap(target_network)(batch.next_observation)
+    value = losses.next_value(steady, steady if fast is None else fast, static.double)
     target = jax.lax.stop_gradient(
         losses.bootstrapped_target(
-            score(numbers.weights, batch.target),
+            score(hyperparameters.weights, batch.target),
             value,
             batch.ending,
-            numbers.discount,
-            structure.through_timeouts,
+            hyperparameters.discount,
+            static.through_timeouts,
         )
     )
     q = jax.vmap(network)(batch.observation)

@@ -51,7 +51,7 @@ class Endings:
 
 
 @dataclass(frozen=True)
-class Structure:
+class StaticConfig:
     """Choices that shape the program. Defaults: the thesis' 7x7 preset (Table C.1, gridworld)."""
 
     prior: Literal["none", "reward", "bellman_shift", "reweighting", "shifted_chi2"] = "reward"
@@ -126,7 +126,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class Hyperparameters:
     """Numbers of one run; all are traced, so a whole grid of them shares one program.
 
     Defaults: Table C.1, gridworld column.

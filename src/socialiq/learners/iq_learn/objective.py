@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses, priors
-from socialiq.learners.iq_learn.config import Structure
+from socialiq.learners.iq_learn.config import StaticConfig
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.score import score
 from socialiq.types import RewardPair
@@ -19,7 +19,7 @@ Scalar = Float[Array, ""]
 
 
 class Traced(NamedTuple):
-    """`Numbers` as arrays, with the angle's weights (cos α, sin α) in place of the angle."""
+    """`Hyperparameters` as arrays, with the weights (cos α, sin α) in place of the angle."""
 
     weights: RewardPair
     strength: Scalar
@@ -49,7 +49,11 @@ class Batches(NamedTuple):
 
 
 def objective(
-    network: QNetwork, slow: QNetwork, batches: Batches, numbers: Traced, structure: Structure
+    network: QNetwork,
+    target_network: QNetwork,
+    batches: Batches,
+    hyperparameters: Traced,
+    static: StaticConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """The loss and its terms by name.
 
@@ -59,44 +63,52 @@ def objective(
     batch = batches.expert
     if batches.replay is not None:
         batch = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), batch, batches.replay)
-    size = structure.batch_size  # the first rows are the demonstrations
+    size = static.batch_size  # the first rows are the demonstrations
 
     q = jax.vmap(network)(batch.observation)
-    value = losses.soft_value(q, numbers.temperature)
-    follows = _continuation(network, slow, batch, numbers, structure)
+    value = losses.soft_value(q, hyperparameters.temperature)
+    follows = _continuation(network, target_network, batch, hyperparameters, static)
     taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]
-    reward = losses.implicit_reward(taken, follows, numbers.discount)
-    target = score(numbers.weights, batch.target)
+    reward = losses.implicit_reward(taken, follows, hyperparameters.discount)
+    target = score(hyperparameters.weights, batch.target)
 
     terms = {
-        "expert": _expert_term(reward[:size], target[:size], numbers, structure),
-        "value": _value_term(network, value, follows, batches.initial, numbers, structure),
+        "expert": _expert_term(reward[:size], target[:size], hyperparameters, static),
+        "value": _value_term(network, value, follows, batches.initial, hyperparameters, static),
     }
-    terms |= _quadratic_terms(reward, target, numbers, structure)
+    terms |= _quadratic_terms(reward, target, hyperparameters, static)
     total = jnp.sum(jnp.stack(list(terms.values())))
     seen = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": jnp.mean(reward[:size])}
     return total, terms | seen | {"loss": total}
 
 
 def _continuation(
-    network: QNetwork, slow: QNetwork, batch: Batch, numbers: Traced, structure: Structure
+    network: QNetwork,
+    target_network: QNetwork,
+    batch: Batch,
+    hyperparameters: Traced,
+    static: StaticConfig,
 ) -> Float[Array, " batch"]:
     """(1 - d) V(s'), from the slow copy without gradient or from the network with gradient."""
-    source = slow if structure.next_value == "target" else network
+    source = target_network if static.next_value == "target" else network
     q_next = jax.vmap(source)(batch.next_observation)
-    absorbing = losses.absorbing_value(q_next.shape[-1], numbers.temperature, numbers.discount)
+    absorbing = losses.absorbing_value(
+        q_next.shape[-1], hyperparameters.temperature, hyperparameters.discount
+    )
     return losses.continuation(
-        losses.soft_value(q_next, numbers.temperature),
+        losses.soft_value(q_next, hyperparameters.temperature),
         batch.ending,
-        structure.endings.by_kind(),
+        static.endings.by_kind(),
         absorbing,
     )
 
 
-def _expert_term(reward: Array, target: Array, numbers: Traced, structure: Structure) -> Scalar:
-    if structure.prior == "bellman_shift":
-        reward = priors.bellman_shift(reward, target, numbers.strength)
-    return losses.expert_term(structure.divergence, reward)
+def _expert_term(
+    reward: Array, target: Array, hyperparameters: Traced, static: StaticConfig
+) -> Scalar:
+    if static.prior == "bellman_shift":
+        reward = priors.bellman_shift(reward, target, hyperparameters.strength)
+    return losses.expert_term(static.divergence, reward)
 
 
 def _value_term(
@@ -104,34 +116,34 @@ def _value_term(
     value: Array,
     follows: Array,
     initial: Array | None,
-    numbers: Traced,
-    structure: Structure,
+    hyperparameters: Traced,
+    static: StaticConfig,
 ) -> Scalar:
     if initial is not None:
-        start = losses.soft_value(jax.vmap(network)(initial), numbers.temperature)
-        return losses.initial_value_term(start, numbers.discount)
-    rows = slice(None) if structure.value_term == "value" else slice(structure.batch_size)
-    return losses.value_term(value[rows], follows[rows], numbers.discount)
+        start = losses.soft_value(jax.vmap(network)(initial), hyperparameters.temperature)
+        return losses.initial_value_term(start, hyperparameters.discount)
+    rows = slice(None) if static.value_term == "value" else slice(static.batch_size)
+    return losses.value_term(value[rows], follows[rows], hyperparameters.discount)
 
 
 def _quadratic_terms(
-    reward: Array, target: Array, numbers: Traced, structure: Structure
+    reward: Array, target: Array, hyperparameters: Traced, static: StaticConfig
 ) -> dict[str, Scalar]:
     """Term 3 (only with χ²) and the social prior."""
-    rows = slice(None) if structure.chi2_on == "mixture" else slice(structure.batch_size)
-    expert = slice(structure.batch_size)
-    if structure.prior == "shifted_chi2":
+    rows = slice(None) if static.chi2_on == "mixture" else slice(static.batch_size)
+    expert = slice(static.batch_size)
+    if static.prior == "shifted_chi2":
         shifted = priors.shifted_chi2(
-            reward[rows], target[rows], numbers.strength, numbers.chi2_alpha
+            reward[rows], target[rows], hyperparameters.strength, hyperparameters.chi2_alpha
         )
-        return {"prior": numbers.prior_weight * shifted}
+        return {"prior": hyperparameters.prior_weight * shifted}
     terms = {}
-    if structure.divergence == "chi2":
+    if static.divergence == "chi2":
         bounded = reward[rows]
-        if structure.prior == "bellman_shift" and structure.shift_term_3:
-            bounded = priors.bellman_shift(bounded, target[rows], numbers.strength)
-        terms["chi2"] = losses.chi2_term(bounded, numbers.chi2_alpha)
-    if structure.prior == "reward":
-        gap = priors.social_prior(reward[expert], target[expert], numbers.strength)
-        terms["prior"] = numbers.prior_weight * gap
+        if static.prior == "bellman_shift" and static.shift_term_3:
+            bounded = priors.bellman_shift(bounded, target[rows], hyperparameters.strength)
+        terms["chi2"] = losses.chi2_term(bounded, hyperparameters.chi2_alpha)
+    if static.prior == "reward":
+        gap = priors.social_prior(reward[expert], target[expert], hyperparameters.strength)
+        terms["prior"] = hyperparameters.prior_weight * gap
     return terms

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 
-# Table C.1's gridworld column is the defaults of `Structure` and `Numbers`: [64, 64], 3e-4,
-# batch 64, γ 0.99, τ 1, τ_target 0.005, χ² with α 0.5, `value`, γ_svo 0.99.
-TABLE_C1 = Structure()
-TABLE_C1_NUMBERS = Numbers()
+# Table C.1's gridworld column is the defaults of `StaticConfig` and `Hyperparameters`: [64, 64],
+# 3e-4, batch 64, γ 0.99, τ 1, τ_target 0.005, χ² with α 0.5, `value`, γ_svo 0.99.
+TABLE_C1 = StaticConfig()
+TABLE_C1_NUMBERS = Hyperparameters()
 
 # Fig 6.1. The gradient flows through V(s'), as in the IQ-Learn paper; with a slow copy the 5x5
 # baseline drifts from WWWWGGGG to WGGGG, a tie in the data. The number of updates was chosen on the
@@ -53,14 +53,14 @@ INTERSECTION_CALIBRATED_NUMBERS = dataclasses.replace(
 )
 
 
-def offline(structure: Structure) -> Structure:
+def offline(static: StaticConfig) -> StaticConfig:
     """The same learner on demonstrations alone, with term 2 over them (`value_expert`)."""
-    return dataclasses.replace(structure, online=False, value_term="value_expert")
+    return dataclasses.replace(static, online=False, value_term="value_expert")
 
 
-def baseline(structure: Structure) -> Structure:
+def baseline(static: StaticConfig) -> StaticConfig:
     """The same learner with the regularizer off, which is not λ = 0 (docs/theory.md)."""
-    return dataclasses.replace(structure, prior="none")
+    return dataclasses.replace(static, prior="none")
 
 
 PRESETS = {

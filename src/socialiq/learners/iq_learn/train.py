@@ -17,12 +17,12 @@ from jaxtyping import Array, Float
 
 from socialiq.errors import UserError
 from socialiq.learners import loop, replay
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import priors
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
-from socialiq.learners.state import History, Lanes
+from socialiq.learners.state import History, Runs
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
@@ -35,7 +35,7 @@ class Learnt(NamedTuple):
     """What training changes."""
 
     network: QNetwork
-    slow: QNetwork
+    target_network: QNetwork
     adam: Any
 
 
@@ -62,47 +62,47 @@ class Trained:
     """The outcome of a training call.
 
     Attributes:
-        structure: Of all lanes.
-        numbers: Of each lane.
+        static: Of all lanes.
+        hyperparameters: Of each lane.
         networks: The networks, arrays with a leading lane axis.
         history: What was recorded, (chunks, lanes).
         failures: One line for each lane that stopped early.
     """
 
-    structure: Structure
-    numbers: tuple[Numbers, ...]
+    static: StaticConfig
+    hyperparameters: tuple[Hyperparameters, ...]
     networks: QNetwork
     history: History
     failures: tuple[str, ...]
 
-    def policy(self, lane: int) -> QPolicy:
+    def policy(self, run: int) -> QPolicy:
         """The trained policy of one lane."""
-        numbers = self.numbers[lane]
+        hyperparameters = self.hyperparameters[run]
         record = {
             "learner": "iq_learn",
-            "structure": dataclasses.asdict(self.structure),
-            "numbers": dataclasses.asdict(numbers),
+            "structure": dataclasses.asdict(self.static),
+            "numbers": dataclasses.asdict(hyperparameters),
         }
-        return QPolicy.of(network_of(self.networks, lane), numbers.temperature, record)
+        return QPolicy.of(network_of(self.networks, run), hyperparameters.temperature, record)
 
 
 def train(
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     datasets: Sequence[Transitions],
     simulator: Simulator | None = None,
-    outside: Outside | None = None,
+    callbacks: Callbacks | None = None,
     chunk: int = 500,
-    before_chunk: Callable[[Lanes, int], Lanes] | None = None,
+    before_chunk: Callable[[Runs, int], Runs] | None = None,
 ) -> Trained:
     """Train one lane for each of `numbers`, all in one compiled program.
 
     Args:
-        structure: What the lanes share.
-        numbers: What they differ in.
-        datasets: Sets of demonstrations; `Numbers.dataset` picks each lane's.
+        static: What the lanes share.
+        hyperparameters: What they differ in.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each lane's.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
-        outside: Progress, monitor, checkpoint.
+        callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside.
         before_chunk: Brings in experience from outside JAX (`learners.collect`).
 
@@ -110,42 +110,42 @@ def train(
         UserError: If structure, data and world don't fit together.
         Stopped: On Ctrl-C.
     """
-    check_fit(structure, numbers, datasets, simulator, before_chunk is not None)
+    check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
     # Without a prior no returns are needed, and some data have none.
-    kind = "instantaneous" if structure.prior == "none" else structure.target_kind
-    table = ExpertTable.of(datasets, kind, structure.social_discount)
+    kind = "instantaneous" if static.prior == "none" else static.target_kind
+    table = ExpertTable.of(datasets, kind, static.social_discount)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    outside = outside or Outside()
+    callbacks = callbacks or Callbacks()
     world = simulator.description if simulator else "offline or collected"
-    names = outside.lane_names or tuple(lane_name(one) for one in numbers)
-    outside = dataclasses.replace(outside, lane_names=names)
-    update_lane = Partial(partial(update, structure, simulator), table)
-    lanes, history = loop.run(
-        initialise=Partial(partial(initialise, structure, simulator, sizes), table),
-        update=update_lane,
-        numbers=traced(numbers),
-        total=structure.updates,
+    names = callbacks.run_names or tuple(run_name(one) for one in hyperparameters)
+    callbacks = dataclasses.replace(callbacks, run_names=names)
+    update_run = Partial(partial(update, static, simulator), table)
+    runs, history = loop.run(
+        initialise=Partial(partial(initialise, static, simulator, sizes), table),
+        update=update_run,
+        hyperparameters=traced(hyperparameters),
+        total=static.updates,
         chunk=chunk,
-        fingerprint=loop.fingerprint(table, structure, *numbers, chunk, world),
-        outside=outside,
+        fingerprint=loop.fingerprint(table, static, *hyperparameters, chunk, world),
+        callbacks=callbacks,
         before_chunk=before_chunk,
     )
-    terms = loop.term_names(update_lane, traced(numbers), lanes)
-    failures = loop.failure_lines(lanes, terms, names)
-    return Trained(structure, tuple(numbers), lanes.learnt.network, history, failures)
+    terms = loop.term_names(update_run, traced(hyperparameters), runs)
+    failures = loop.failure_lines(runs, terms, names)
+    return Trained(static, tuple(hyperparameters), runs.learnt.network, history, failures)
 
 
-def lane_name(numbers: Numbers) -> str:
-    """How messages call a lane."""
-    return f"angle {numbers.angle:g}, strength {numbers.strength:g}, seed {numbers.seed}"
+def run_name(of: Hyperparameters) -> str:
+    """Return the name of a run in messages."""
+    return f"angle {of.angle:g}, strength {of.strength:g}, seed {of.seed}"
 
 
-def traced(numbers: Sequence[Numbers]) -> Traced:
+def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
     """Stack the lanes' numbers into arrays."""
-    pairs = [exact_weights(one.angle) for one in numbers]
+    pairs = [exact_weights(one.angle) for one in hyperparameters]
 
     def column(name: str, dtype: Any = jnp.float32) -> Array:
-        return jnp.array([getattr(one, name) for one in numbers], dtype)
+        return jnp.array([getattr(one, name) for one in hyperparameters], dtype)
 
     weights = RewardPair(
         env=jnp.array([pair.env for pair in pairs], jnp.float32),
@@ -157,24 +157,27 @@ def traced(numbers: Sequence[Numbers]) -> Traced:
 
 
 def initialise(
-    structure: Structure,
+    static: StaticConfig,
     simulator: Simulator | None,
     sizes: tuple[int, int],
     table: ExpertTable,
-    numbers: Traced,
+    hyperparameters: Traced,
 ) -> tuple[Learnt, Surroundings]:
     """Draw a network and start an episode, from the lane's seed alone."""
-    key, for_network, for_world = jax.random.split(jax.random.key(numbers.seed), 3)
+    key, for_network, for_world = jax.random.split(jax.random.key(hyperparameters.seed), 3)
     n_features, n_actions = sizes
     network = QNetwork.initialise(
-        for_network, n_features, structure.hidden, n_actions, structure.activation, structure.view
+        for_network, n_features, static.hidden, n_actions, static.activation, static.view
     )
     episode, observation = simulator.reset(for_world) if simulator else (None, None)
-    ring = replay.empty(structure.replay_capacity, n_features) if structure.online else None
+    ring = replay.empty(static.replay_capacity, n_features) if static.online else None
     cumulative = None
-    if structure.prior == "reweighting":
+    if static.prior == "reweighting":
         found = priors.table_weights(
-            table, numbers.weights, numbers.dataset, numbers.reweight_temperature
+            table,
+            hyperparameters.weights,
+            hyperparameters.dataset,
+            hyperparameters.reweight_temperature,
         )
         cumulative = jnp.cumsum(found)
     learnt = Learnt(network, network, _ADAM.init(eqx.filter(network, eqx.is_array)))
@@ -182,10 +185,10 @@ def initialise(
 
 
 def update(
-    structure: Structure,
+    static: StaticConfig,
     simulator: Simulator | None,
     table: ExpertTable,
-    numbers: Traced,
+    hyperparameters: Traced,
     learnt: Learnt,
     surroundings: Surroundings,
 ) -> tuple[Learnt, Surroundings, dict[str, Array]]:
@@ -193,43 +196,47 @@ def update(
     key, for_acting, for_expert, for_replay, for_initial = jax.random.split(surroundings.key, 5)
     surroundings = surroundings._replace(key=key)
     if simulator is not None:
-        surroundings = _act(structure, simulator, numbers, learnt, surroundings, for_acting)
+        surroundings = _act(static, simulator, hyperparameters, learnt, surroundings, for_acting)
     batches = Batches(
-        expert=_expert_batch(structure, table, numbers, surroundings, for_expert),
-        replay=replay.sample(surroundings.replay, for_replay, structure.batch_size)
+        expert=_expert_batch(static, table, hyperparameters, surroundings, for_expert),
+        replay=replay.sample(surroundings.replay, for_replay, static.batch_size)
         if surroundings.replay is not None
         else None,
-        initial=table.sample_initial(for_initial, numbers.dataset, structure.batch_size)
-        if structure.value_term == "v0"
+        initial=table.sample_initial(for_initial, hyperparameters.dataset, static.batch_size)
+        if static.value_term == "v0"
         else None,
     )
     gradient, terms = jax.grad(objective, has_aux=True)(
-        learnt.network, learnt.slow, batches, numbers, structure
+        learnt.network, learnt.target_network, batches, hyperparameters, static
     )
     direction, adam = _ADAM.update(gradient, learnt.adam)
     network = jax.tree.map(
-        lambda weight, step: weight - numbers.learning_rate * step, learnt.network, direction
+        lambda weight, step: weight - hyperparameters.learning_rate * step,
+        learnt.network,
+        direction,
     )
-    slow = jax.tree.map(lambda old, new: old + numbers.polyak * (new - old), learnt.slow, network)
-    return Learnt(network, slow, adam), surroundings, terms
+    target_network = jax.tree.map(
+        lambda old, new: old + hyperparameters.polyak * (new - old), learnt.target_network, network
+    )
+    return Learnt(network, target_network, adam), surroundings, terms
 
 
 def _expert_batch(
-    structure: Structure,
+    static: StaticConfig,
     table: ExpertTable,
-    numbers: Traced,
+    hyperparameters: Traced,
     surroundings: Surroundings,
     key: Array,
 ) -> Batch:
     if surroundings.cumulative is not None:
-        return table.sample_weighted(key, surroundings.cumulative, structure.batch_size)
-    return table.sample(key, numbers.dataset, structure.batch_size)
+        return table.sample_weighted(key, surroundings.cumulative, static.batch_size)
+    return table.sample(key, hyperparameters.dataset, static.batch_size)
 
 
 def _act(
-    structure: Structure,
+    static: StaticConfig,
     simulator: Simulator,
-    numbers: Traced,
+    hyperparameters: Traced,
     learnt: Learnt,
     surroundings: Surroundings,
     key: Array,
@@ -241,10 +248,10 @@ def _act(
         surroundings.episode,
     )
     assert ring is not None and observation is not None  # `check_fit` asks for online training
-    for one in jax.random.split(key, structure.env_steps_per_update):
+    for one in jax.random.split(key, static.env_steps_per_update):
         for_action, for_step, for_reset = jax.random.split(one, 3)
         q = learnt.network(observation)
-        action = jax.random.categorical(for_action, q / numbers.temperature)
+        action = jax.random.categorical(for_action, q / hyperparameters.temperature)
         follows, step = simulator.advance(for_step, episode, action)
         transition = Batch(observation, action, step.observation, step.ending, step.rewards)
         ring = replay.add(ring, transition)
@@ -258,8 +265,8 @@ def _act(
 
 
 def check_fit(
-    structure: Structure,
-    numbers: Sequence[Numbers],
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
     datasets: Sequence[Transitions],
     simulator: Simulator | None,
     collects: bool,
@@ -267,8 +274,8 @@ def check_fit(
     """Refuse runs whose settings, data and world don't fit together, before any work is done.
 
     Args:
-        structure: What the lanes share.
-        numbers: What they differ in.
+        static: What the lanes share.
+        hyperparameters: What they differ in.
         datasets: Sets of demonstrations.
         simulator: The world, if there is one.
         collects: Whether experience comes from outside JAX.
@@ -276,18 +283,18 @@ def check_fit(
     Raises:
         UserError: The line says what doesn't fit.
     """
-    if not numbers:
+    if not hyperparameters:
         raise UserError("no runs: pass at least one set of numbers")
     if not datasets:
         raise UserError("no demonstrations: pass at least one set")
-    if max(one.dataset for one in numbers) >= len(datasets):
+    if max(one.dataset for one in hyperparameters) >= len(datasets):
         raise UserError(f"a run names a set of demonstrations beyond the {len(datasets)} given")
-    if structure.online and simulator is None and not collects:
+    if static.online and simulator is None and not collects:
         raise UserError("online training needs a world: name one, or train offline")
-    if structure.prior != "none":
+    if static.prior != "none":
         for data in datasets:  # raises where returns aren't known
-            data.returns(structure.target_kind, structure.social_discount)
-    if not structure.online and (simulator is not None or collects):
+            data.returns(static.target_kind, static.social_discount)
+    if not static.online and (simulator is not None or collects):
         raise UserError("offline training takes no world: drop it, or train online")
     if simulator is not None:
         wanted = (simulator.n_features, simulator.n_actions)

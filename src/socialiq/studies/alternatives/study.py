@@ -11,16 +11,23 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments.gridworld_runs import Ground, Watch, pooled, rows_of, silent, train_lanes
+from socialiq.experiments.gridworld_runs import (
+    Ground,
+    StageCallback,
+    pooled,
+    rows_of,
+    silent,
+    train_runs,
+)
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Structure
+from socialiq.learners.iq_learn.config import StaticConfig
 from socialiq.types import Row
 
 STUDY = "alternatives"
 KEYS = ("integration", "strength", "target_angle", "readout")
 
-INTEGRATIONS: dict[str, Structure] = {
+INTEGRATIONS: dict[str, StaticConfig] = {
     "reward": presets.GRID,
     "bellman_shift, term 1": dataclasses.replace(presets.GRID, prior="bellman_shift"),
     "bellman_shift, terms 1 and 3": dataclasses.replace(
@@ -47,19 +54,19 @@ class Config:
     """Gradient steps."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Train each integration at every angle, strength and seed; evaluate exactly.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     rows: list[Row] = []
     for name, structure in INTEGRATIONS.items():
-        rows += _rows(ground, config, name, structure, datasets, watch)
+        rows += _rows(ground, config, name, structure, datasets, on_stage)
     tables = {"policies": rows, "pooled": pooled(rows, KEYS)}
     return Results.of(STUDY, config, tables, _summary(tables))
 
@@ -68,11 +75,11 @@ def _rows(
     ground: Ground,
     config: Config,
     name: str,
-    structure: Structure,
+    structure: StaticConfig,
     datasets: list[Any],
-    watch: Watch,
+    on_stage: StageCallback,
 ) -> list[Row]:
-    lanes = [
+    runs = [
         (angle, strength, dataset, seed)
         for angle in MODES.values()
         for strength in config.strengths
@@ -87,14 +94,14 @@ def _rows(
             seed=seed,
             dataset=dataset,
         )
-        for angle, strength, dataset, seed in lanes
+        for angle, strength, dataset, seed in runs
     ]
     structure = dataclasses.replace(structure, updates=config.updates)
-    trained = train_lanes(ground, structure, numbers, datasets, watch(f"7x7, {name}"))
+    trained = train_runs(ground, structure, numbers, datasets, on_stage(f"7x7, {name}"))
     rows: list[Row] = []
-    for lane, (angle, strength, _, seed) in enumerate(lanes):
+    for run, (angle, strength, _, seed) in enumerate(runs):
         label = {"integration": name, "strength": strength, "target_angle": angle}
-        rows += rows_of(ground, [trained.policy(lane)], angle, label, [seed])
+        rows += rows_of(ground, [trained.policy(run)], angle, label, [seed])
     return rows
 
 

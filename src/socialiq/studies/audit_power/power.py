@@ -21,7 +21,7 @@ from socialiq.statistics.confidence_ellipse import ellipse
 from socialiq.statistics.tests import Share, wilson
 from socialiq.studies.audit_power.population import Truth, drawn
 
-Tell = Callable[[int], None]
+ProgressCallback = Callable[[int], None]
 
 _APART = 2**40  # resamples must not be drawn from the stream that drew the episodes
 
@@ -77,7 +77,7 @@ def coverage(
     seed: int,
     resamples: int = 1000,
     truth: Truth | None = None,
-    tell: Tell | None = None,
+    on_progress: ProgressCallback | None = None,
 ) -> tuple[Coverage, ...]:
     """Count how often every interval of the audit holds the truth.
 
@@ -87,14 +87,14 @@ def coverage(
         seed: Of the first one's draw; the others follow.
         resamples: Of each bootstrap.
         truth: Of whom; `Truth()` if not given.
-        tell: Given the number of audits done.
+        on_progress: Given the number of audits done.
     """
     known = truth or Truth()
     held = []
     for done, one in enumerate(range(seed, seed + replications), start=1):
         held.append(_held(known, episodes, one, resamples))
-        if tell:
-            tell(done)
+        if on_progress:
+            on_progress(done)
     rows = []
     for name, (nominal, exact) in _NOMINAL.items():
         count = sum(one[name] for one in held)
@@ -107,7 +107,7 @@ def error_rates(
     replications: int,
     seed: int,
     resamples: int = 1000,
-    tell: Tell | None = None,
+    on_progress: ProgressCallback | None = None,
 ) -> tuple[Rates, ...]:
     """Count the verdicts of every case.
 
@@ -116,14 +116,14 @@ def error_rates(
         replications: Audits of each case.
         seed: Of the first one's draw; the others follow.
         resamples: Of each bootstrap.
-        tell: Given the number of audits done of every case.
+        on_progress: Given the number of audits done of every case.
     """
     made: dict[str, list[Decision]] = {case: [] for case in CASES}
     for done, one in enumerate(range(seed, seed + replications), start=1):
         for case, decision in _decisions(episodes, one, resamples).items():
             made[case].append(decision)
-        if tell:
-            tell(done)
+        if on_progress:
+            on_progress(done)
     return tuple(_rates(case, found) for case, found in made.items())
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from socialiq.audit.seeds import FEWEST_EPISODES
 from socialiq.errors import UserError
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock
 from socialiq.studies.audit_power.power import Coverage, Rates, coverage, error_rates
@@ -36,17 +36,17 @@ class Config:
                 raise UserError(f"{name} must be at least {least}, got {getattr(self, name)}")
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Audit made-up drivers many times, and count.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     sizes = config.episodes, config.replications, config.first_seed, config.resamples
-    covered = coverage(*sizes, tell=_teller(watch, "coverage", config.replications))
-    rates = error_rates(*sizes, tell=_teller(watch, "error rates", config.replications))
+    covered = coverage(*sizes, on_progress=_teller(on_stage, "coverage", config.replications))
+    rates = error_rates(*sizes, on_progress=_teller(on_stage, "error rates", config.replications))
     tables = {
         "coverage": [_coverage_row(one) for one in covered],
         "verdicts": [_verdict_row(one) for one in rates],
@@ -54,14 +54,14 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
     return Results.of(STUDY, config, tables, _summary(tables))
 
 
-def _teller(watch: Watch, stage: str, replications: int) -> Any:
-    report, clock = watch(stage), Clock(0, replications, 1)
+def _teller(on_stage: StageCallback, stage: str, replications: int) -> Any:
+    report, clock = on_stage(stage), Clock(0, replications, 1)
 
-    def tell(done: int) -> None:
+    def on_progress(done: int) -> None:
         if report is not None:
             report(clock.report(done, {}, {}, ())._replace(unit="audits"))
 
-    return tell
+    return on_progress
 
 
 def _coverage_row(one: Coverage) -> Row:

@@ -12,8 +12,8 @@ import numpy as np
 from socialiq.audit.profile import Floor
 from socialiq.audit.resolve_policy import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments.gridworld_runs import Ground, Watch, grid_of, train_lanes
-from socialiq.learners.callbacks import Outside
+from socialiq.experiments.gridworld_runs import Ground, StageCallback, grid_of, train_runs
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.dial_policy import DialPolicy
@@ -81,28 +81,30 @@ def exact_in_gridworld(folder: Path) -> None:
         save_table(folder / f"exact_{mode}.safetensors", policy)
 
 
-def trained_in_gridworld(folder: Path, seed: int, updates: tuple[int, int], watch: Watch) -> None:
+def trained_in_gridworld(
+    folder: Path, seed: int, updates: tuple[int, int], on_stage: StageCallback
+) -> None:
     """A trio with its baseline, and a dial: files in a folder.
 
     Args:
         folder: To write them to.
         seed: Of the training and of its demonstrations.
         updates: Gradient steps of the trio and of the dial.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     ground = Ground.of(GRIDWORLD)
     data = trajectory_datasets(ground.table, [seed], _EPISODES_EACH)
     plain = dataclasses.replace(presets.baseline(presets.GRID), updates=updates[0])
     steered = dataclasses.replace(presets.GRID, updates=updates[0])
     numbers = presets.TABLE_C1_NUMBERS
-    lanes = grid_of(list(MODES.values()), [presets.GRID_STRENGTH], [seed], numbers)
-    trio = train_lanes(ground, steered, lanes, data, watch("7x7 trio"))
-    for lane, mode in enumerate(MODES):
-        trio.policy(lane).save(folder / f"learner_{mode}.safetensors")
+    runs = grid_of(list(MODES.values()), [presets.GRID_STRENGTH], [seed], numbers)
+    trio = train_runs(ground, steered, runs, data, on_stage("7x7 trio"))
+    for run, mode in enumerate(MODES):
+        trio.policy(run).save(folder / f"learner_{mode}.safetensors")
     alone = grid_of([0.0], [0.0], [seed], numbers)
-    baseline = train_lanes(ground, plain, alone, data, watch("7x7 baseline"))
+    baseline = train_runs(ground, plain, alone, data, on_stage("7x7 baseline"))
     baseline.policy(0).save(folder / "baseline.safetensors")
-    dial = _dial(ground, seed, updates[1], watch)
+    dial = _dial(ground, seed, updates[1], on_stage)
     dial.save(folder / "dial.safetensors")
     dial.at(0.0).save(folder / "dial_stuck.safetensors")
 
@@ -152,13 +154,13 @@ def _constant(world: str, action: int) -> QPolicy:
     return QPolicy((weight,), (bias,), "relu", 1.0, {"made": "by hand: one action alone"})
 
 
-def _dial(ground: Ground, seed: int, updates: int, watch: Watch) -> DialPolicy:
+def _dial(ground: Ground, seed: int, updates: int, on_stage: StageCallback) -> DialPolicy:
     """The run `online` of the study of the dial, shorter."""
     structure, numbers, clock, _ = RUNS["online"]
     clocked = with_clock(ground, clock)
     world = clocked.table.world
     data = trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
     structure = dataclasses.replace(structure, one_hot=seen(world), updates=updates)
-    lane = dataclasses.replace(numbers, seed=seed)
-    outside = Outside(on_report=watch("7x7 dial"))
-    return train(structure, [lane], data, world, outside=outside).dial(0)
+    run = dataclasses.replace(numbers, seed=seed)
+    callbacks = Callbacks(on_report=on_stage("7x7 dial"))
+    return train(structure, [run], data, world, callbacks=callbacks).dial(0)

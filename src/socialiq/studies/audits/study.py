@@ -18,7 +18,7 @@ from socialiq.audit.profile import Margin
 from socialiq.audit.report.words import arcs
 from socialiq.audit.seeds import check_episodes
 from socialiq.audit.template import new
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock
 from socialiq.studies.audits.policies import (
@@ -63,26 +63,26 @@ class Config:
         check_episodes(self.episodes)
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Audit, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         if "intersection" in config.worlds:
-            rows += audit_rows(at_intersection(folder), config, folder, watch)
+            rows += audit_rows(at_intersection(folder), config, folder, on_stage)
         if GRIDWORLD in config.worlds:
             trained = folder / GRIDWORLD
             trained.mkdir()
             sizes = config.updates, config.dial_updates
             exact_in_gridworld(trained)
-            trained_in_gridworld(trained, config.training_seed, sizes, watch)
-            rows += audit_rows(of_gridworld(trained, config.dial_angles), config, folder, watch)
+            trained_in_gridworld(trained, config.training_seed, sizes, on_stage)
+            rows += audit_rows(of_gridworld(trained, config.dial_angles), config, folder, on_stage)
     tables = {"audits": rows, **published_tables(config.episodes)}
     return Results.of(STUDY, config, tables, _summary(tables))
 
@@ -102,7 +102,10 @@ def published_tables(episodes: int) -> dict[str, list[Row]]:
 
 
 def audit_rows(
-    contestants: Iterable[Contestant], config: Config, folder: Path, watch: Watch = silent
+    contestants: Iterable[Contestant],
+    config: Config,
+    folder: Path,
+    on_stage: StageCallback = silent,
 ) -> list[Row]:
     """A row for each contestant's audit.
 
@@ -110,10 +113,10 @@ def audit_rows(
         contestants: Who.
         config: Episodes and seed.
         folder: For the declarations.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     everybody = list(contestants)
-    report = watch(f"audits, {everybody[0].world}") if everybody else None
+    report = on_stage(f"audits, {everybody[0].world}") if everybody else None
     rows, clock = [], Clock(0, len(everybody), 1)
     for done, one in enumerate(everybody, start=1):
         rows.append(_audited(one, config, folder))

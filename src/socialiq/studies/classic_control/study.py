@@ -17,11 +17,11 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.rollout import rollout_env
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.callbacks import Outside
-from socialiq.learners.iq_learn.config import Numbers, Structure
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import train
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Row
@@ -71,7 +71,7 @@ TASKS = {
 
 # Settings of the IQ-Learn paper's discrete experiments: a near-greedy temperature, χ² on the
 # expert, `value_expert`, the gradient through V(s').
-STRUCTURE = Structure(
+STRUCTURE = StaticConfig(
     prior="none",
     value_term="value_expert",
     next_value="online",
@@ -80,7 +80,7 @@ STRUCTURE = Structure(
     batch_size=32,
     updates=10_000,
 )
-NUMBERS = Numbers(temperature=1e-3, learning_rate=1e-4)
+NUMBERS = Hyperparameters(temperature=1e-3, learning_rate=1e-4)
 
 
 @dataclass(frozen=True)
@@ -99,12 +99,12 @@ class Config:
     """Of the first evaluation episode."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Learn each task offline, by IQ-Learn and by behaviour cloning, and roll out.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     rows: list[Row] = []
@@ -116,8 +116,8 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
         expert_return = float(shown.totals().env.mean())
         label = {"task": name, "transitions": kept.n_transitions, "expert_return": expert_return}
         learners = {
-            "iq_learn": _iq_learn(config, kept, watch(f"{name}, IQ-Learn")),
-            "behaviour_cloning": _clones(config, kept, watch(f"{name}, behaviour cloning")),
+            "iq_learn": _iq_learn(config, kept, on_stage(f"{name}, IQ-Learn")),
+            "behaviour_cloning": _clones(config, kept, on_stage(f"{name}, behaviour cloning")),
         }
         for learner, policies in learners.items():
             for seed, policy in zip(config.seeds, policies, strict=True):
@@ -130,19 +130,19 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
 
 def _iq_learn(config: Config, data: Demonstrations, on_report: Any) -> list[QPolicy]:
     numbers = [dataclasses.replace(NUMBERS, seed=seed) for seed in config.seeds]
-    trained = train(STRUCTURE, numbers, [data], outside=Outside(on_report=on_report))
-    return [trained.policy(lane) for lane in range(len(numbers))]
+    trained = train(STRUCTURE, numbers, [data], callbacks=Callbacks(on_report=on_report))
+    return [trained.policy(run) for run in range(len(numbers))]
 
 
 def _clones(config: Config, data: Demonstrations, on_report: Any) -> list[QPolicy]:
-    structure = bc.Structure(
+    structure = bc.StaticConfig(
         activation=STRUCTURE.activation,
         batch_size=STRUCTURE.batch_size,
         updates=STRUCTURE.updates,
     )
-    numbers = [bc.Numbers(learning_rate=1e-3, seed=seed) for seed in config.seeds]
-    cloned = bc.clone(structure, numbers, [data], Outside(on_report=on_report))
-    return [cloned.policy(lane) for lane in range(len(numbers))]
+    numbers = [bc.Hyperparameters(learning_rate=1e-3, seed=seed) for seed in config.seeds]
+    cloned = bc.clone(structure, numbers, [data], Callbacks(on_report=on_report))
+    return [cloned.policy(run) for run in range(len(numbers))]
 
 
 def _summary(rows: list[Row]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.studies.compare_priors.methods import Method
 
 
-class Lane(NamedTuple):
+class Run(NamedTuple):
     """One training run: angle in degrees, λ (or 1/τ_w), seed, and the number of its data set."""
 
     angle: float
@@ -25,60 +25,62 @@ class Lane(NamedTuple):
     dataset: int
 
 
-def structure_of(method: Method, base: iq.Structure) -> iq.Structure:
+def structure_of(method: Method, base: iq.StaticConfig) -> iq.StaticConfig:
     """IQ-Learn's structure for a method."""
     changes: dict[str, Any] = {"prior": method.prior, "target_kind": method.target_kind}
     return dataclasses.replace(base, **changes, shift_term_3=method.shift_term_3)
 
 
-def numbers_of(base: iq.Numbers, lane: Lane) -> iq.Numbers:
+def numbers_of(base: iq.Hyperparameters, run: Run) -> iq.Hyperparameters:
     """IQ-Learn's numbers for a lane; what multiplies R(α) is its strength, also in Eq B.2."""
     return dataclasses.replace(
         base,
-        angle=lane.angle,
-        strength=lane.strength,
-        reweight_temperature=1 / lane.strength,
-        seed=lane.seed,
-        dataset=lane.dataset,
+        angle=run.angle,
+        strength=run.strength,
+        reweight_temperature=1 / run.strength,
+        seed=run.seed,
+        dataset=run.dataset,
     )
 
 
-def clone_structure(base: iq.Structure, weighted: bool) -> bc.Structure:
+def clone_structure(base: iq.StaticConfig, weighted: bool) -> bc.StaticConfig:
     """A clone's structure; weighted ones lean on rows of high R(α)."""
-    return bc.Structure(
+    return bc.StaticConfig(
         base.hidden, base.activation, base.batch_size, base.updates, weighted, base.view
     )
 
 
-def clone_numbers(rates: iq.Numbers, lane: Lane) -> bc.Numbers:
+def clone_numbers(rates: iq.Hyperparameters, run: Run) -> bc.Hyperparameters:
     """A clone's numbers for a lane."""
-    return bc.Numbers(rates.learning_rate, lane.seed, lane.dataset, lane.angle, 1 / lane.strength)
+    return bc.Hyperparameters(
+        rates.learning_rate, run.seed, run.dataset, run.angle, 1 / run.strength
+    )
 
 
-def cql_structure(base: iq.Structure) -> cql.Structure:
+def cql_structure(base: iq.StaticConfig) -> cql.StaticConfig:
     """Conservative Q-learning's structure."""
-    return cql.Structure(
+    return cql.StaticConfig(
         base.endings, base.hidden, base.activation, base.view, base.batch_size, base.updates
     )
 
 
-def cql_numbers(rates: iq.Numbers, lane: Lane) -> cql.Numbers:
+def cql_numbers(rates: iq.Hyperparameters, run: Run) -> cql.Hyperparameters:
     """Conservative Q-learning's numbers for a lane."""
-    return cql.Numbers(
-        angle=lane.angle,
-        strength=lane.strength,
+    return cql.Hyperparameters(
+        angle=run.angle,
+        strength=run.strength,
         temperature=rates.temperature,
         discount=rates.discount,
         learning_rate=rates.learning_rate,
         polyak=rates.polyak,
-        seed=lane.seed,
-        dataset=lane.dataset,
+        seed=run.seed,
+        dataset=run.dataset,
     )
 
 
-def rl_structure(base: iq.Structure) -> dqn.Structure:
+def rl_structure(base: iq.StaticConfig) -> dqn.StaticConfig:
     """Deep Q-learning with the updates and steps in the world of the other rows."""
-    return dqn.Structure(
+    return dqn.StaticConfig(
         base.view,
         base.hidden,
         base.activation,
@@ -89,21 +91,21 @@ def rl_structure(base: iq.Structure) -> dqn.Structure:
     )
 
 
-def rl_numbers(rates: iq.Numbers, lane: Lane) -> dqn.Numbers:
+def rl_numbers(rates: iq.Hyperparameters, run: Run) -> dqn.Hyperparameters:
     """Deep Q-learning's numbers for a lane."""
-    return dqn.Numbers(
-        angle=lane.angle,
+    return dqn.Hyperparameters(
+        angle=run.angle,
         discount=rates.discount,
         learning_rate=rates.learning_rate,
         final_learning_rate=rates.learning_rate,
         polyak=rates.polyak,
-        seed=lane.seed,
+        seed=run.seed,
     )
 
 
-def dial_structure(base: iq.Structure) -> dial.Structure:
+def dial_structure(base: iq.StaticConfig) -> dial.StaticConfig:
     """The dial's structure at the others' budget."""
-    return dial.Structure(
+    return dial.StaticConfig(
         endings=base.endings,
         hidden=base.hidden,
         activation=base.activation,
@@ -116,15 +118,15 @@ def dial_structure(base: iq.Structure) -> dial.Structure:
     )
 
 
-def dial_numbers(rates: iq.Numbers, lane: Lane) -> dial.Numbers:
+def dial_numbers(rates: iq.Hyperparameters, run: Run) -> dial.Hyperparameters:
     """The dial's numbers for a lane, with the others' rates; the angle is asked for later."""
-    return dial.Numbers(
-        strength=lane.strength,
+    return dial.Hyperparameters(
+        strength=run.strength,
         temperature=rates.temperature,
         discount=rates.discount,
         learning_rate=rates.learning_rate,
         final_rate=1.0,
         polyak=rates.polyak,
-        seed=lane.seed,
-        dataset=lane.dataset,
+        seed=run.seed,
+        dataset=run.dataset,
     )

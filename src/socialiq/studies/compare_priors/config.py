@@ -72,12 +72,12 @@ class Config:
         return {*self.seeds, *self.intersection_seeds}
 
     @property
-    def structure(self) -> iq.Structure:
+    def structure(self) -> iq.StaticConfig:
         """Network, data and budget of the gridworlds: Table C.1's, but for the updates."""
         return dataclasses.replace(presets.TABLE_C1, updates=self.updates)
 
     @property
-    def numbers(self) -> iq.Numbers:
+    def numbers(self) -> iq.Hyperparameters:
         """The numbers that all lanes of the gridworlds share."""
         return dataclasses.replace(
             presets.TABLE_C1_NUMBERS, learning_rate=self.learning_rate, polyak=self.polyak

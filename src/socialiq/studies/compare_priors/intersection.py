@@ -13,15 +13,15 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.jobs import Job, Tell
+from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.q_policy import QPolicy
 from socialiq.studies.compare_priors.budget import (
-    Lane,
+    Run,
     clone_numbers,
     clone_structure,
     cql_numbers,
@@ -63,29 +63,31 @@ COSTS = {"iq_learn": 80.0, "rl": 60.0, "cql": 40.0}
 class OfflineRun:
     """A clone, or conservative Q-learning, on a mixture of the recordings of some modes."""
 
-    structure: bc.Structure | cql.Structure
-    numbers: bc.Numbers | cql.Numbers
+    structure: bc.StaticConfig | cql.StaticConfig
+    numbers: bc.Hyperparameters | cql.Hyperparameters
     modes: tuple[str, ...]
     mixture: str
     size: int
 
 
-def train_offline(config: OfflineRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_offline(
+    config: OfflineRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Mix all modes, keep those that are asked for, train, keep the last network."""
     (pools,) = inputs.values()
     shown = {mode: files.load(pools / f"{mode}.safetensors") for mode in MODES}
     data = of_modes(MIXTURES[config.mixture](shown, config.size, config.numbers.seed), config.modes)
-    outside = Outside(lambda report: tell(report.done / report.total))
-    train_offline_policy(config, data, outside).save(folder / LAST)
+    callbacks = Callbacks(lambda report: on_progress(report.done / report.total))
+    train_offline_policy(config, data, callbacks).save(folder / LAST)
 
 
-def train_offline_policy(config: OfflineRun, data: Demonstrations, outside: Outside) -> QPolicy:
+def train_offline_policy(config: OfflineRun, data: Demonstrations, callbacks: Callbacks) -> QPolicy:
     """The policy of one run."""
     match config.structure, config.numbers:
-        case cql.Structure() as structure, cql.Numbers() as numbers:
-            return cql.train(structure, [numbers], [data], outside).policy(0)
-        case bc.Structure() as structure, bc.Numbers() as numbers:
-            return bc.clone(structure, [numbers], [data], outside).policy(0)
+        case cql.StaticConfig() as structure, cql.Hyperparameters() as numbers:
+            return cql.train(structure, [numbers], [data], callbacks).policy(0)
+        case bc.StaticConfig() as structure, bc.Hyperparameters() as numbers:
+            return bc.clone(structure, [numbers], [data], callbacks).policy(0)
     raise TypeError("structure and numbers belong to two learners")
 
 
@@ -100,33 +102,33 @@ def jobs_of(
 ) -> Iterator[Job]:
     """Training and evaluation of one method at every angle, strength and seed."""
     dials: set[str] = set()
-    for lane in lanes_of(config, method, strengths, seeds):
-        name = job_name(phase, method, lane)
-        work, run = LEARNERS[method.learner](config, method, lane)
+    for run in runs_of(config, method, strengths, seeds):
+        name = job_name(phase, method, run)
+        work, given = LEARNERS[method.learner](config, method, run)
         cost = COSTS.get(method.learner, COSTS["cql"] / 2)
         inputs = () if method.learner == "rl" else (POOLS,)
         if method.learner == "dial":  # trained once, turned to each angle
-            dial = f"dials/{phase}/{lane.strength:g}/{lane.seed}"
+            dial = f"dials/{phase}/{run.strength:g}/{run.seed}"
             if dial not in dials:
-                yield Job(dial, train_dial, _dial_run(config, lane), inputs, 2 * cost)
+                yield Job(dial, train_dial, _dial_run(config, run), inputs, 2 * cost)
                 dials.add(dial)
             inputs, cost = (dial,), 1.0
-        yield Job(name, work, run, inputs, cost)
+        yield Job(name, work, given, inputs, cost)
         looking = Evaluation(LAST, method.readouts, config.episodes)
         yield Job(f"evaluation/{name}", evaluate, looking, (name,), cost=6.0)
 
 
-def lanes_of(
+def runs_of(
     config: Config, method: Method, strengths: Sequence[float], seeds: Sequence[int]
-) -> list[Lane]:
+) -> list[Run]:
     """A method that doesn't know the angle is trained once for each seed."""
     angles = config.development_angles if method.by_angle else config.development_angles[:1]
-    return [Lane(a, strength, seed, 0) for a in angles for strength in strengths for seed in seeds]
+    return [Run(a, strength, seed, 0) for a in angles for strength in strengths for seed in seeds]
 
 
-def job_name(phase: str, method: Method, lane: Lane) -> str:
+def job_name(phase: str, method: Method, run: Run) -> str:
     """Folder of a training run."""
-    return f"priors/{WORLD}/{phase}/{method.name}/{lane.strength:g}/{lane.angle:g}/{lane.seed}"
+    return f"priors/{WORLD}/{phase}/{method.name}/{run.strength:g}/{run.angle:g}/{run.seed}"
 
 
 def rows_of(
@@ -139,13 +141,13 @@ def rows_of(
 ) -> list[Row]:
     """One row for each policy, angle that it serves, and readout; there is no regret to state."""
     found: list[Row] = []
-    for lane in lanes_of(config, method, strengths, seeds):
-        folder = work / "evaluation" / job_name(phase, method, lane)
+    for run in runs_of(config, method, strengths, seeds):
+        folder = work / "evaluation" / job_name(phase, method, run)
         for readout in method.readouts:
             metrics = load_episodes(folder / f"{readout}.safetensors").metrics()
-            for angle in (lane.angle,) if method.by_angle else config.development_angles:
-                label = {"world": WORLD, "method": method.name, "strength": lane.strength}
-                label |= {"target_angle": angle, "readout": readout, "seed": lane.seed}
+            for angle in (run.angle,) if method.by_angle else config.development_angles:
+                label = {"world": WORLD, "method": method.name, "strength": run.strength}
+                label |= {"target_angle": angle, "readout": readout, "seed": run.seed}
                 worth = {"value": metrics.value(angle), "regret": "", "effective_share": ""}
                 found.append(label | metrics._asdict() | worth)
     return found
@@ -155,49 +157,49 @@ Made = tuple[Callable[..., None], object]
 """What a job does, and its configuration."""
 
 
-def _base(config: Config) -> iq.Structure:
+def _base(config: Config) -> iq.StaticConfig:
     return dataclasses.replace(presets.INTERSECTION_CALIBRATED, updates=config.intersection_updates)
 
 
-def _iq_learn(config: Config, method: Method, lane: Lane) -> Made:
+def _iq_learn(config: Config, method: Method, run: Run) -> Made:
     if method.target_kind == "advantage":  # no state is ever seen twice
         method = dataclasses.replace(method, target_kind="advantage_fitted")
     structure = structure_of(method, _base(config))
-    numbers = numbers_of(RATES, lane)
+    numbers = numbers_of(RATES, run)
     return train_learner, LearnerRun(structure, numbers, STUDY.mixture, STUDY.size)
 
 
-def _clone(config: Config, method: Method, lane: Lane) -> Made:
+def _clone(config: Config, method: Method, run: Run) -> Made:
     structure = clone_structure(_base(config), method.learner == "clone_weighted")
-    modes = (nearest_mode(lane.angle),) if method.learner == "clone_of_mode" else tuple(MODES)
-    numbers = clone_numbers(RATES, lane)
+    modes = (nearest_mode(run.angle),) if method.learner == "clone_of_mode" else tuple(MODES)
+    numbers = clone_numbers(RATES, run)
     return train_offline, OfflineRun(structure, numbers, modes, STUDY.mixture, STUDY.size)
 
 
-def _conservative(config: Config, _method: Method, lane: Lane) -> Made:
-    structure, numbers = cql_structure(_base(config)), cql_numbers(RATES, lane)
+def _conservative(config: Config, _method: Method, run: Run) -> Made:
+    structure, numbers = cql_structure(_base(config)), cql_numbers(RATES, run)
     return train_offline, OfflineRun(structure, numbers, tuple(MODES), STUDY.mixture, STUDY.size)
 
 
-def _reinforcement(config: Config, _method: Method, lane: Lane) -> Made:
+def _reinforcement(config: Config, _method: Method, run: Run) -> Made:
     """The experts' learner, at the budget of the other rows."""
-    structure, numbers = rl_structure(_base(config)), rl_numbers(RATES, lane)
+    structure, numbers = rl_structure(_base(config)), rl_numbers(RATES, run)
     return train_expert, ExpertRun(structure, numbers, checks=Checks(times=2))
 
 
-def _dial(_config: Config, _method: Method, lane: Lane) -> Made:
-    return turn, Turned(lane.angle)
+def _dial(_config: Config, _method: Method, run: Run) -> Made:
+    return turn, Turned(run.angle)
 
 
-def _dial_run(config: Config, lane: Lane) -> DialRun:
+def _dial_run(config: Config, run: Run) -> DialRun:
     base = _base(config)
-    numbers = dial_numbers(RATES, lane)
+    numbers = dial_numbers(RATES, run)
     return DialRun(
         dial_structure(base), numbers, STUDY.mixture, STUDY.size, base.env_steps_per_update
     )
 
 
-LEARNERS: dict[str, Callable[[Config, Method, Lane], Made]] = {
+LEARNERS: dict[str, Callable[[Config, Method, Run], Made]] = {
     "iq_learn": _iq_learn,
     "clone": _clone,
     "clone_of_mode": _clone,

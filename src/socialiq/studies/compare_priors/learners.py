@@ -10,17 +10,17 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.gridworld_runs import Ground, train_lanes
+from socialiq.experiments.gridworld_runs import Ground, train_runs
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
-from socialiq.learners.callbacks import Outside, Report
+from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import from_env
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.dqn.train import train as train_dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.nn.q_policy import QPolicy
 from socialiq.studies.compare_priors.budget import (
-    Lane,
+    Run,
     clone_numbers,
     clone_structure,
     cql_numbers,
@@ -50,50 +50,50 @@ class Arena(NamedTuple):
     """
 
     ground: Ground
-    structure: iq.Structure
-    numbers: iq.Numbers
+    structure: iq.StaticConfig
+    numbers: iq.Hyperparameters
     datasets: Sequence[Demonstrations]
     on_report: Callable[[Report], None] | None = None
 
 
-Learner = Callable[[Arena, Method, Sequence[Lane]], list[QPolicy]]
+Learner = Callable[[Arena, Method, Sequence[Run]], list[QPolicy]]
 """Trains one policy for each lane, at the arena's budget."""
 
 
-def _iq_learn(arena: Arena, method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
+def _iq_learn(arena: Arena, method: Method, runs: Sequence[Run]) -> list[QPolicy]:
     structure = structure_of(method, arena.structure)
-    numbers = [numbers_of(arena.numbers, lane) for lane in lanes]
-    trained = train_lanes(
+    numbers = [numbers_of(arena.numbers, run) for run in runs]
+    trained = train_runs(
         arena.ground, structure, numbers, arena.datasets, arena.on_report, CHUNK, lambda _: {}
     )
-    return [trained.policy(lane) for lane in range(len(lanes))]
+    return [trained.policy(run) for run in range(len(runs))]
 
 
 def _clone(
-    arena: Arena, lanes: Sequence[Lane], datasets: Sequence[Demonstrations], weighted: bool
+    arena: Arena, runs: Sequence[Run], datasets: Sequence[Demonstrations], weighted: bool
 ) -> list[QPolicy]:
     structure = clone_structure(arena.structure, weighted)
-    numbers = [clone_numbers(arena.numbers, lane) for lane in lanes]
-    cloned = bc.clone(structure, numbers, datasets, Outside(arena.on_report), CHUNK)
-    return [cloned.policy(lane) for lane in range(len(lanes))]
+    numbers = [clone_numbers(arena.numbers, run) for run in runs]
+    cloned = bc.clone(structure, numbers, datasets, Callbacks(arena.on_report), CHUNK)
+    return [cloned.policy(run) for run in range(len(runs))]
 
 
-def _clone_pooled(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
-    return _clone(arena, lanes, arena.datasets, weighted=False)
+def _clone_pooled(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[QPolicy]:
+    return _clone(arena, runs, arena.datasets, weighted=False)
 
 
-def _clone_weighted(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
-    return _clone(arena, lanes, arena.datasets, weighted=True)
+def _clone_weighted(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[QPolicy]:
+    return _clone(arena, runs, arena.datasets, weighted=True)
 
 
-def _clone_of_mode(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
+def _clone_of_mode(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[QPolicy]:
     """Only the mode nearest to the angle is cloned: what knowing every label would give."""
     own = {
         (mode, number): place
         for place, (mode, number) in enumerate(itertools.product(MODES, range(len(arena.datasets))))
     }
     parts = [of_mode(arena.datasets[number], MODES[mode]) for mode, number in own]
-    placed = [lane._replace(dataset=own[nearest_mode(lane.angle), lane.dataset]) for lane in lanes]
+    placed = [run._replace(dataset=own[nearest_mode(run.angle), run.dataset]) for run in runs]
     return _clone(arena, placed, parts, weighted=False)
 
 
@@ -103,41 +103,41 @@ def of_mode(data: Demonstrations, angle: float) -> Demonstrations:
     return data.select(np.flatnonzero(data.episode_modes == mode))
 
 
-def _conservative(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
+def _conservative(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[QPolicy]:
     structure = cql_structure(arena.structure)
-    numbers = [cql_numbers(arena.numbers, lane) for lane in lanes]
-    trained = cql.train(structure, numbers, arena.datasets, Outside(arena.on_report), CHUNK)
-    return [trained.policy(lane) for lane in range(len(lanes))]
+    numbers = [cql_numbers(arena.numbers, run) for run in runs]
+    trained = cql.train(structure, numbers, arena.datasets, Callbacks(arena.on_report), CHUNK)
+    return [trained.policy(run) for run in range(len(runs))]
 
 
-def _reinforcement(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
+def _reinforcement(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[QPolicy]:
     """Deep Q-learning on R(α) with as many steps in the world, and no demonstrations."""
     base, world = arena.structure, arena.ground.table.world
-    numbers = [rl_numbers(arena.numbers, lane) for lane in lanes]
+    numbers = [rl_numbers(arena.numbers, run) for run in runs]
     chunk = min(CHUNK, base.updates)
     env = GridWorldEnv(world.name)  # a source resets it first, so the lanes can share it
-    sources = [from_env(env, chunk * base.env_steps_per_update) for _ in lanes]
+    sources = [from_env(env, chunk * base.env_steps_per_update) for _ in runs]
     sizes = (world.n_features, world.n_actions)
     trained = train_dqn(
-        rl_structure(base), numbers, sources, sizes, Outside(arena.on_report), chunk
+        rl_structure(base), numbers, sources, sizes, Callbacks(arena.on_report), chunk
     )
-    return [trained.policy(lane) for lane in range(len(lanes))]
+    return [trained.policy(run) for run in range(len(runs))]
 
 
-def _dial(arena: Arena, _method: Method, lanes: Sequence[Lane]) -> list[QPolicy]:
+def _dial(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[QPolicy]:
     """One network for all angles of a seed and λ, at the budget that others have for each angle."""
-    own = list(dict.fromkeys(lane._replace(angle=0.0) for lane in lanes))
-    numbers = [dial_numbers(arena.numbers, lane) for lane in own]
+    own = list(dict.fromkeys(run._replace(angle=0.0) for run in runs))
+    numbers = [dial_numbers(arena.numbers, run) for run in own]
     trained = train_dial(
         dial_structure(arena.structure),
         numbers,
         arena.datasets,
         arena.ground.table.world,
-        outside=Outside(arena.on_report),
+        callbacks=Callbacks(arena.on_report),
         chunk=CHUNK,
     )
-    place = {lane: number for number, lane in enumerate(own)}
-    return [trained.dial(place[lane._replace(angle=0.0)]).at(lane.angle) for lane in lanes]
+    place = {run: number for number, run in enumerate(own)}
+    return [trained.dial(place[run._replace(angle=0.0)]).at(run.angle) for run in runs]
 
 
 LEARNERS: dict[str, Learner] = {

@@ -13,7 +13,7 @@ import numpy as np
 
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results, from_csv
 from socialiq.studies.compare_priors import intersection
@@ -32,12 +32,14 @@ Chosen = Mapping[tuple[str, str], float]
 """λ by world and method."""
 
 
-def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+def run(
+    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
+) -> Results:
     """Do what is not done yet, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
         work: Folder of the jobs; a temporary one by default.
 
     Raises:
@@ -46,10 +48,10 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     """
     config = config or Config()
     with work_folder(work) as folder:
-        run_jobs(development_jobs(config), folder, watch)
+        run_jobs(development_jobs(config), folder, on_stage)
         developed = list(development_rows(config, folder))
         chosen = choose(developed)
-        run_jobs(fresh_jobs(config, chosen), folder, watch)
+        run_jobs(fresh_jobs(config, chosen), folder, on_stage)
         return tabulate(config, developed, chosen, list(fresh_rows(config, chosen, folder)))
 
 
@@ -115,8 +117,8 @@ def _jobs(
         seeds,
         EPISODES_EACH[world],
     )
-    lanes = len(seeds) * len(strengths) * (len(angles) if method.by_angle else 1)
-    yield Job(_name(phase, world, method), run_method, run_of, cost=lanes + 10.0)
+    runs = len(seeds) * len(strengths) * (len(angles) if method.by_angle else 1)
+    yield Job(_name(phase, world, method), run_method, run_of, cost=runs + 10.0)
 
 
 def _name(phase: str, world: str, method: Method) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock
 from socialiq.learners.shared_reward.angles import Inferred
@@ -25,15 +25,15 @@ from socialiq.types import Row
 STUDY = "competence"
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Fit every method to every data set, evaluate exactly, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
-    report, clock = watch("data sets"), Clock(0, len(config.seeds), 1)
+    report, clock = on_stage("data sets"), Clock(0, len(config.seeds), 1)
     bench = Bench.of(config)
     rows = list(bench.without_data())
     angles: list[Row] = []

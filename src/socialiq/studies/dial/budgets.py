@@ -10,10 +10,10 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
-from socialiq.experiments.gridworld_runs import Ground, Watch
-from socialiq.learners.callbacks import Outside
+from socialiq.experiments.gridworld_runs import Ground, StageCallback
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Regret
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import Trained, dial_of, train
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
@@ -26,13 +26,13 @@ CHUNK = 250  # updates between two steps of dual ascent
 class Agents(NamedTuple):
     """Lanes of one structure, each with a budget of its own."""
 
-    structure: Structure
-    numbers: list[Numbers]
+    structure: StaticConfig
+    numbers: list[Hyperparameters]
     budgets: list[float]
 
 
 def budget_tables(
-    ground: Ground, config: Config, data: Sequence[Demonstrations], watch: Watch
+    ground: Ground, config: Config, data: Sequence[Demonstrations], on_stage: StageCallback
 ) -> dict[str, list[Row]]:
     """Train an agent for each budget and seed; what it came to, and the way there.
 
@@ -40,7 +40,7 @@ def budget_tables(
         ground: The world with its clock.
         config: Of the study.
         data: A data set for each of the study's seeds.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     agents = _agents(ground, config)
     budget = Budget(
@@ -50,23 +50,21 @@ def budget_tables(
         agents.structure,
         agents.numbers,
         data,
-        outside=Outside(on_report=watch("7x7 dial, budgets")),
+        callbacks=Callbacks(on_report=on_stage("7x7 dial, budgets")),
         chunk=CHUNK,
         budget=budget,
     )
-    rows = [
-        _row(ground, config, agents, trained, data, lane) for lane in range(len(agents.numbers))
-    ]
+    rows = [_row(ground, config, agents, trained, data, run) for run in range(len(agents.numbers))]
     path: list[Row] = [
         {
-            "budget": agents.budgets[lane],
+            "budget": agents.budgets[run],
             "seed": numbers.seed,
             "updates": look.updates,
-            "regret": float(look.regret[lane]),
-            "multiplier": float(look.multiplier[lane]),
+            "regret": float(look.regret[run]),
+            "multiplier": float(look.multiplier[run]),
         }
         for look in budget.path
-        for lane, numbers in enumerate(agents.numbers)
+        for run, numbers in enumerate(agents.numbers)
     ]
     return {"budgets": rows, "budget_path": path}
 
@@ -81,17 +79,20 @@ def _agents(ground: Ground, config: Config) -> Agents:
         one_hot=seen(ground.table.world),
         updates=config.updates or offline.structure.updates,
     )
-    lanes = [
+    runs = [
         (dataclasses.replace(offline.numbers, seed=seed, dataset=config.seeds.index(seed)), epsilon)
         for epsilon in config.budgets
         for seed in config.budget_seeds
     ]
-    numbers, budgets = (list(column) for column in zip(*lanes, strict=True))
+    numbers, budgets = (list(column) for column in zip(*runs, strict=True))
     return Agents(structure, numbers, budgets)
 
 
 def exact_regret(
-    ground: Ground, structure: Structure, numbers: Sequence[Numbers], readout: Readout = "soft"
+    ground: Ground,
+    structure: StaticConfig,
+    numbers: Sequence[Hyperparameters],
+    readout: Readout = "soft",
 ) -> Regret:
     """The regret of a lane's policy at the one angle of its structure.
 
@@ -99,8 +100,8 @@ def exact_regret(
     in jumps, between which there may be no multiplier for a budget.
     """
 
-    def regret(network: DialNetwork, lane: int, multiplier: float) -> float:
-        dial = dial_of(structure, numbers[lane], network, multiplier)
+    def regret(network: DialNetwork, run: int, multiplier: float) -> float:
+        dial = dial_of(structure, numbers[run], network, multiplier)
         return _regret(ground, dial, structure.low, readout)
 
     return regret
@@ -117,18 +118,18 @@ def _row(
     agents: Agents,
     trained: Trained,
     data: Sequence[Demonstrations],
-    lane: int,
+    run: int,
 ) -> Row:
     """What a budget came to, and how likely the demonstrations are under its policy."""
-    dial, numbers = trained.dial(lane), agents.numbers[lane]
+    dial, numbers = trained.dial(run), agents.numbers[run]
     shown = data[numbers.dataset]
     chances = dial.at(config.budget_angle).probabilities(shown.observation)
     chosen = chances[np.arange(len(shown.action)), shown.action]
     return {
-        "budget": agents.budgets[lane],
+        "budget": agents.budgets[run],
         "seed": numbers.seed,
         "angle": config.budget_angle,
-        "multiplier": trained.multipliers[lane],
+        "multiplier": trained.multipliers[run],
         "log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean()),
     } | {
         f"regret_{readout}": _regret(ground, dial, config.budget_angle, readout)

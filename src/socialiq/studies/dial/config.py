@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from socialiq.experiments.gridworld_runs import Ground
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.worlds.grid_world import GridWorld
 
 KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
@@ -26,31 +26,31 @@ class Run(NamedTuple):
             demonstrated ("timed"), or at any ("any time"); empty online.
     """
 
-    structure: Structure
-    numbers: Numbers
+    structure: StaticConfig
+    numbers: Hyperparameters
     clock: bool = True
     support: str = ""
 
 
-_ONLINE = Structure(redraw_times=25, replay_batch=448)
-_OFFLINE = Structure(online=False, scored="demonstrations")
+_ONLINE = StaticConfig(redraw_times=25, replay_batch=448)
+_OFFLINE = StaticConfig(online=False, scored="demonstrations")
 # Chosen on training seeds 0 to 4 (docs/dial.md).
 RUNS = {
-    "online": Run(_ONLINE, Numbers()),
+    "online": Run(_ONLINE, Hyperparameters()),
     "online-alone": Run(
-        dataclasses.replace(_ONLINE, demonstrations=False, replay_batch=512), Numbers()
+        dataclasses.replace(_ONLINE, demonstrations=False, replay_batch=512), Hyperparameters()
     ),
     "online-clockless": Run(
-        dataclasses.replace(_ONLINE, redraw_times=0), Numbers(discount=0.99), clock=False
+        dataclasses.replace(_ONLINE, redraw_times=0), Hyperparameters(discount=0.99), clock=False
     ),
     "offline": Run(
         dataclasses.replace(_OFFLINE, updates=12_000),
-        Numbers(prior_weight=50.0, temperature=0.03),
+        Hyperparameters(prior_weight=50.0, temperature=0.03),
         support="timed",
     ),
     "offline-redrawn": Run(
         dataclasses.replace(_OFFLINE, updates=16_000, redraw_times=25),
-        Numbers(prior_weight=200.0),
+        Hyperparameters(prior_weight=200.0),
         support="any time",
     ),
 }
@@ -58,7 +58,7 @@ RUNS = {
 # Chosen on training seeds 0 to 4; what it costs and what it reaches: benchmarks/README.md.
 QUICK = Run(
     dataclasses.replace(_ONLINE, hidden=(64, 64), expert_batch=8, replay_batch=120, updates=6000),
-    Numbers(learning_rate=6e-3, polyak=0.05),
+    Hyperparameters(learning_rate=6e-3, polyak=0.05),
 )
 PRESETS = RUNS | {"online-quick": QUICK}
 """The study's runs, and one that takes less than twice the time of a run of the thesis' learner."""

@@ -11,9 +11,9 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.experiments.gridworld_runs import Ground, Watch, silent
+from socialiq.experiments.gridworld_runs import Ground, StageCallback, silent
 from socialiq.experiments.results import Results
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.train import Trained, train
 from socialiq.mdp.front import AttainableSet
 from socialiq.studies.dial.budgets import budget_tables
@@ -24,12 +24,12 @@ from socialiq.types import Row
 STUDY = "dial"
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Train every run, evaluate exactly at each degree, set the dial, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     ground = Ground.of("crossing7")
@@ -43,13 +43,13 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
     }
     ceilings = _ceilings(ground, config, data[True])
     for name in config.runs:
-        trained = _train(ground, config, name, data[RUNS[name].clock], watch)
-        for lane, seed in enumerate(config.seeds):
-            one = Judged(name, seed, trained.dial(lane), with_clock(ground, RUNS[name].clock))
+        trained = _train(ground, config, name, data[RUNS[name].clock], on_stage)
+        for run, seed in enumerate(config.seeds):
+            one = Judged(name, seed, trained.dial(run), with_clock(ground, RUNS[name].clock))
             limit = ceilings.get((RUNS[name].support, seed), ground.optimum.attainable)
             for table, rows in one.rows(config, limit):
                 tables[table] += rows
-    tables |= budget_tables(with_clock(ground, True), config, data[True], watch)
+    tables |= budget_tables(with_clock(ground, True), config, data[True], on_stage)
     tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
     tables["pooled"] = _pooled(tables["dials"])
     tables["front"] = [
@@ -61,23 +61,27 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
 
 
 def _train(
-    ground: Ground, config: Config, name: str, data: Sequence[Demonstrations], watch: Watch
+    ground: Ground,
+    config: Config,
+    name: str,
+    data: Sequence[Demonstrations],
+    on_stage: StageCallback,
 ) -> Trained:
     structure, numbers, clock, _ = RUNS[name]
     world = with_clock(ground, clock).table.world
     structure = dataclasses.replace(
         structure, one_hot=seen(world), updates=config.updates or structure.updates
     )
-    lanes = [
+    runs = [
         dataclasses.replace(numbers, seed=seed, dataset=number)
         for number, seed in enumerate(config.seeds)
     ]
     return train(
         structure,
-        lanes,
+        runs,
         data if structure.demonstrations else [],
         world if structure.online else None,
-        outside=Outside(on_report=watch(f"7x7 dial, {name}")),
+        callbacks=Callbacks(on_report=on_stage(f"7x7 dial, {name}")),
     )
 
 

@@ -16,16 +16,16 @@ from socialiq.evaluation.expert_demonstrations import (
 )
 from socialiq.experiments.gridworld_runs import (
     Ground,
-    Watch,
+    StageCallback,
     grid_of,
     pooled,
     rows_of,
     silent,
-    train_lanes,
+    train_runs,
 )
 from socialiq.experiments.results import Results
 from socialiq.learners import behaviour_cloning as bc
-from socialiq.learners.callbacks import Outside
+from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import presets
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.q_policy import QPolicy
@@ -56,23 +56,23 @@ class Config:
     """Whether to train what goes beyond the figures: the equal-transitions mixture, and clones."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Train, evaluate exactly, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     ground = Ground.of("crossing7")
     trajectories = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     data = {"equal_trajectories": trajectories}
-    rows, headline = _main_rows(ground, config, trajectories, watch)
+    rows, headline = _main_rows(ground, config, trajectories, on_stage)
     if config.comparisons:
         data["equal_transitions"] = transition_datasets(
             ground.table, config.seeds, config.transitions_each
         )
-        rows += _comparison_rows(ground, config, data, watch)
+        rows += _comparison_rows(ground, config, data, on_stage)
     experts = _expert_rows(ground)
     tables = {
         "experts": experts,
@@ -87,14 +87,14 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
 
 
 def _main_rows(
-    ground: Ground, config: Config, datasets: list[Demonstrations], watch: Watch
+    ground: Ground, config: Config, datasets: list[Demonstrations], on_stage: StageCallback
 ) -> tuple[list[Row], dict[str, list[QPolicy]]]:
     """Baseline and targets for every reading and strength; and the policies of the figures."""
     label = {"mixture": "equal_trajectories"}
-    rows, baseline = _train_baseline(ground, config, datasets, label, watch)
+    rows, baseline = _train_baseline(ground, config, datasets, label, on_stage)
     headline = {"baseline": baseline}
     for kind in config.target_kinds:
-        more, policies = _train_targets(ground, config, datasets, label, kind, watch)
+        more, policies = _train_targets(ground, config, datasets, label, kind, on_stage)
         rows += more
         if kind == config.target_kinds[0]:
             headline |= policies
@@ -102,14 +102,18 @@ def _main_rows(
 
 
 def _train_baseline(
-    ground: Ground, config: Config, datasets: list[Demonstrations], label: Row, watch: Watch
+    ground: Ground,
+    config: Config,
+    datasets: list[Demonstrations],
+    label: Row,
+    on_stage: StageCallback,
 ) -> tuple[list[Row], list[QPolicy]]:
     """IQ-Learn without a social prior; its regret is stated at each target angle's own row."""
     structure = dataclasses.replace(presets.baseline(presets.GRID), updates=config.updates)
     numbers = grid_of([0.0], [0.0], config.seeds, presets.TABLE_C1_NUMBERS)
-    report = watch(f"7x7 baseline, {label['mixture'].replace('_', ' ')}")
-    trained = train_lanes(ground, structure, numbers, datasets, report)
-    policies = [trained.policy(lane) for lane in range(len(numbers))]
+    report = on_stage(f"7x7 baseline, {label['mixture'].replace('_', ' ')}")
+    trained = train_runs(ground, structure, numbers, datasets, report)
+    policies = [trained.policy(run) for run in range(len(numbers))]
     rows: list[Row] = []
     for angle in MODES.values():
         described = _label("baseline", label, "none", 0.0, angle)
@@ -123,21 +127,21 @@ def _train_targets(
     datasets: list[Demonstrations],
     label: Row,
     kind: str,
-    watch: Watch,
+    on_stage: StageCallback,
 ) -> tuple[list[Row], dict[str, list[QPolicy]]]:
     """The three targets at every strength, in one program; policies of the first strength."""
     structure = dataclasses.replace(presets.GRID, target_kind=kind, updates=config.updates)
     angles = list(MODES.values())
     numbers = grid_of(angles, config.strengths, config.seeds, presets.TABLE_C1_NUMBERS)
-    report = watch(f"7x7 targets, {kind}, {label['mixture'].replace('_', ' ')}")
-    trained = train_lanes(ground, structure, numbers, datasets, report)
+    report = on_stage(f"7x7 targets, {kind}, {label['mixture'].replace('_', ' ')}")
+    trained = train_runs(ground, structure, numbers, datasets, report)
     rows: list[Row] = []
     headline: dict[str, list[QPolicy]] = {}
-    lane = 0
+    run = 0
     for mode, angle in MODES.items():
         for strength in config.strengths:
-            policies = [trained.policy(lane + i) for i in range(len(config.seeds))]
-            lane += len(config.seeds)
+            policies = [trained.policy(run + i) for i in range(len(config.seeds))]
+            run += len(config.seeds)
             headline.setdefault(mode, policies)
             described = _label("reward_regularized", label, kind, strength, angle)
             rows += rows_of(ground, policies, angle, described, config.seeds)
@@ -145,19 +149,19 @@ def _train_targets(
 
 
 def _comparison_rows(
-    ground: Ground, config: Config, data: dict[str, list[Demonstrations]], watch: Watch
+    ground: Ground, config: Config, data: dict[str, list[Demonstrations]], on_stage: StageCallback
 ) -> list[Row]:
     """The other mixture with the figures' reading, and behaviour cloning of both mixtures."""
     label = {"mixture": "equal_transitions"}
-    rows, _ = _train_baseline(ground, config, data["equal_transitions"], label, watch)
+    rows, _ = _train_baseline(ground, config, data["equal_transitions"], label, on_stage)
     kind = config.target_kinds[0]
-    rows += _train_targets(ground, config, data["equal_transitions"], label, kind, watch)[0]
-    structure = bc.Structure(updates=config.updates)
-    numbers = [bc.Numbers(seed=seed, dataset=i) for i, seed in enumerate(config.seeds)]
+    rows += _train_targets(ground, config, data["equal_transitions"], label, kind, on_stage)[0]
+    structure = bc.StaticConfig(updates=config.updates)
+    numbers = [bc.Hyperparameters(seed=seed, dataset=i) for i, seed in enumerate(config.seeds)]
     for mixture, datasets in data.items():
-        outside = Outside(on_report=watch(f"7x7 clones, {mixture.replace('_', ' ')}"))
-        cloned = bc.clone(structure, numbers, datasets, outside)
-        policies = [cloned.policy(lane) for lane in range(len(numbers))]
+        callbacks = Callbacks(on_report=on_stage(f"7x7 clones, {mixture.replace('_', ' ')}"))
+        cloned = bc.clone(structure, numbers, datasets, callbacks)
+        policies = [cloned.policy(run) for run in range(len(numbers))]
         for angle in MODES.values():
             described = _label("behaviour_cloning", {"mixture": mixture}, "none", 0.0, angle)
             rows += rows_of(ground, policies, angle, described, config.seeds)

@@ -11,7 +11,7 @@ import numpy as np
 from socialiq.demonstrations import files
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.record import record
-from socialiq.experiments.jobs import Job, Tell
+from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import save_arrays
 from socialiq.studies.intersection.jobs import BATCH, BEST
@@ -35,11 +35,11 @@ class Recording:
 
 
 def record_demonstrations(
-    config: Recording, folder: Path, inputs: Mapping[str, Path], tell: Tell
+    config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Roll out each expert; writes a pool of each, and its classical rewards row for row."""
     experts = [QPolicy.load(trained / config.file) for trained in inputs.values()]
-    _record(dict(zip(MODES, experts, strict=True)), config, folder, tell)
+    _record(dict(zip(MODES, experts, strict=True)), config, folder, on_progress)
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class AtlasRecording(Recording):
 
 
 def record_atlas(
-    config: AtlasRecording, folder: Path, _inputs: Mapping[str, Path], tell: Tell
+    config: AtlasRecording, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Roll out each expert of the atlas, as the intersection study does with those it trains."""
-    _record({mode: atlas.load(f"expert_{mode}") for mode in MODES}, config, folder, tell)
+    _record({mode: atlas.load(f"expert_{mode}") for mode in MODES}, config, folder, on_progress)
 
 
 def atlas_pools(episodes: int) -> Job:
@@ -70,7 +70,9 @@ def atlas_pools(episodes: int) -> Job:
     return Job(POOLS, record_atlas, run, cost=20.0)
 
 
-def _record(experts: Mapping[str, QPolicy], config: Recording, folder: Path, tell: Tell) -> None:
+def _record(
+    experts: Mapping[str, QPolicy], config: Recording, folder: Path, on_progress: ProgressCallback
+) -> None:
     for number, (mode, policy) in enumerate(experts.items()):
         first = config.first_seed + number * config.episodes
         source = {"world": Intersection(config.options).description, "expert": policy.provenance}
@@ -79,4 +81,4 @@ def _record(experts: Mapping[str, QPolicy], config: Recording, folder: Path, tel
         files.save(folder / f"{mode}.safetensors", made.transitions)
         classical = {"own": made.classical.env, "others": made.classical.social}
         save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
-        tell((number + 1) / len(experts))
+        on_progress((number + 1) / len(experts))

@@ -22,9 +22,9 @@ from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.oracle_lookahead import with_foresight
 from socialiq.evaluation.play import episodes_of
-from socialiq.experiments.jobs import Tell
+from socialiq.experiments.jobs import ProgressCallback
 from socialiq.experiments.results import as_csv
-from socialiq.learners.callbacks import Outside, Report
+from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Collector, Source, from_vector_env, soft
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn.train import policy_of
@@ -53,14 +53,16 @@ BATCH = 512  # episodes side by side in evaluation
 class ExpertRun:
     """One DQN expert (thesis 5.2)."""
 
-    structure: dqn.Structure
-    numbers: dqn.Numbers
+    structure: dqn.StaticConfig
+    numbers: dqn.Hyperparameters
     environments: int = 12
     options: Options = field(default_factory=Options)
     checks: Checks = field(default_factory=Checks)
 
 
-def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_expert(
+    config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Train; writes the last network, the best by checks, and the learning curve."""
     structure, world = config.structure, Intersection(config.options)
     monitor = Monitor(
@@ -79,7 +81,7 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
         [config.numbers],
         [source],
         (world.n_features, world.n_actions),
-        outside_of(folder, monitor, tell),
+        callbacks_of(folder, monitor, on_progress),
         CHUNK,
     )
     _keep(trained.policy(0), trained.history, folder)
@@ -89,8 +91,8 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
 class LearnerRun:
     """One IQ-Learn run on a mixture of the three experts' demonstrations."""
 
-    structure: iq.Structure
-    numbers: iq.Numbers
+    structure: iq.StaticConfig
+    numbers: iq.Hyperparameters
     mixture: str
     size: int
     """Episodes of each mode, or transitions in a mixture of equal transitions."""
@@ -99,7 +101,9 @@ class LearnerRun:
     checks: Checks = field(default_factory=lambda: Checks(times=10))
 
 
-def train_learner(config: LearnerRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_learner(
+    config: LearnerRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Mix, train, keep the last network and the learning curve."""
     structure, numbers = config.structure, config.numbers
     (pools,) = inputs.values()
@@ -123,7 +127,7 @@ def train_learner(config: LearnerRun, folder: Path, inputs: Mapping[str, Path], 
         structure,
         [numbers],
         [data],
-        outside=outside_of(folder, monitor, tell),
+        callbacks=callbacks_of(folder, monitor, on_progress),
         chunk=CHUNK,
         before_chunk=collector,
     )
@@ -142,7 +146,9 @@ class Evaluation:
     options: Options = field(default_factory=Options)
 
 
-def evaluate(config: Evaluation, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def evaluate(
+    config: Evaluation, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Drive; writes what became of every episode, one file for each readout."""
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
     for number, readout in enumerate(config.readouts):
@@ -150,7 +156,7 @@ def evaluate(config: Evaluation, folder: Path, inputs: Mapping[str, Path], tell:
         driver = driver_of(config.driver, inputs, config.first_seed)
         episodes = episodes_of(batch, driver, seeds, deterministic=readout == "greedy")
         save_episodes(folder / f"{readout}.safetensors", episodes)
-        tell((number + 1) / len(config.readouts))
+        on_progress((number + 1) / len(config.readouts))
 
 
 @dataclass(frozen=True)
@@ -165,13 +171,15 @@ class ForesightRun:
     options: Options = field(default_factory=Options)
 
 
-def foresee(config: ForesightRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def foresee(
+    config: ForesightRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Drive with foresight; writes what became of every episode."""
     driver = driver_of(config.driver, inputs, config.first_seed)
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
     episodes = with_foresight(config.options, driver, seeds, config.angle)
     save_episodes(folder / "greedy.safetensors", episodes)
-    tell(1.0)
+    on_progress(1.0)
 
 
 @dataclass(frozen=True)
@@ -184,7 +192,9 @@ class HighwayRun:
     options: Options = field(default_factory=Options)
 
 
-def drive_highway(config: HighwayRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def drive_highway(
+    config: HighwayRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Compare decision by decision; writes one row for each episode."""
     from socialiq.worlds.intersection.reference.conformance import compare
 
@@ -192,7 +202,7 @@ def drive_highway(config: HighwayRun, folder: Path, inputs: Mapping[str, Path], 
     rows: list[Row] = []
     for compared in compare(config.options, config.episodes, config.first_seed, driver):
         rows.append(compared._asdict())
-        tell(len(rows) / config.episodes)
+        on_progress(len(rows) / config.episodes)
     write_atomically(folder / "compared.csv", as_csv(rows))
 
 
@@ -218,11 +228,11 @@ def source_of(options: Options, environments: int, steps: int) -> Source:
     return from_vector_env(env, steps)
 
 
-def outside_of(folder: Path, monitor: Any, tell: Tell) -> Outside:
+def callbacks_of(folder: Path, monitor: Any, on_progress: ProgressCallback) -> Callbacks:
     """Progress, checks, and a checkpoint that an interrupted try has left."""
     checkpoint = folder / CHECKPOINT
 
     def report(made: Report) -> None:
-        tell(made.done / made.total)
+        on_progress(made.done / made.total)
 
-    return Outside(report, monitor, checkpoint, checkpoint.is_file())
+    return Callbacks(report, monitor, checkpoint, checkpoint.is_file())

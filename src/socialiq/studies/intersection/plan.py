@@ -98,28 +98,30 @@ def _main(config: Config) -> Iterator[Job]:
 
 def flat_expert(mode: str, seed: int, steps: int) -> Job:
     """An expert with the thesis' network and settings."""
-    run = ExpertRun(dqn.Structure(steps=steps), dqn.Numbers(angle=MODES[mode], seed=seed))
+    run = ExpertRun(
+        dqn.StaticConfig(steps=steps), dqn.Hyperparameters(angle=MODES[mode], seed=seed)
+    )
     return Job(expert_name("flat", mode, seed), train_expert, run, cost=900.0)
 
 
 def _timeouts(config: Config) -> Iterator[Job]:
     """The experts of main whose reward a long wait can feed, but for the one thing."""
     for mode, angle in list(MODES.items())[1:]:
-        structure = dqn.Structure(steps=config.expert_steps // 2, through_timeouts=True)
-        run = ExpertRun(structure, dqn.Numbers(angle=angle, seed=config.expert_seed))
+        structure = dqn.StaticConfig(steps=config.expert_steps // 2, through_timeouts=True)
+        run = ExpertRun(structure, dqn.Hyperparameters(angle=angle, seed=config.expert_seed))
         name = f"timeouts/through/{mode}/{config.expert_seed}"
         yield Job(name, train_expert, run, cost=450.0)
 
 
-def finer(numbers: dqn.Numbers) -> dqn.Numbers:
+def finer(numbers: dqn.Hyperparameters) -> dqn.Hyperparameters:
     """Exploration and step size fall further."""
     return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
 
 
 def _views(config: Config) -> Iterator[Job]:
     for view, seed in itertools.product(CHOICES, config.ablation_seeds):
-        structure = dqn.Structure(view, steps=config.view_steps, steps_per_update=32)
-        run = ExpertRun(structure, finer(dqn.Numbers(seed=seed)))
+        structure = dqn.StaticConfig(view, steps=config.view_steps, steps_per_update=32)
+        run = ExpertRun(structure, finer(dqn.Hyperparameters(seed=seed)))
         yield Job(f"views/{view}/{seed}", train_expert, run, cost=120.0)
 
 
@@ -211,14 +213,14 @@ def policy_file(job: str) -> str:
     return LAST if job.startswith("learners/") else BEST
 
 
-def _ablated(updates: int) -> tuple[iq.Structure, iq.Numbers]:
+def _ablated(updates: int) -> tuple[iq.StaticConfig, iq.Hyperparameters]:
     """The calibrated preset: what the ablations vary."""
     structure, numbers = PRESETS["calibrated"]
     return dataclasses.replace(structure, updates=updates), numbers
 
 
 def _learner(
-    config: Config, structure: iq.Structure, numbers: iq.Numbers, target: str, seed: int
+    config: Config, structure: iq.StaticConfig, numbers: iq.Hyperparameters, target: str, seed: int
 ) -> LearnerRun:
     if target == "baseline":
         structure, angle = presets.baseline(structure), 0.0

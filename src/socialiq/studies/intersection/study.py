@@ -11,7 +11,7 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.social.angle import angle_difference, angle_of
@@ -34,12 +34,14 @@ from socialiq.types import Row
 STUDY = "intersection"
 
 
-def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+def run(
+    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
+) -> Results:
     """Do what is not done yet, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
         work: Folder of the jobs; a temporary one by default.
 
     Raises:
@@ -54,7 +56,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
         )
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch)
+        run_jobs(jobs, folder, on_stage)
         return tabulate(config, jobs, folder)
 
 

@@ -20,8 +20,8 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.online_planning import ThinkingAhead
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import Watch, silent
-from socialiq.experiments.jobs import Job, Tell
+from socialiq.experiments.gridworld_runs import StageCallback, silent
+from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results
 from socialiq.nn.q_policy import QPolicy
 from socialiq.statistics.tests import holm, paired_difference
@@ -100,7 +100,9 @@ class AheadRun:
     """Where it believes to drive."""
 
 
-def drive(config: AheadRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def drive(
+    config: AheadRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Drive; writes what became of every episode."""
     policy: QPolicy | ThinkingAhead = atlas.load(config.driver) if not inputs else _input(inputs)
     if config.decisions and isinstance(policy, QPolicy):
@@ -110,7 +112,7 @@ def drive(config: AheadRun, folder: Path, inputs: Mapping[str, Path], tell: Tell
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
     episodes = episodes_of(Batch(config.options, 128), policy, seeds)
     save_episodes(folder / "greedy.safetensors", episodes)
-    tell(1.0)
+    on_progress(1.0)
 
 
 def _input(inputs: Mapping[str, Path]) -> QPolicy:
@@ -118,12 +120,14 @@ def _input(inputs: Mapping[str, Path]) -> QPolicy:
     return QPolicy.load(trained / BEST)
 
 
-def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+def run(
+    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
+) -> Results:
     """Do what is not done yet, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
         work: Folder of the jobs; a temporary one by default.
 
     Raises:
@@ -133,7 +137,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch)
+        run_jobs(jobs, folder, on_stage)
         return tabulate(config, jobs, folder)
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 
-STRUCTURE = Structure(
+STRUCTURE = StaticConfig(
     view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
 )
 """Of dials and agents, but for their ranges and updates: the network of the set experts."""
 
-NUMBERS = Numbers(
+NUMBERS = Hyperparameters(
     temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
 )
 """Rates of the set experts; an intersection has no clock, hence their discount."""
@@ -31,9 +31,9 @@ class Config:
     """Angles that an agent is trained for, and at which regrets are counted, in degrees."""
     turned: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
     """Angles at which a dial is driven; the key angles are among them."""
-    structure: Structure = STRUCTURE
+    structure: StaticConfig = STRUCTURE
     """Of a dial."""
-    numbers: Numbers = NUMBERS
+    numbers: Hyperparameters = NUMBERS
     """Of both, but for the seed."""
     agent_updates: int = 12_000
     """Gradient steps of an agent of one angle; all agents of a seed take twice a dial's."""

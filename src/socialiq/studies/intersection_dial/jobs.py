@@ -14,10 +14,10 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.play import episodes_of
-from socialiq.experiments.jobs import Tell
+from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import dial_of, train
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
@@ -27,7 +27,7 @@ from socialiq.studies.intersection.jobs import (
     CHECKPOINT,
     CHUNK,
     LAST,
-    outside_of,
+    callbacks_of,
     source_of,
 )
 from socialiq.studies.intersection.monitor import Checks, write_curve
@@ -42,8 +42,8 @@ DIAL = "dial.safetensors"
 class DialRun:
     """One dial, or an agent: a dial of one angle."""
 
-    structure: Structure
-    numbers: Numbers
+    structure: StaticConfig
+    numbers: Hyperparameters
     mixture: str
     size: int
     """Transitions of each expert."""
@@ -55,7 +55,9 @@ class DialRun:
     """At which it is looked at; of an agent its own."""
 
 
-def train_dial(config: DialRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_dial(
+    config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Mix demonstrations, train on them and on the core, keep the slow copy and the curve."""
     structure, numbers, world = config.structure, config.numbers, Intersection(config.options)
     (pools,) = inputs.values()
@@ -67,7 +69,7 @@ def train_dial(config: DialRun, folder: Path, inputs: Mapping[str, Path], tell: 
         [numbers],
         [data],
         sizes=(world.n_features, world.n_actions),
-        outside=outside_of(folder, lambda learnt: _looked(config, learnt), tell),
+        callbacks=callbacks_of(folder, lambda learnt: _looked(config, learnt), on_progress),
         chunk=CHUNK,
         before_chunk=Collector([source], [numbers.seed], acting(structure, [numbers])),
     )
@@ -104,7 +106,9 @@ class Turning:
     options: Options = field(default_factory=Options)
 
 
-def drive(config: Turning, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def drive(
+    config: Turning, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Drive greedily; writes what became of every episode, one file for each angle."""
     (trained,) = inputs.values()
     dial = DialPolicy.load(trained / DIAL)
@@ -112,7 +116,7 @@ def drive(config: Turning, folder: Path, inputs: Mapping[str, Path], tell: Tell)
     for number, angle in enumerate(config.angles, start=1):
         episodes = episodes_of(Batch(config.options, BATCH), dial.at(angle), seeds)
         save_episodes(folder / file_of(angle), episodes)
-        tell(number / len(config.angles))
+        on_progress(number / len(config.angles))
 
 
 @dataclass(frozen=True)
@@ -122,11 +126,13 @@ class Turned:
     angle: float
 
 
-def turn(config: Turned, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def turn(
+    config: Turned, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Write the policy of one angle."""
     (trained,) = inputs.values()
     DialPolicy.load(trained / DIAL).at(config.angle).save(folder / LAST)
-    tell(1.0)
+    on_progress(1.0)
 
 
 def file_of(angle: float) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from socialiq.evaluation.hypervolume import hypervolume
 from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results, from_csv
 from socialiq.social.angle import exact_weights
@@ -38,12 +38,14 @@ STUDY = "intersection-dial"
 DIALS, AGENTS = "dial", "agents"
 
 
-def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+def run(
+    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
+) -> Results:
     """Do what is not done yet, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
         work: Folder of the jobs; a temporary one by default.
 
     Raises:
@@ -53,7 +55,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch)
+        run_jobs(jobs, folder, on_stage)
         return tabulate(config, jobs, folder)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.learners.dqn import config as dqn
@@ -69,12 +69,14 @@ class Config:
             raise UserError("name at least one seed, and highway_episodes of 0 or more")
 
 
-def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+def run(
+    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
+) -> Results:
     """Do what is not done yet, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
         work: Folder of the jobs; a temporary one by default.
 
     Raises:
@@ -84,7 +86,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch)
+        run_jobs(jobs, folder, on_stage)
         return tabulate(config, jobs, folder)
 
 
@@ -99,8 +101,8 @@ def plan(config: Config) -> list[Job]:
 
 def set_expert(mode: str, seed: int, steps: int) -> Job:
     """An expert that sees a set of vehicles."""
-    structure = dqn.Structure("set", (128, 128), steps=steps, steps_per_update=12)
-    numbers = dqn.Numbers(angle=MODES[mode], learning_rate=5e-4, polyak=0.01, seed=seed)
+    structure = dqn.StaticConfig("set", (128, 128), steps=steps, steps_per_update=12)
+    numbers = dqn.Hyperparameters(angle=MODES[mode], learning_rate=5e-4, polyak=0.01, seed=seed)
     run = ExpertRun(structure, finer(numbers))
     return Job(expert_name("set", mode, seed), train_expert, run, cost=900.0)
 

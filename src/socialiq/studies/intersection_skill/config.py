@@ -41,11 +41,11 @@ RETURNS_LEARNER = dataclasses.replace(
 RETURNS_NUMBERS = dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, strength=0.3)
 """The thesis' learner, on returns-to-go, one run for each angle; 256 rows an update."""
 
-EXPERT = dqn.Structure("set", (128, 128), steps=240_000, steps_per_update=12)
-EXPERT_NUMBERS = finer(dqn.Numbers(learning_rate=5e-4, polyak=0.01, seed=70))
+EXPERT = dqn.StaticConfig("set", (128, 128), steps=240_000, steps_per_update=12)
+EXPERT_NUMBERS = finer(dqn.Hyperparameters(learning_rate=5e-4, polyak=0.01, seed=70))
 """Of a demonstrator: settings of the experts that see a set (intersection-networks)."""
 
-CLONE = cloning.Structure(hidden=(128, 128), view="set", batch_size=256, updates=3000)
+CLONE = cloning.StaticConfig(hidden=(128, 128), view="set", batch_size=256, updates=3000)
 """Of a clone."""
 
 
@@ -63,25 +63,25 @@ class Config:
     weight: float = 0.5
     """c: what a level of speed changed, or a decision that ends standing in the junction, costs
     the demonstrators in units of reward."""
-    expert_structure: dqn.Structure = EXPERT
+    expert_structure: dqn.StaticConfig = EXPERT
     """Of a demonstrator, who is trained on R(α) + h."""
-    expert_numbers: dqn.Numbers = EXPERT_NUMBERS
+    expert_numbers: dqn.Hyperparameters = EXPERT_NUMBERS
     """Of a demonstrator, but for the angle."""
     pool_episodes: int = 1500
     """Episodes recorded of each demonstrator."""
     size: int = 10_000
     """Demonstrated transitions of each demonstrator that a learner sees."""
-    structure: dial.Structure = LEARNER
+    structure: dial.StaticConfig = LEARNER
     """Of every dial."""
-    numbers: dial.Numbers = DIAL_NUMBERS
+    numbers: dial.Hyperparameters = DIAL_NUMBERS
     """Of every dial, but for the seed."""
     prior_weight: float = 10.0
     """w of the prior on rewards."""
-    returns_structure: iq.Structure = RETURNS_LEARNER
+    returns_structure: iq.StaticConfig = RETURNS_LEARNER
     """Of the prior on returns-to-go."""
-    returns_numbers: iq.Numbers = RETURNS_NUMBERS
+    returns_numbers: iq.Hyperparameters = RETURNS_NUMBERS
     """Of the prior on returns-to-go, but for angle and seed."""
-    clone_structure: cloning.Structure = CLONE
+    clone_structure: cloning.StaticConfig = CLONE
     """Of the clones, one of each demonstrator."""
     grid: int = 5
     """Degrees between the angles that demonstrators' are inferred from."""
@@ -103,7 +103,7 @@ class Config:
             if getattr(self, name) < 1:
                 raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
 
-    def dial_of(self, method: str) -> dial.Structure:
+    def dial_of(self, method: str) -> dial.StaticConfig:
         """What shapes the dial of a method; all see as many rows an update."""
         one = self.structure
         if method == ALONE:
@@ -113,7 +113,7 @@ class Config:
             return dataclasses.replace(one, demonstrators=tuple(MODES.values()))
         return one
 
-    def numbers_of(self, method: str, seed: int) -> dial.Numbers:
+    def numbers_of(self, method: str, seed: int) -> dial.Hyperparameters:
         """Of the dial of a method."""
         changed = {"prior_weight": self.prior_weight} if method == PRIOR else {}
         return dataclasses.replace(self.numbers, seed=seed, **changed)

@@ -13,7 +13,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_transitions
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.record import record
-from socialiq.experiments.jobs import Tell
+from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.q_policy import QPolicy
 from socialiq.studies.intersection.jobs import BATCH
 from socialiq.studies.intersection_skill.driving import policy_name
@@ -32,7 +32,7 @@ class Recording:
 
 
 def record_demonstrators(
-    config: Recording, folder: Path, inputs: Mapping[str, Path], tell: Tell
+    config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Roll out each demonstrator, all in the order of the modes; writes a pool of each."""
     for number, ((mode, angle), trained) in enumerate(
@@ -44,7 +44,7 @@ def record_demonstrators(
         source = {"world": Intersection(config.options).description, "expert": policy.provenance}
         made = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
         files.save(folder / f"{mode}.safetensors", made.transitions)
-        tell((number + 1) / len(MODES))
+        on_progress((number + 1) / len(MODES))
 
 
 def demonstrations(pools: Path, size: int, seed: int) -> dict[str, Demonstrations]:

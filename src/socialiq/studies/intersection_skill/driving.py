@@ -13,7 +13,7 @@ from jaxtyping import Float, Int64
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.record import record
-from socialiq.experiments.jobs import Tell
+from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
@@ -94,7 +94,9 @@ class Driving:
     options: Options = field(default_factory=Options)
 
 
-def evaluate(config: Driving, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def evaluate(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Drive greedily; writes what became of every episode, one file for each angle."""
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
     batch = Batch(config.options, BATCH)
@@ -102,7 +104,7 @@ def evaluate(config: Driving, folder: Path, inputs: Mapping[str, Path], tell: Te
     for number, (angle, policy) in enumerate(zip(config.angles, policies, strict=True), start=1):
         driven = drive(batch, policy, seeds)
         save_arrays(folder / policy_name(angle), KIND, SCHEMA_VERSION, driven._asdict(), {})
-        tell(number / len(config.angles))
+        on_progress(number / len(config.angles))
 
 
 def load(folder: Path, angle: float) -> Driven:

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.special import log_softmax
 
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.jobs import Tell
+from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import write_json
 from socialiq.studies.intersection.demonstration_sets import POOLS
@@ -38,7 +38,9 @@ class Inference:
     grid: int
 
 
-def infer(config: Inference, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def infer(
+    config: Inference, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Write the likeliest angle of each demonstrator, and how likely each angle is."""
     shown = demonstrations(inputs[POOLS], config.size, config.seed)
     (trained,) = (path for name, path in inputs.items() if name != POOLS)
@@ -53,7 +55,7 @@ def infer(config: Inference, folder: Path, inputs: Mapping[str, Path], tell: Tel
             {"mode": mode, "true_angle": true, "angle": float(angles[best])}
             | {"log_likelihood": (logs / one.n_transitions).tolist()}
         )
-        tell(number / len(MODES))
+        on_progress(number / len(MODES))
     write_json(folder / ANGLES, rows)
 
 

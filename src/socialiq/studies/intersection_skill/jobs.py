@@ -13,7 +13,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations, concatenate
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.jobs import Tell
+from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners import behaviour_cloning as cloning
 from socialiq.learners.collect import Collector, soft
 from socialiq.learners.dial import config as dial
@@ -27,7 +27,7 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
 from socialiq.storage import read_json
 from socialiq.studies.intersection.demonstration_sets import POOLS
-from socialiq.studies.intersection.jobs import CHECKPOINT, CHUNK, outside_of, source_of
+from socialiq.studies.intersection.jobs import CHECKPOINT, CHUNK, callbacks_of, source_of
 from socialiq.studies.intersection.monitor import Checks, write_curve
 from socialiq.studies.intersection_skill.demonstrations import demonstrations
 from socialiq.studies.intersection_skill.driving import DIAL, drive, policy_name
@@ -42,15 +42,17 @@ from socialiq.worlds.intersection.world import Intersection
 class ExpertRun:
     """A demonstrator: a DQN on R(α) + c h."""
 
-    structure: dqn.Structure
-    numbers: dqn.Numbers
+    structure: dqn.StaticConfig
+    numbers: dqn.Hyperparameters
     weight: float
     """c."""
     environments: int = 12
     options: Options = field(default_factory=Options)
 
 
-def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_expert(
+    config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Train; writes the policy."""
     structure, numbers, world = config.structure, config.numbers, Intersection(config.options)
     steps = CHUNK * structure.steps_per_update
@@ -60,7 +62,7 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
         [numbers],
         [told(source, config.weight, numbers.angle)],
         (world.n_features, world.n_actions),
-        outside_of(folder, None, tell),
+        callbacks_of(folder, None, on_progress),
         CHUNK,
     )
     trained.policy(0).save(folder / policy_name(numbers.angle))
@@ -71,8 +73,8 @@ def train_expert(config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], t
 class DialRun:
     """One dial; a job of which one input is the demonstrations, another inferred angles if any."""
 
-    structure: dial.Structure
-    numbers: dial.Numbers
+    structure: dial.StaticConfig
+    numbers: dial.Hyperparameters
     size: int
     weight: float
     """c of the score by which it is looked at; it is not told."""
@@ -82,7 +84,9 @@ class DialRun:
     checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
 
 
-def train_family(config: DialRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_family(
+    config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Train a dial; writes it and its learning curve."""
     structure, numbers = _told_angles(config.structure, inputs), config.numbers
     world = Intersection(config.options)
@@ -92,7 +96,7 @@ def train_family(config: DialRun, folder: Path, inputs: Mapping[str, Path], tell
         [numbers],
         _datasets(structure, inputs, config.size, numbers.seed),
         sizes=(world.n_features, world.n_actions),
-        outside=outside_of(folder, lambda learnt: _looked(config, learnt), tell),
+        callbacks=callbacks_of(folder, lambda learnt: _looked(config, learnt), on_progress),
         chunk=CHUNK,
         before_chunk=Collector([source], [numbers.seed], acting(structure, [numbers])),
     )
@@ -101,7 +105,7 @@ def train_family(config: DialRun, folder: Path, inputs: Mapping[str, Path], tell
     (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
-def _told_angles(structure: dial.Structure, inputs: Mapping[str, Path]) -> dial.Structure:
+def _told_angles(structure: dial.StaticConfig, inputs: Mapping[str, Path]) -> dial.StaticConfig:
     """The demonstrators' angles that were inferred, in the place of their own."""
     for folder in inputs.values():
         if (folder / ANGLES).is_file():
@@ -111,7 +115,7 @@ def _told_angles(structure: dial.Structure, inputs: Mapping[str, Path]) -> dial.
 
 
 def _datasets(
-    structure: dial.Structure, inputs: Mapping[str, Path], size: int, seed: int
+    structure: dial.StaticConfig, inputs: Mapping[str, Path], size: int, seed: int
 ) -> list[Demonstrations]:
     """None, a set of each demonstrator, or all in one."""
     if not structure.demonstrations:
@@ -139,14 +143,16 @@ def _looked(config: DialRun, learnt: Any) -> dict[str, np.ndarray]:
 class ReturnsRun:
     """The thesis' learner, one run for each angle, all in one program."""
 
-    structure: iq.Structure
-    numbers: tuple[iq.Numbers, ...]
+    structure: iq.StaticConfig
+    numbers: tuple[iq.Hyperparameters, ...]
     size: int
     environments: int = 12
     options: Options = field(default_factory=Options)
 
 
-def train_returns(config: ReturnsRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_returns(
+    config: ReturnsRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Train; writes a policy for each angle."""
     structure, numbers = config.structure, config.numbers
     seed = numbers[0].seed
@@ -157,12 +163,12 @@ def train_returns(config: ReturnsRun, folder: Path, inputs: Mapping[str, Path], 
         structure,
         numbers,
         [concatenate(list(demonstrations(inputs[POOLS], config.size, seed).values()))],
-        outside=outside_of(folder, None, tell),
+        callbacks=callbacks_of(folder, None, on_progress),
         chunk=CHUNK,
         before_chunk=Collector(sources, [one.seed for one in numbers], behaviour),
     )
-    for lane, one in enumerate(numbers):
-        trained.policy(lane).save(folder / policy_name(one.angle))
+    for run, one in enumerate(numbers):
+        trained.policy(run).save(folder / policy_name(one.angle))
     (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
@@ -170,17 +176,21 @@ def train_returns(config: ReturnsRun, folder: Path, inputs: Mapping[str, Path], 
 class CloneRun:
     """A clone of each demonstrator."""
 
-    structure: cloning.Structure
+    structure: cloning.StaticConfig
     size: int
     seed: int
 
 
-def train_clones(config: CloneRun, folder: Path, inputs: Mapping[str, Path], tell: Tell) -> None:
+def train_clones(
+    config: CloneRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
     """Clone; writes a policy for each demonstrated angle."""
     shown = demonstrations(inputs[POOLS], config.size, config.seed)
-    numbers = [cloning.Numbers(seed=config.seed, dataset=place) for place in range(len(MODES))]
-    outside = outside_of(folder, None, tell)
-    cloned = cloning.clone(config.structure, numbers, list(shown.values()), outside, CHUNK)
-    for lane, angle in enumerate(MODES.values()):
-        cloned.policy(lane).save(folder / policy_name(angle))
+    numbers = [
+        cloning.Hyperparameters(seed=config.seed, dataset=place) for place in range(len(MODES))
+    ]
+    callbacks = callbacks_of(folder, None, on_progress)
+    cloned = cloning.clone(config.structure, numbers, list(shown.values()), callbacks, CHUNK)
+    for run, angle in enumerate(MODES.values()):
+        cloned.policy(run).save(folder / policy_name(angle))
     (folder / CHECKPOINT).unlink(missing_ok=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.studies.intersection.demonstration_sets import POOLS
@@ -58,12 +58,14 @@ FOLDERS = {
 """Of the jobs of each method."""
 
 
-def run(config: Config | None = None, watch: Watch = silent, work: Path | None = None) -> Results:
+def run(
+    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
+) -> Results:
     """Do what is not done yet, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
         work: Folder of the jobs; a temporary one by default.
 
     Raises:
@@ -73,7 +75,7 @@ def run(config: Config | None = None, watch: Watch = silent, work: Path | None =
     config = config or Config()
     with work_folder(work) as folder:
         jobs = plan(config)
-        run_jobs(jobs, folder, watch)
+        run_jobs(jobs, folder, on_stage)
         return tabulate(STUDY, config, jobs, folder, FOLDERS)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.play import Episodes, episodes_of
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock
 from socialiq.statistics.tests import wilson
@@ -64,21 +64,21 @@ class Config:
     """core, or highway_env for the real one, which takes hundreds of times as long."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Drive, count and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     outcomes = [
         {"population": population, "driver": driver} | outcome_row(episodes)
-        for (population, driver), episodes in _driven(config, watch)
+        for (population, driver), episodes in _driven(config, on_stage)
     ]
     readings = [
         {"reading": reading, "driver": driver} | reward_row(episodes)
-        for (reading, driver), episodes in _read(config, watch)
+        for (reading, driver), episodes in _read(config, on_stage)
     ]
     tables = {"outcomes": outcomes, "readings": readings}
     summary = _summary(outcomes, readings) | {"start": start_row(config)}
@@ -88,28 +88,28 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
 Cells = list[tuple[tuple[str, str], dict[str, Any]]]
 
 
-def _driven(config: Config, watch: Watch) -> Iterator[tuple[tuple[str, str], Episodes]]:
+def _driven(config: Config, on_stage: StageCallback) -> Iterator[tuple[tuple[str, str], Episodes]]:
     cells: Cells = [
         ((population, driver), {"population": population})
         for population in POPULATIONS
         for driver in DRIVERS
     ]
-    yield from _cells(cells, config.episodes, config, watch, "outcomes")
+    yield from _cells(cells, config.episodes, config, on_stage, "outcomes")
 
 
-def _read(config: Config, watch: Watch) -> Iterator[tuple[tuple[str, str], Episodes]]:
+def _read(config: Config, on_stage: StageCallback) -> Iterator[tuple[tuple[str, str], Episodes]]:
     cells: Cells = [
         ((_name(reading), driver), reading) for reading in READINGS for driver in READING_DRIVERS
     ]
     episodes = min(config.reading_episodes, config.episodes)
-    yield from _cells(cells, episodes, config, watch, "readings")
+    yield from _cells(cells, episodes, config, on_stage, "readings")
 
 
 def _cells(
-    cells: Cells, episodes: int, config: Config, watch: Watch, stage: str
+    cells: Cells, episodes: int, config: Config, on_stage: StageCallback, stage: str
 ) -> Iterator[tuple[tuple[str, str], Episodes]]:
     """Play every cell of a table, telling how far it is."""
-    report, clock = watch(stage), Clock(0, len(cells) * episodes, 1)
+    report, clock = on_stage(stage), Clock(0, len(cells) * episodes, 1)
     first = config.seeds[0]
     for number, (key, options) in enumerate(cells, start=1):
         seeds = range(first, first + episodes)

@@ -11,10 +11,17 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, exact_monitor
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.metrics import Metrics
-from socialiq.experiments.gridworld_runs import Ground, Watch, grid_of, pooled, silent, train_lanes
+from socialiq.experiments.gridworld_runs import (
+    Ground,
+    StageCallback,
+    grid_of,
+    pooled,
+    silent,
+    train_runs,
+)
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Numbers
+from socialiq.learners.iq_learn.config import Hyperparameters
 from socialiq.learners.iq_learn.train import Trained
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
@@ -43,21 +50,21 @@ class Config:
     """Updates between two exact evaluations."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Train every strength and seed in one program for each reading, watching the angle.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     goal = ground.optimum.attainable.optimum(TARGET_ANGLE).point
     goal_angle = angle_of(goal.env, goal.social)
-    rows = _baseline_rows(ground, config, datasets, watch)
+    rows = _baseline_rows(ground, config, datasets, on_stage)
     for kind in config.target_kinds:
-        rows += _sweep_rows(ground, config, datasets, kind, watch)
+        rows += _sweep_rows(ground, config, datasets, kind, on_stage)
     final = [row for row in rows if row["updates"] == config.updates]
     regretted = [
         row | {"regret": ground.optimum.regret(Metrics(*(row[n] for n in Metrics._fields)), 0.0)}
@@ -73,33 +80,37 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
 
 
 def _baseline_rows(
-    ground: Ground, config: Config, datasets: list[Demonstrations], watch: Watch
+    ground: Ground, config: Config, datasets: list[Demonstrations], on_stage: StageCallback
 ) -> list[Row]:
     """The regularizer off; "baseline" in the column of strengths' readings."""
     structure = dataclasses.replace(presets.baseline(presets.SWEEP), updates=config.updates)
     numbers = grid_of([TARGET_ANGLE], [0.0], config.seeds, presets.TABLE_C1_NUMBERS)
-    report = watch("λ sweep, baseline")
+    report = on_stage("λ sweep, baseline")
     monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
-    trained = train_lanes(
+    trained = train_runs(
         ground, structure, numbers, datasets, report, config.checkpoint_every, monitor
     )
     return _checkpoint_rows(trained, numbers, "baseline")
 
 
 def _sweep_rows(
-    ground: Ground, config: Config, datasets: list[Demonstrations], kind: str, watch: Watch
+    ground: Ground,
+    config: Config,
+    datasets: list[Demonstrations],
+    kind: str,
+    on_stage: StageCallback,
 ) -> list[Row]:
     structure = dataclasses.replace(presets.SWEEP, target_kind=kind, updates=config.updates)
     numbers = grid_of([TARGET_ANGLE], config.strengths, config.seeds, presets.TABLE_C1_NUMBERS)
-    report = watch(f"λ sweep, {kind}")
+    report = on_stage(f"λ sweep, {kind}")
     monitor = exact_monitor(ground.part, [one.temperature for one in numbers])
-    trained = train_lanes(
+    trained = train_runs(
         ground, structure, numbers, datasets, report, config.checkpoint_every, monitor
     )
     return _checkpoint_rows(trained, numbers, kind)
 
 
-def _checkpoint_rows(trained: Trained, numbers: list[Numbers], kind: str) -> list[Row]:
+def _checkpoint_rows(trained: Trained, numbers: list[Hyperparameters], kind: str) -> list[Row]:
     """One row for each checkpoint, lane and readout."""
     history = trained.history
     arrays = {
@@ -115,8 +126,8 @@ def _checkpoint_rows(trained: Trained, numbers: list[Numbers], kind: str) -> lis
             "seed": one.seed,
             "updates": updates,
         }
-        | {name: float(arrays[readout, name][chunk, lane]) for name in Metrics._fields}
-        for lane, one in enumerate(numbers)
+        | {name: float(arrays[readout, name][chunk, run]) for name in Metrics._fields}
+        for run, one in enumerate(numbers)
         for readout in READOUTS
         for chunk, updates in enumerate(history.updates)
     ]
@@ -129,12 +140,12 @@ def _adaptation(rows: list[Row], goal_angle: float) -> list[Row]:
     optimum's own angle must be meant. A lane may pass by early and leave again, so the checkpoint
     from which it stays is stated too; both are empty where it never comes, or doesn't stay.
     """
-    lanes: dict[tuple, list[Row]] = {}
+    runs: dict[tuple, list[Row]] = {}
     for row in rows:
         key = (row["target_kind"], row["strength"], row["readout"], row["seed"])
-        lanes.setdefault(key, []).append(row)
+        runs.setdefault(key, []).append(row)
     table = []
-    for (kind, strength, readout, seed), steps in lanes.items():
+    for (kind, strength, readout, seed), steps in runs.items():
         near = [abs(angle_difference(row["angle"], goal_angle)) < WITHIN for row in steps]
         first = steps[int(np.argmax(near))]["updates"] if any(near) else ""
         table.append(
@@ -162,12 +173,12 @@ def _summary(tables: dict[str, list[Row]], config: Config, goal_angle: float) ->
     """By reading, readout and λ: pooled metrics and the number of seeds that adapted."""
     found: dict[str, dict] = {}
     for row in tables["pooled"]:
-        lanes = [one for one in tables["adaptation"] if all(one[key] == row[key] for key in KEYS)]
-        first = [one["first_update_within"] for one in lanes if one["first_update_within"] != ""]
-        settled = [one["settled_update"] for one in lanes if one["settled_update"] != ""]
+        runs = [one for one in tables["adaptation"] if all(one[key] == row[key] for key in KEYS)]
+        first = [one["first_update_within"] for one in runs if one["first_update_within"] != ""]
+        settled = [one["settled_update"] for one in runs if one["settled_update"] != ""]
         entry = {key: value for key, value in row.items() if key not in KEYS}
         entry |= {
-            "adapted_at_end": sum(one["within_at_end"] for one in lanes),
+            "adapted_at_end": sum(one["within_at_end"] for one in runs),
             "adapted_ever": len(first),
             "mean_first_update": float(np.mean(first)) if first else None,
             "mean_settled_update": float(np.mean(settled)) if settled else None,

@@ -14,10 +14,10 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
-from socialiq.experiments.gridworld_runs import Ground, Monitor, Watch, silent, train_lanes
+from socialiq.experiments.gridworld_runs import Ground, Monitor, StageCallback, silent, train_runs
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Structure
+from socialiq.learners.iq_learn.config import StaticConfig
 from socialiq.learners.iq_learn.train import Trained
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -50,12 +50,12 @@ class Config:
     """Whether to train the other readings of "cumulative" and of V(s') too."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Train, read the greedy action sequences, and tabulate.
 
     Args:
         config: What to run.
-        watch: Shows progress.
+        on_stage: Shows progress.
     """
     config = config or Config()
     ground = Ground.of("crossing5")
@@ -64,10 +64,10 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
     rows: list[Row] = []
     for value in ("online", "target") if config.readings else ("online",):
         structure = dataclasses.replace(first, next_value=value)
-        rows += _baseline_rows(ground, structure, config, data, watch)
+        rows += _baseline_rows(ground, structure, config, data, on_stage)
         for kind in TARGET_KINDS if config.readings else ("running",):
             one = dataclasses.replace(structure, target_kind=kind)
-            rows += _target_rows(ground, one, config, data, watch)
+            rows += _target_rows(ground, one, config, data, on_stage)
     tables = {
         "experts": _expert_rows(ground.table),
         "sequences": rows,
@@ -91,14 +91,18 @@ def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
 
 
 def _baseline_rows(
-    ground: Ground, structure: Structure, config: Config, data: Demonstrations, watch: Watch
+    ground: Ground,
+    structure: StaticConfig,
+    config: Config,
+    data: Demonstrations,
+    on_stage: StageCallback,
 ) -> list[Row]:
     """The regularizer off; every seed learns from the one data set there is."""
     numbers = [dataclasses.replace(presets.TABLE_C1_NUMBERS, seed=seed) for seed in config.seeds]
-    report = watch(f"5x5 baseline, V(s') {structure.next_value}")
+    report = on_stage(f"5x5 baseline, V(s') {structure.next_value}")
     modes = ["baseline"] * len(numbers)
     monitor = _agreement_monitor(ground, modes)
-    trained = train_lanes(
+    trained = train_runs(
         ground, presets.baseline(structure), numbers, [data], report, CHUNK, monitor
     )
     label = {"target_kind": "none", "next_value": structure.next_value}
@@ -106,7 +110,11 @@ def _baseline_rows(
 
 
 def _target_rows(
-    ground: Ground, structure: Structure, config: Config, data: Demonstrations, watch: Watch
+    ground: Ground,
+    structure: StaticConfig,
+    config: Config,
+    data: Demonstrations,
+    on_stage: StageCallback,
 ) -> list[Row]:
     """The three targets under one reading."""
     numbers = [
@@ -116,10 +124,10 @@ def _target_rows(
         for angle in MODES.values()
         for seed in config.seeds
     ]
-    report = watch(f"5x5 targets, {structure.target_kind}, V(s') {structure.next_value}")
+    report = on_stage(f"5x5 targets, {structure.target_kind}, V(s') {structure.next_value}")
     modes = [mode for mode in MODES for _ in config.seeds]
     monitor = _agreement_monitor(ground, modes)
-    trained = train_lanes(ground, structure, numbers, [data], report, CHUNK, monitor)
+    trained = train_runs(ground, structure, numbers, [data], report, CHUNK, monitor)
     label = {"target_kind": structure.target_kind, "next_value": structure.next_value}
     return _rows(ground, trained, modes, label)
 
@@ -128,14 +136,14 @@ def _rows(ground: Ground, trained: Trained, modes: list[str], label: Row) -> lis
     """One row for each lane; `equal_at` lists the updates at which it showed the sequence."""
     equal = trained.history.array("equal")
     rows = []
-    for lane, mode in enumerate(modes):
-        found = sequence(ground.table, action_table(trained.policy(lane), ground.table, "greedy"))
-        at = [n for n, yes in zip(trained.history.updates, equal[:, lane], strict=True) if yes]
+    for run, mode in enumerate(modes):
+        found = sequence(ground.table, action_table(trained.policy(run), ground.table, "greedy"))
+        at = [n for n, yes in zip(trained.history.updates, equal[:, run], strict=True) if yes]
         rows.append(
             {
                 "policy": mode,
                 **label,
-                "seed": trained.numbers[lane].seed,
+                "seed": trained.hyperparameters[run].seed,
                 "sequence": found,
                 "thesis": THESIS[mode],
                 "equal": int(found == THESIS[mode]),
@@ -150,8 +158,8 @@ def _agreement_monitor(ground: Ground, modes: list[str]) -> Monitor:
 
     def monitor(learnt: Any) -> dict[str, np.ndarray]:
         found = []
-        for lane, mode in enumerate(modes):
-            policy = QPolicy.of(network_of(learnt.network, lane), 1.0, {})
+        for run, mode in enumerate(modes):
+            policy = QPolicy.of(network_of(learnt.network, run), 1.0, {})
             greedy = action_table(policy, ground.table, "greedy")
             found.append(sequence(ground.table, greedy) == THESIS[mode])
         return {"equal": np.array(found, np.float64)}

@@ -8,7 +8,7 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.prediction import NEXT_VALUES
-from socialiq.experiments.gridworld_runs import Ground, Watch, silent
+from socialiq.experiments.gridworld_runs import Ground, StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.studies.theory import cases, statements, training
 from socialiq.studies.theory import small_strength as lines
@@ -40,12 +40,12 @@ class Config:
     """Gradient steps."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
     """Solve, compare, train, compare.
 
     Args:
         config: What to run.
-        watch: Shows the progress of training.
+        on_stage: Shows the progress of training.
 
     Raises:
         UserError: If the configuration leaves nothing to do.
@@ -58,7 +58,7 @@ def run(config: Config | None = None, watch: Watch = silent) -> Results:
     randoms = cases.random_cases(range(config.random_worlds))
     tables = _statements(worlds, grids, randoms)
     tables |= _small_strengths(worlds, grids, randoms, config)
-    tables |= _training(config, watch)
+    tables |= _training(config, on_stage)
     return Results.of(STUDY, config, tables, _summary(tables, len(config.seeds)))
 
 
@@ -107,15 +107,15 @@ def _small_strengths(
     }
 
 
-def _training(config: Config, watch: Watch) -> dict[str, list[Row]]:
+def _training(config: Config, on_stage: StageCallback) -> dict[str, list[Row]]:
     """Networks in the 7x7 world, beside what was foretold for them."""
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     plan = training.Plan(config.target_kinds, config.units, config.seeds, config.updates)
-    lanes, firsts = training.trained_rows(ground, plan, datasets, watch)
+    runs, firsts = training.trained_rows(ground, plan, datasets, on_stage)
     return {
         "predicted": training.predicted_rows(ground, config.target_kinds),
-        "trained": lanes,
+        "trained": runs,
         "first_flips": firsts,
     }
 

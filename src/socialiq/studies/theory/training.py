@@ -18,9 +18,9 @@ from socialiq.evaluation.prediction import (
     problem_of,
     target_norm,
 )
-from socialiq.experiments.gridworld_runs import Ground, Watch, evaluate, train_lanes
+from socialiq.experiments.gridworld_runs import Ground, StageCallback, evaluate, train_runs
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.iq_learn.config import Numbers
+from socialiq.learners.iq_learn.config import Hyperparameters
 from socialiq.mdp.solve import evaluate_policy
 from socialiq.studies.theory.small_strength import SOLVERS
 from socialiq.theory import response, semi_gradient
@@ -89,22 +89,22 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
 
 
 def trained_rows(
-    ground: Ground, plan: Plan, datasets: Sequence[Demonstrations], watch: Watch
+    ground: Ground, plan: Plan, datasets: Sequence[Demonstrations], on_stage: StageCallback
 ) -> tuple[list[Row], list[Row]]:
     """Train every gradient and target: a row for each lane, and for each seed's first flip."""
-    lanes: list[Row] = []
+    runs: list[Row] = []
     for next_value in NEXT_VALUES:
         for kind in plan.targets:
             if (next_value, kind) != ("online", "advantage"):
-                lanes += _lanes(ground, plan, datasets, watch, next_value, kind)
-    return lanes, _first_flips(lanes)
+                runs += _runs(ground, plan, datasets, on_stage, next_value, kind)
+    return runs, _first_flips(runs)
 
 
-def _lanes(
+def _runs(
     ground: Ground,
     plan: Plan,
     datasets: Sequence[Demonstrations],
-    watch: Watch,
+    on_stage: StageCallback,
     next_value: NextValue,
     kind: str,
 ) -> list[Row]:
@@ -116,14 +116,14 @@ def _lanes(
         presets.SWEEP, next_value=next_value, target_kind=told, updates=plan.updates
     )
     base = presets.TABLE_C1_NUMBERS
-    numbers: list[Numbers] = []
+    numbers: list[Hyperparameters] = []
     for dataset, seed in enumerate(plan.seeds):
-        lane = dataclasses.replace(base, angle=ANGLE, seed=seed, dataset=dataset)
-        numbers.append(dataclasses.replace(lane, prior_weight=0.0))  # the baseline, exactly
-        numbers += [dataclasses.replace(lane, strength=strength) for strength in strengths]
+        run = dataclasses.replace(base, angle=ANGLE, seed=seed, dataset=dataset)
+        numbers.append(dataclasses.replace(run, prior_weight=0.0))  # the baseline, exactly
+        numbers += [dataclasses.replace(run, strength=strength) for strength in strengths]
     data = [shaped_by_value(ground, problem, one) for one in datasets]
-    report = watch(f"7x7, {kind} target, V(s') {next_value}")
-    trained = train_lanes(
+    report = on_stage(f"7x7, {kind} target, V(s') {next_value}")
+    trained = train_runs(
         ground, structure, numbers, data if kind == "advantage" else datasets, report
     )
     choices = np.flatnonzero(problem.support.sum(axis=1) > 1)
@@ -169,10 +169,10 @@ def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> D
     return dataclasses.replace(data, rewards=RewardPair(*shaped))
 
 
-def _first_flips(lanes: list[Row]) -> list[Row]:
+def _first_flips(runs: list[Row]) -> list[Row]:
     """For each gradient, target and seed: the least λ whose choices aren't the baseline's."""
     groups: dict[tuple, list[Row]] = {}
-    for row in lanes:
+    for row in runs:
         groups.setdefault((row["next_value"], row["target_kind"], row["seed"]), []).append(row)
     found = []
     for (next_value, kind, seed), rows in groups.items():

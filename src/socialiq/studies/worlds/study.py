@@ -10,7 +10,7 @@ import numpy as np
 
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
-from socialiq.experiments.gridworld_runs import Watch, silent
+from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn import presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
@@ -57,12 +57,12 @@ class Config:
     """Episodes of each expert, for the separability."""
 
 
-def run(config: Config | None = None, watch: Watch = silent) -> Results:  # noqa: ARG001
+def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:  # noqa: ARG001
     """Enumerate, solve, and tabulate every named reading.
 
     Args:
         config: What to run.
-        watch: Not used; nothing is trained.
+        on_stage: Not used; nothing is trained.
     """
     config = config or Config()
     table = tabulate(make_grid("crossing7"))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners.dial.config import Structure
+from socialiq.learners.dial.config import StaticConfig
 from socialiq.learners.dial.objective import Networks, Traced, objective
 from socialiq.learners.dial.rows import Rows, at_other_times, draw_directions
 from socialiq.learners.expert_table import Batch
@@ -13,7 +13,7 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
-STRUCTURE = Structure(hidden=(4,))
+STRUCTURE = StaticConfig(hidden=(4,))
 NUMBERS = Traced(
     strength=jnp.asarray(2.0),
     prior_weight=jnp.asarray(3.0),
@@ -33,11 +33,11 @@ NUMBERS = Traced(
 
 def batch(size: int = 4) -> Batch:
     rng = np.random.default_rng(1)
-    numbers = jnp.asarray(rng.normal(size=(size, 3)), jnp.float32)
+    hyperparameters = jnp.asarray(rng.normal(size=(size, 3)), jnp.float32)
     return Batch(
-        observation=numbers,
+        observation=hyperparameters,
         action=jnp.asarray(rng.integers(2, size=size)),
-        next_observation=numbers[::-1],
+        next_observation=hyperparameters[::-1],
         ending=jnp.array([Ending.NONE, Ending.ARRIVAL, Ending.TIMEOUT, Ending.NONE])[:size],
         target=RewardPair(jnp.arange(4.0)[:size], -jnp.ones(4)[:size]),
     )
@@ -81,8 +81,8 @@ def by_hand(
 def test_the_loss_is_its_formula_at_each_rows_own_angle(scored: str, rows_scored: slice) -> None:
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2)
-    structure = dataclasses.replace(STRUCTURE, scored=scored)
-    total, terms = objective(Networks(network, None), network, rows, NUMBERS, structure)
+    static = dataclasses.replace(STRUCTURE, scored=scored)
+    total, terms = objective(Networks(network, None), network, rows, NUMBERS, static)
     expected = by_hand(network, rows, rows_scored)
     found = [float(terms[name]) for name in ("expert", "value", "prior")]
     np.testing.assert_allclose(found, expected, rtol=1e-5)
@@ -92,8 +92,8 @@ def test_the_loss_is_its_formula_at_each_rows_own_angle(scored: str, rows_scored
 def test_without_demonstrations_only_the_quadratic_is_left() -> None:
     network = DialNetwork.initialise(jax.random.key(0), 3, (4,), 2)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 0)
-    structure = dataclasses.replace(STRUCTURE, demonstrations=False)
-    total, terms = objective(Networks(network, None), network, rows, NUMBERS, structure)
+    static = dataclasses.replace(STRUCTURE, demonstrations=False)
+    total, terms = objective(Networks(network, None), network, rows, NUMBERS, static)
     assert set(terms) == {"prior", "max_q", "loss"}
     expected = by_hand(network, rows._replace(n_expert=2), slice(None))[2]
     assert float(total) == pytest.approx(expected, rel=1e-5)
@@ -104,8 +104,8 @@ def test_the_skill_is_learned_at_the_demonstrators_own_angles_and_added_to_the_s
     skill = QNetwork.initialise(jax.random.key(1), 3, (4,), 2)
     own = angles(0.0, 90.0)
     rows = Rows(batch(), angles(0.0, 30.0, 60.0, 90.0), 2, own)
-    structure = dataclasses.replace(STRUCTURE, demonstrators=(0.0, 90.0))
-    total, terms = objective(Networks(network, skill), network, rows, NUMBERS, structure)
+    static = dataclasses.replace(STRUCTURE, demonstrators=(0.0, 90.0))
+    total, terms = objective(Networks(network, skill), network, rows, NUMBERS, static)
     f = np.array([skill(one) for one in rows.batch.observation], np.float64)
     shown = f[np.arange(4), np.asarray(rows.batch.action)]
     moved, size = [], []
@@ -124,8 +124,8 @@ def test_the_skill_is_learned_at_the_demonstrators_own_angles_and_added_to_the_s
 
 
 def test_angles_are_drawn_between_the_ends_and_a_little_beyond() -> None:
-    structure = dataclasses.replace(STRUCTURE, low=10.0, high=50.0, margin=5.0)
-    drawn = draw_directions(jax.random.key(0), 4000, structure)
+    static = dataclasses.replace(STRUCTURE, low=10.0, high=50.0, margin=5.0)
+    drawn = draw_directions(jax.random.key(0), 4000, static)
     degrees = np.degrees(np.arctan2(drawn.social, drawn.env))
     assert 5.0 <= degrees.min() < 5.5
     assert 54.5 < degrees.max() <= 55.001

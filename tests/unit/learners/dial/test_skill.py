@@ -9,7 +9,7 @@ import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import train
 from socialiq.types import Ending, RewardPair, Step
 
@@ -53,7 +53,7 @@ def always(action: int, episodes: int = 20) -> Demonstrations:
     )
 
 
-SHARED = Structure(
+SHARED = StaticConfig(
     hidden=(16,),
     skill_hidden=(8,),
     demonstrators=(0.0, 90.0),
@@ -61,7 +61,7 @@ SHARED = Structure(
     replay_batch=24,
     updates=1500,
 )
-NUMBERS = Numbers(temperature=0.1, learning_rate=5e-3, prior_weight=1.0, discount=0.9)
+NUMBERS = Hyperparameters(temperature=0.1, learning_rate=5e-3, prior_weight=1.0, discount=0.9)
 
 
 def test_what_both_demonstrators_shun_is_shunned_at_an_angle_that_nobody_showed() -> None:

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Outside, Report, Stopped
-from socialiq.learners.dial.config import Numbers, Structure
+from socialiq.learners.callbacks import Callbacks, Report, Stopped
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import Trained, train
 from socialiq.worlds import registry
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 WORLD = registry.make_grid("crossing7").with_clock()
-ONLINE = Structure(
+ONLINE = StaticConfig(
     hidden=(8,), expert_batch=4, replay_batch=8, updates=60, environments=2, replay_capacity=50
 )
 OFFLINE = dataclasses.replace(ONLINE, online=False, scored="demonstrations", redraw_times=25)
-RUNS = (Numbers(seed=0), Numbers(seed=1))
+RUNS = (Hyperparameters(seed=0), Hyperparameters(seed=1))
 
 
 @pytest.fixture(name="data", scope="module")
@@ -42,7 +42,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not(
 ) -> None:
     again = train(ONLINE, RUNS, [data], WORLD, chunk=20)
     assert_same(again.networks, whole.networks)
-    one, other = (whole.dial(lane).at(45.0).weights[0] for lane in (0, 1))
+    one, other = (whole.dial(run).at(45.0).weights[0] for run in (0, 1))
     assert not np.allclose(one, other)
 
 
@@ -56,21 +56,21 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
             signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(Stopped, match="stopped after 40 of 60 updates"):
-        around = Outside(interrupt, checkpoint=path)
-        train(ONLINE, RUNS, [data], WORLD, outside=around, chunk=20)
-    around = Outside(checkpoint=path, resume=True)
-    resumed = train(ONLINE, RUNS, [data], WORLD, outside=around, chunk=20)
+        around = Callbacks(interrupt, checkpoint=path)
+        train(ONLINE, RUNS, [data], WORLD, callbacks=around, chunk=20)
+    around = Callbacks(checkpoint=path, resume=True)
+    resumed = train(ONLINE, RUNS, [data], WORLD, callbacks=around, chunk=20)
     assert_same(resumed.networks, whole.networks)
     changed = dataclasses.replace(ONLINE, margin=1.0)
     with pytest.raises(UserError, match="belongs to a run of other settings"):
-        train(changed, RUNS, [data], WORLD, outside=around, chunk=20)
+        train(changed, RUNS, [data], WORLD, callbacks=around, chunk=20)
 
 
 def test_a_dial_tells_how_it_was_made(whole: Trained) -> None:
     dial = whole.dial(1)
     assert (dial.low, dial.high) == (0.0, 90.0)
     assert dial.provenance["learner"] == "dial"
-    assert Numbers(**dial.provenance["numbers"]) == RUNS[1]
+    assert Hyperparameters(**dial.provenance["numbers"]) == RUNS[1]
 
 
 def test_offline_needs_no_world_and_without_demonstrations_no_data(data) -> None:
@@ -83,7 +83,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
     refused = {
         "no runs": (ONLINE, (), [data], WORLD),
         "no demonstrations": (ONLINE, RUNS, [], WORLD),
-        "beyond the 1 given": (ONLINE, (Numbers(dataset=1),), [data], WORLD),
+        "beyond the 1 given": (ONLINE, (Hyperparameters(dataset=1),), [data], WORLD),
         "needs a world": (ONLINE, RUNS, [data], None),
         "takes no world": (OFFLINE, RUNS, [data], WORLD),
         "with a clock if it has one": (ONLINE, RUNS, [demonstrations(n_features=6)], WORLD),
@@ -108,7 +108,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
 )
 def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> None:
     with pytest.raises(UserError, match=line):
-        dataclasses.replace(Structure(), **changes)
+        dataclasses.replace(StaticConfig(), **changes)
 
 
 @pytest.mark.parametrize(
@@ -122,4 +122,4 @@ def test_structures_that_make_no_run_are_refused(changes: dict, line: str) -> No
 )
 def test_numbers_outside_their_range_are_refused(changes: dict, line: str) -> None:
     with pytest.raises(UserError, match=line):
-        dataclasses.replace(Numbers(), **changes)
+        dataclasses.replace(Hyperparameters(), **changes)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Outside, Report, Stopped
+from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.collect import Act, Source
-from socialiq.learners.dqn.config import Numbers, Structure
+from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
 from socialiq.learners.dqn.train import Trained, acting, policy_of, train
 from socialiq.learners.expert_table import Batch
 from socialiq.nn.q_network import QNetwork
@@ -20,10 +20,10 @@ from socialiq.types import Ending, RewardPair
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 CHUNK, SEEN = 40, np.eye(2, dtype=np.float32)
-STRUCTURE = Structure(
+STRUCTURE = StaticConfig(
     hidden=(8,), batch_size=16, steps=240, steps_per_update=2, replay_capacity=120
 )  # 120 updates
-NUMBERS = Numbers(learning_rate=0.02, final_learning_rate=0.02, polyak=0.1, seed=3)
+NUMBERS = Hyperparameters(learning_rate=0.02, final_learning_rate=0.02, polyak=0.1, seed=3)
 RUNS = (NUMBERS, dataclasses.replace(NUMBERS, seed=4))
 
 
@@ -41,16 +41,18 @@ def bandit(social: float = 0.0) -> Source:
 
 
 def learn(
-    *numbers: Numbers, structure: Structure = STRUCTURE, outside: Outside | None = None
+    *hyperparameters: Hyperparameters,
+    static: StaticConfig = STRUCTURE,
+    callbacks: Callbacks | None = None,
 ) -> Trained:
-    sources = [bandit() for _ in numbers]
-    return train(structure, numbers, sources, (2, 2), outside, chunk=CHUNK)
+    sources = [bandit() for _ in hyperparameters]
+    return train(static, hyperparameters, sources, (2, 2), callbacks, chunk=CHUNK)
 
 
-def learnt_nothing(structure: Structure) -> QNetwork:
+def learnt_nothing(static: StaticConfig) -> QNetwork:
     """The network that a run of `NUMBERS` begins with."""
     _, key = jax.random.split(jax.random.key(jnp.uint32(NUMBERS.seed)))
-    return QNetwork.initialise(key, 2, structure.hidden, 2)
+    return QNetwork.initialise(key, 2, static.hidden, 2)
 
 
 @pytest.fixture(name="whole", scope="module")
@@ -60,8 +62,8 @@ def uninterrupted() -> Trained:
 
 def test_the_action_that_pays_is_learnt(whole: Trained) -> None:
     assert whole.failures == ()
-    for lane in range(2):
-        policy = whole.policy(lane)
+    for run in range(2):
+        policy = whole.policy(run)
         assert policy.predict(SEEN)[0].tolist() == [1, 1]
         np.testing.assert_allclose(policy.q_values(SEEN), [[0, 1], [0, 1]], atol=0.1)
     assert whole.history.updates == [40, 80, 120]
@@ -72,10 +74,10 @@ def test_the_action_that_pays_is_learnt(whole: Trained) -> None:
 
 def test_the_angle_decides_what_pays() -> None:
     """Where the others lose by it, an ego that cares for them (90 degrees) lets it be."""
-    numbers = [dataclasses.replace(NUMBERS, angle=angle) for angle in (0.0, 90.0)]
-    sources = [bandit(social=-1.0) for _ in numbers]
-    found = train(STRUCTURE, numbers, sources, (2, 2), chunk=CHUNK)
-    chosen = [found.policy(lane).predict(SEEN)[0].tolist() for lane in (0, 1)]
+    hyperparameters = [dataclasses.replace(NUMBERS, angle=angle) for angle in (0.0, 90.0)]
+    sources = [bandit(social=-1.0) for _ in hyperparameters]
+    found = train(STRUCTURE, hyperparameters, sources, (2, 2), chunk=CHUNK)
+    chosen = [found.policy(run).predict(SEEN)[0].tolist() for run in (0, 1)]
     assert chosen == [[1, 1], [0, 0]]
 
 
@@ -107,11 +109,11 @@ def test_a_value_travels_back_unless_the_episode_is_over(
     choices: dict[str, bool], expected: list[float]
 ) -> None:
     """γ = 1/2; between the observations nothing, a timeout, or an arrival."""
-    structure = dataclasses.replace(STRUCTURE, **choices)
+    static = dataclasses.replace(STRUCTURE, **choices)
     sources = [chain(kind) for kind in (Ending.NONE, Ending.TIMEOUT, Ending.ARRIVAL)]
-    numbers = [dataclasses.replace(NUMBERS, discount=0.5)] * 3
-    found = train(structure, numbers, sources, (2, 2), chunk=CHUNK)
-    first = [found.policy(lane).q_values(SEEN)[0].tolist() for lane in range(3)]
+    hyperparameters = [dataclasses.replace(NUMBERS, discount=0.5)] * 3
+    found = train(static, hyperparameters, sources, (2, 2), chunk=CHUNK)
+    first = [found.policy(run).q_values(SEEN)[0].tolist() for run in range(3)]
     np.testing.assert_allclose(first, [[value, value] for value in expected], atol=0.1)
 
 
@@ -119,7 +121,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not(
     whole: Trained, assert_same
 ) -> None:
     assert_same(learn(*RUNS).networks, whole.networks)
-    first, second = (whole.policy(lane).q_values(SEEN) for lane in (0, 1))
+    first, second = (whole.policy(run).q_values(SEEN) for run in (0, 1))
     assert (first != second).any()
 
 
@@ -138,19 +140,19 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
             signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(Stopped, match="stopped after 80 of 120 updates"):
-        learn(*RUNS, outside=Outside(interrupt, checkpoint=path))
-    around = Outside(checkpoint=path, resume=True)
-    resumed = learn(*RUNS, outside=around)
+        learn(*RUNS, callbacks=Callbacks(interrupt, checkpoint=path))
+    around = Callbacks(checkpoint=path, resume=True)
+    resumed = learn(*RUNS, callbacks=around)
     assert_same(resumed.networks, whole.networks)
     assert_same(resumed.history.values, whole.history.values)
     with pytest.raises(UserError, match="belongs to a run of other settings"):
-        learn(RUNS[0], dataclasses.replace(RUNS[1], discount=0.5), outside=around)
+        learn(RUNS[0], dataclasses.replace(RUNS[1], discount=0.5), callbacks=around)
 
 
 def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one() -> None:
     """Adam's first step is as long as the rate; of 4 steps from 0.04 to 0 that is 0.03."""
-    structure = dataclasses.replace(STRUCTURE, steps=8)
-    numbers = dataclasses.replace(NUMBERS, learning_rate=0.04, final_learning_rate=1e-12)
+    static = dataclasses.replace(STRUCTURE, steps=8)
+    hyperparameters = dataclasses.replace(NUMBERS, learning_rate=0.04, final_learning_rate=1e-12)
     biases: list[np.ndarray] = []
 
     def monitor(learnt) -> dict[str, np.ndarray]:
@@ -158,8 +160,8 @@ def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one() -> None:
         return {}
 
     sources = [bandit()]
-    train(structure, [numbers], sources, (2, 2), Outside(monitor=monitor), chunk=1)
-    start = np.asarray(learnt_nothing(structure).layers[-1].bias)
+    train(static, [hyperparameters], sources, (2, 2), Callbacks(monitor=monitor), chunk=1)
+    start = np.asarray(learnt_nothing(static).layers[-1].bias)
     steps = np.abs(np.diff([start, *biases], axis=0)).max(axis=1)
     assert steps[0] == pytest.approx(0.03, rel=1e-3)
     assert steps[3] < 1e-9 < steps[2]
@@ -167,11 +169,11 @@ def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one() -> None:
 
 @pytest.mark.parametrize(("done", "share"), [(0, 1.0), (30, 0.6), (60, 0.2), (119, 0.2)])
 def test_random_actions_become_as_rare_as_the_numbers_say(done: int, share: float) -> None:
-    numbers = dataclasses.replace(NUMBERS, exploration=0.2, exploration_fall=0.5)
+    hyperparameters = dataclasses.replace(NUMBERS, exploration=0.2, exploration_fall=0.5)
     network, draws = learnt_nothing(STRUCTURE), 20_000
-    act = acting(STRUCTURE, [NUMBERS, numbers])(network, 1, done, np.random.default_rng(0))
+    act = acting(STRUCTURE, [NUMBERS, hyperparameters])(network, 1, done, np.random.default_rng(0))
     actions = act(np.tile(SEEN[0], (draws, 1)))
-    best = policy_of(STRUCTURE, numbers, network).predict(SEEN[0])[0]
+    best = policy_of(STRUCTURE, hyperparameters, network).predict(SEEN[0])[0]
     # half of the random ones are the best by chance; 4 standard errors are at most 0.015
     assert (actions != best).mean() == pytest.approx(share / 2, abs=0.015)
 
@@ -179,8 +181,8 @@ def test_random_actions_become_as_rare_as_the_numbers_say(done: int, share: floa
 def test_a_policy_carries_its_origin(whole: Trained) -> None:
     record = whole.policy(1).provenance
     assert record["learner"] == "dqn"
-    assert Numbers(**record["numbers"]) == RUNS[1]
-    assert Structure(**record["structure"]) == STRUCTURE
+    assert Hyperparameters(**record["numbers"]) == RUNS[1]
+    assert StaticConfig(**record["structure"]) == STRUCTURE
 
 
 @pytest.mark.parametrize(("runs", "sources"), [(0, 0), (2, 1), (1, 2)])

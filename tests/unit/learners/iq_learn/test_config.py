@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
+from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
 from socialiq.types import Ending
 
 NAN, INF = float("nan"), float("inf")
@@ -11,11 +11,15 @@ untyped = pytest.mark.usefixtures("without_type_checker")
 
 
 def test_defaults_are_the_gridworld_column_of_table_c_1() -> None:
-    numbers, structure = Numbers(), Structure()
-    assert (numbers.temperature, numbers.discount, numbers.chi2_alpha) == (1.0, 0.99, 0.5)
-    assert (numbers.learning_rate, numbers.polyak) == (3e-4, 0.005)
-    assert (structure.hidden, structure.batch_size, structure.value_term) == ((64, 64), 64, "value")
-    assert structure.social_discount == 0.99
+    hyperparameters, static = Hyperparameters(), StaticConfig()
+    assert (hyperparameters.temperature, hyperparameters.discount, hyperparameters.chi2_alpha) == (
+        1.0,
+        0.99,
+        0.5,
+    )
+    assert (hyperparameters.learning_rate, hyperparameters.polyak) == (3e-4, 0.005)
+    assert (static.hidden, static.batch_size, static.value_term) == ((64, 64), 64, "value")
+    assert static.social_discount == 0.99
 
 
 @untyped
@@ -46,7 +50,7 @@ def test_defaults_are_the_gridworld_column_of_table_c_1() -> None:
 )
 def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(UserError) as caught:
-        Structure(**fields)
+        StaticConfig(**fields)
     assert "\n" not in str(caught.value)
 
 
@@ -62,14 +66,14 @@ def test_a_structure_that_makes_no_run_is_refused(fields: dict[str, Any]) -> Non
     ids=str,
 )
 def test_a_structure_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
-    structure = Structure(**fields)
-    assert all(getattr(structure, name) == value for name, value in fields.items())
+    static = StaticConfig(**fields)
+    assert all(getattr(static, name) == value for name, value in fields.items())
 
 
 @untyped
 def test_an_unknown_name_is_told_with_the_known_ones() -> None:
     with pytest.raises(UserError, match="unknown value term 'v1': choose one of value, value_expe"):
-        Structure(value_term="v1")
+        StaticConfig(value_term="v1")
 
 
 @untyped
@@ -107,7 +111,7 @@ def test_endings_by_kind_name_every_ending() -> None:
 )
 def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(UserError) as caught:
-        Numbers(**fields)
+        Hyperparameters(**fields)
     assert "\n" not in str(caught.value)
     assert next(iter(fields)) in str(caught.value)
 
@@ -126,5 +130,5 @@ def test_a_number_outside_its_range_is_refused(fields: dict[str, Any]) -> None:
     ids=str,
 )
 def test_a_number_at_the_edge_is_accepted(fields: dict[str, Any]) -> None:
-    numbers = Numbers(**fields)
-    assert all(getattr(numbers, name) == value for name, value in fields.items())
+    hyperparameters = Hyperparameters(**fields)
+    assert all(getattr(hyperparameters, name) == value for name, value in fields.items())

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Outside, Report, Stopped
+from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.iq_learn.config import Endings, Numbers, Structure
+from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.objective import Traced
 from socialiq.learners.iq_learn.train import Trained, initialise, traced, train, update
 from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
 
-ONLINE = Structure(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
+ONLINE = StaticConfig(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 OFFLINE = dataclasses.replace(ONLINE, online=False, value_term="value_expert")
-RUNS = (Numbers(seed=0, angle=45.0), Numbers(seed=1, angle=45.0))
+RUNS = (Hyperparameters(seed=0, angle=45.0), Hyperparameters(seed=1, angle=45.0))
 CROSSING7 = registry.make("crossing7")
 
 
@@ -54,7 +54,7 @@ def test_the_same_seed_gives_the_same_bits(whole: Trained, assert_same, data) ->
 
 
 def test_different_seeds_differ(whole: Trained, data) -> None:
-    first, second = (whole.policy(lane).q_values(observations(data)) for lane in (0, 1))
+    first, second = (whole.policy(run).q_values(observations(data)) for run in (0, 1))
     assert not np.allclose(first, second)
 
 
@@ -68,8 +68,8 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
             signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(Stopped, match="stopped after 40 of 60 updates"):
-        train(ONLINE, RUNS, [data], CROSSING7, Outside(interrupt, checkpoint=path), chunk=20)
-    around = Outside(checkpoint=path, resume=True)
+        train(ONLINE, RUNS, [data], CROSSING7, Callbacks(interrupt, checkpoint=path), chunk=20)
+    around = Callbacks(checkpoint=path, resume=True)
     resumed = train(ONLINE, RUNS, [data], CROSSING7, around, chunk=20)
     assert_same(resumed.networks, whole.networks)
     assert resumed.history.updates == whole.history.updates
@@ -110,31 +110,31 @@ def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None
     policy = whole.policy(1)
     assert policy.temperature == 1.0
     assert policy.provenance["learner"] == "iq_learn"
-    assert Numbers(**policy.provenance["numbers"]) == RUNS[1]
+    assert Hyperparameters(**policy.provenance["numbers"]) == RUNS[1]
     assert policy.provenance["structure"]["hidden"] == (8,)
 
 
 def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data) -> None:
     """Two lanes that never learn: one so hot that it acts evenly, one so cold that it is greedy."""
     steps = 400
-    structure = dataclasses.replace(ONLINE, batch_size=1, replay_capacity=steps)
+    static = dataclasses.replace(ONLINE, batch_size=1, replay_capacity=steps)
     table = ExpertTable.of([data], "running", 0.99)
-    numbers = traced([Numbers(temperature=tau, learning_rate=1e-30) for tau in (1e6, 1e-6)])
+    hyperparameters = traced(
+        [Hyperparameters(temperature=tau, learning_rate=1e-30) for tau in (1e6, 1e-6)]
+    )
 
     def live(one: Traced) -> tuple[Any, Any]:
-        start = initialise(structure, CROSSING7, (6, 3), table, one)
+        start = initialise(static, CROSSING7, (6, 3), table, one)
         return jax.lax.scan(
-            lambda state, _: (update(structure, CROSSING7, table, one, *state)[:2], None),
+            lambda state, _: (update(static, CROSSING7, table, one, *state)[:2], None),
             start,
             length=steps,
         )[0]
 
-    learnt, surroundings = jax.jit(jax.vmap(live))(numbers)
+    learnt, surroundings = jax.jit(jax.vmap(live))(hyperparameters)
     hot, cold = (
-        jax.tree.map(
-            lambda column, lane=lane: np.asarray(column[lane]), surroundings.replay.columns
-        )
-        for lane in (0, 1)
+        jax.tree.map(lambda column, run=run: np.asarray(column[run]), surroundings.replay.columns)
+        for run in (0, 1)
     )
     np.testing.assert_allclose(np.bincount(hot.action) / steps, [1 / 3] * 3, atol=0.08)
     q = jax.vmap(network_of(learnt.network, 1))(cold.observation)
@@ -152,59 +152,59 @@ def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data
 
 
 # Together these runs, ONLINE and OFFLINE have every value of every choice; each compiles anew.
-VARIANTS: dict[str, tuple[dict[str, Any], Numbers]] = {
+VARIANTS: dict[str, tuple[dict[str, Any], Hyperparameters]] = {
     "shifted_chi2": (
         {"prior": "shifted_chi2", "target_kind": "instantaneous", "chi2_on": "mixture"}
         | {"endings": Endings(collision="absorbing", timeout="bootstrap")}
         | {"online": True, "value_term": "value", "env_steps_per_update": 2},
-        Numbers(angle=90.0),
+        Hyperparameters(angle=90.0),
     ),
     "bellman_shift": (
         {"prior": "bellman_shift", "shift_term_3": True, "target_kind": "to_go"}
         | {"value_term": "v0", "next_value": "online"},
-        Numbers(),
+        Hyperparameters(),
     ),
     "kl": (
         {"divergence": "kl", "prior": "none", "value_term": "v0", "activation": "elu"},
-        Numbers(),
+        Hyperparameters(),
     ),
     "reverse_kl": (
         {"divergence": "reverse_kl", "prior": "reweighting", "next_value": "online"},
-        Numbers(reweight_temperature=0.5),
+        Hyperparameters(reweight_temperature=0.5),
     ),
-    "hellinger": ({"divergence": "hellinger", "prior": "bellman_shift"}, Numbers()),
-    "js": ({"divergence": "js", "target_kind": "trajectory"}, Numbers()),
+    "hellinger": ({"divergence": "hellinger", "prior": "bellman_shift"}, Hyperparameters()),
+    "js": ({"divergence": "js", "target_kind": "trajectory"}, Hyperparameters()),
 }
 
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant_trains_with_finite_terms(name: str, data) -> None:
-    choices, numbers = VARIANTS[name]
-    structure = dataclasses.replace(OFFLINE, updates=20, **choices)
-    still = dataclasses.replace(numbers, learning_rate=1e-30)  # keeps the network it drew
-    world = CROSSING7 if structure.online else None
-    found = train(structure, [numbers, still], [data], world, chunk=20)
+    choices, hyperparameters = VARIANTS[name]
+    static = dataclasses.replace(OFFLINE, updates=20, **choices)
+    still = dataclasses.replace(hyperparameters, learning_rate=1e-30)  # keeps the network it drew
+    world = CROSSING7 if static.online else None
+    found = train(static, [hyperparameters, still], [data], world, chunk=20)
     assert found.failures == ()
     assert all(np.isfinite(found.history.array(term)).all() for term in found.history.values)
-    q, drawn = (found.policy(lane).q_values(observations(data)) for lane in (0, 1))
+    q, drawn = (found.policy(run).q_values(observations(data)) for run in (0, 1))
     assert np.abs(q - drawn).max() > 1e-3
 
 
 @pytest.mark.parametrize(
-    ("structure", "numbers", "world", "words"),
+    ("static", "hyperparameters", "world", "words"),
     [
         (ONLINE, [], CROSSING7, "no runs"),
         (ONLINE, RUNS, None, "online training needs a world"),
         (OFFLINE, RUNS, CROSSING7, "offline training takes no world"),
-        (ONLINE, [Numbers(dataset=1)], CROSSING7, "beyond the 1 given"),
+        (ONLINE, [Hyperparameters(dataset=1)], CROSSING7, "beyond the 1 given"),
         (ONLINE, RUNS, registry.make("crossing5"), "they belong to another world"),
     ],
 )
 def test_settings_that_do_not_fit_together_are_refused(
-    data, structure: Structure, numbers: Any, world: Any, words: str
+    data, static: StaticConfig, hyperparameters: Any, world: Any, words: str
 ) -> None:
     with pytest.raises(UserError, match=words):
-        train(structure, list(numbers), [data], world)
+        train(static, list(hyperparameters), [data], world)
 
 
 def test_demonstrations_that_do_not_fit_together_are_refused(data, demonstrations) -> None:
@@ -213,4 +213,4 @@ def test_demonstrations_that_do_not_fit_together_are_refused(data, demonstration
     with pytest.raises(UserError, match="different actions"):
         train(OFFLINE, RUNS, [data, demonstrations(n_actions=5)])
     with pytest.raises(UserError, match="offline training takes no world"):
-        train(OFFLINE, RUNS, [data], before_chunk=lambda lanes, done: lanes)
+        train(OFFLINE, RUNS, [data], before_chunk=lambda runs, done: runs)
