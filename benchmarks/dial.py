@@ -107,15 +107,15 @@ def _grid_dial(run: Run, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
     world = make_grid("crossing7").with_clock()
     data = trajectory_datasets(tabulate(world), seeds, EPISODES_EACH)
     hyperparameters = [
-        dataclasses.replace(run.hyperparameters, seed=seed, dataset=number)
+        dataclasses.replace(run.numbers, seed=seed, dataset=number)
         for number, seed in enumerate(seeds)
     ]
 
     def trains(updates: int, callbacks: Callbacks, chunk: int) -> Any:
-        shorter = dataclasses.replace(run.static, one_hot=seen(world), updates=updates)
+        shorter = dataclasses.replace(run.structure, one_hot=seen(world), updates=updates)
         return train_dial(shorter, hyperparameters, data, world, callbacks=callbacks, chunk=chunk)
 
-    return trains, run.static.updates
+    return trains, run.structure.updates
 
 
 def _quick_regrets() -> list[float]:
