@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.recordings.columns import read_map
 from socialiq.recordings.export import write_commonroad, write_csv
-from socialiq.recordings.importing import import_file
+from socialiq.recordings.readers.column_map import read_map
+from socialiq.recordings.readers.import_file import import_file
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road import RoadNetwork
+from socialiq.recordings.road.network import RoadNetwork
 from socialiq.recordings.tracks import Tracks
 
 N_TRACKS, N_FRAMES = 60, 500

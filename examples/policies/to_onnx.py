@@ -16,8 +16,8 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from socialiq.nn.q_policy import QPolicy
-from socialiq.policies.epsilon_greedy import EpsilonGreedy
-from socialiq.policies.load_policy import load
+from socialiq.policies.load import load_policy
+from socialiq.policies.sb3.load import EpsilonGreedy
 
 N_FEATURES, N_ACTIONS = 70, 3  # of the intersection
 OPERATORS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}
@@ -49,7 +49,7 @@ def to_onnx(policy: QPolicy) -> bytes:
 
 def main(source: str, target: str) -> None:
     """Read a policy of the intersection and write it."""
-    policy = load(source, N_FEATURES, N_ACTIONS).policy
+    policy = load_policy(source, N_FEATURES, N_ACTIONS).policy
     network = policy.greedy if isinstance(policy, EpsilonGreedy) else policy
     assert isinstance(network, QPolicy)
     Path(target).write_bytes(to_onnx(network))

@@ -15,7 +15,7 @@ import numpy as np
 
 from socialiq.recordings.export import write_commonroad
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road import Lanelet, RoadNetwork, Sign
+from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
 from socialiq.recordings.tracks import RoadUser, Tracks
 
 HERE = Path(__file__).parent

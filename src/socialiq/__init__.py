@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from socialiq.learners.iq_learn.train import train
     from socialiq.mdp.front import attainable_set
     from socialiq.nn.q_policy import QPolicy
-    from socialiq.policies.load_policy import load as load_policy
+    from socialiq.policies.load import load_policy
     from socialiq.social.angle import weights
     from socialiq.social.estimate import estimate_angle
     from socialiq.social.score import score
@@ -86,7 +86,7 @@ _PLACES = {
     "equal_transitions": "demonstrations.mixture",
     "estimate_angle": "social.estimate",
     "load_demonstrations": "demonstrations.files:load",
-    "load_policy": "policies.load_policy:load",
+    "load_policy": "policies.load",
     "make": "worlds.registry",
     "make_environment": "worlds.environment",
     "rollout_env": "evaluation.rollout",

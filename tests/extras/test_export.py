@@ -23,9 +23,9 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import CHOICES
-from socialiq.policies.export_onnx import to_onnx
 from socialiq.policies.export_torch import as_torch_module, state_dict, to_safetensors
-from socialiq.policies.load_policy import load
+from socialiq.policies.load import load_policy
+from socialiq.policies.onnx.export import to_onnx
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -93,7 +93,7 @@ def assert_same(policy, observations, tmp_path):
     assert gaps(values).min() > 2 * tolerance(values)
     np.testing.assert_allclose(scores, values, atol=tolerance(values), rtol=0)
     np.testing.assert_array_equal(actions, expected)
-    through = load(str(path), policy.n_features, policy.n_actions).policy
+    through = load_policy(str(path), policy.n_features, policy.n_actions).policy
     np.testing.assert_array_equal(through.predict(observations)[0], expected)
     with torch.no_grad():
         told = as_torch_module(policy)(torch.from_numpy(observations)).numpy()

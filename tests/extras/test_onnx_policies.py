@@ -16,8 +16,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from socialiq.errors import UserError
 from socialiq.evaluation.play import episodes_of
-from socialiq.policies.load_policy import load
-from socialiq.policies.onnx_model import ROWS
+from socialiq.policies.load import load_policy
+from socialiq.policies.onnx.load import ROWS
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
@@ -58,7 +58,7 @@ def read(tmp_path):
     def loaded(made, n_features=6, n_actions=3):
         path = tmp_path / "p.onnx"
         path.write_bytes(made if isinstance(made, bytes) else made.SerializeToString())
-        return load(str(path), n_features, n_actions)
+        return load_policy(str(path), n_features, n_actions)
 
     return loaded
 
@@ -251,19 +251,19 @@ def test_what_a_file_claims_about_its_values_is_not_believed(read):
 
 
 def test_example_is_the_network_of_the_other_example(tmp_path, monkeypatch):
-    onnx_policy = load(str(EXAMPLES / "dqn_intersection.onnx"), 70, 3).policy
-    zip_policy = load(str(EXAMPLES / "dqn_intersection.zip"), 70, 3).policy
+    onnx_policy = load_policy(str(EXAMPLES / "dqn_intersection.onnx"), 70, 3).policy
+    zip_policy = load_policy(str(EXAMPLES / "dqn_intersection.zip"), 70, 3).policy
     seen = RANDOM.normal(size=(10_000, 70)).astype(np.float32)
     np.testing.assert_array_equal(onnx_policy.predict(seen)[0], zip_policy.predict(seen)[0])
     paths = [str(EXAMPLES / "dqn_intersection.zip"), str(tmp_path / "p.onnx")]
     monkeypatch.setattr(sys, "argv", ["to_onnx.py", *paths])
     runpy.run_path(str(EXAMPLES / "to_onnx.py"), run_name="__main__")
-    made = load(paths[1], 70, 3).policy
+    made = load_policy(paths[1], 70, 3).policy
     np.testing.assert_array_equal(made.predict(seen)[0], onnx_policy.predict(seen)[0])
 
 
 def test_an_audit_of_the_intersection_takes_less_than_a_minute():
-    policy = load(str(EXAMPLES / "dqn_intersection.onnx"), 70, 3).policy
+    policy = load_policy(str(EXAMPLES / "dqn_intersection.onnx"), 70, 3).policy
     batch = Batch(Options(), 512)
     episodes_of(batch, policy, np.arange(2))  # compiles
     began = time.monotonic()

@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("shapely", reason="extra `data` is not installed")
 
 from socialiq.errors import UserError
-from socialiq.recordings.commonroad import read_commonroad
-from socialiq.recordings.ego_swap import check_distinct, demonstrations, swap
+from socialiq.recordings.episodes.ego_swap import check_distinct, demonstrations, swap
+from socialiq.recordings.readers.commonroad import read_commonroad
 from socialiq.recordings.splits import recordings_of, split
 from socialiq.types import Ending
 

@@ -17,18 +17,18 @@ from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.recordings import files, simulated
-from socialiq.recordings.annotate import driven
-from socialiq.recordings.columns import read_map
-from socialiq.recordings.commonroad import read_commonroad
-from socialiq.recordings.csv_recording import read_csv
-from socialiq.recordings.ego_swap import demonstrations, episode_of, swap
+from socialiq.recordings.episodes.annotate import driven
+from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.ego_swap import demonstrations, episode_of, swap
+from socialiq.recordings.episodes.scene import Scene
 from socialiq.recordings.export import write_commonroad, write_csv
-from socialiq.recordings.lanes import Conflict, lanes_of
-from socialiq.recordings.maps import road_of
-from socialiq.recordings.reading import Reading
+from socialiq.recordings.readers.column_map import read_map
+from socialiq.recordings.readers.commonroad import read_commonroad
+from socialiq.recordings.readers.commonroad_road import road_of
+from socialiq.recordings.readers.csv_recording import read_csv
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road import RoadNetwork
-from socialiq.recordings.scene import Scene
+from socialiq.recordings.road.lanes import Conflict, lanes_of
+from socialiq.recordings.road.network import RoadNetwork
 from socialiq.recordings.tracks import RoadUser
 from socialiq.types import Ending
 from socialiq.worlds.intersection.core.geometry import LEFT, RIGHT, STRAIGHT

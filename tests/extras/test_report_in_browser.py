@@ -11,7 +11,7 @@ import pytest
 from socialiq.audit.profile import Margin
 from socialiq.audit.template import new
 from socialiq.cli.main import main
-from socialiq.policies.table import save_table
+from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make_grid

@@ -14,7 +14,7 @@ import stable_baselines3 as sb3
 import torch
 
 from socialiq.errors import UserError
-from socialiq.policies.load_policy import load
+from socialiq.policies.load import load_policy
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "policies"
 DECISIONS = 10_000
@@ -69,24 +69,24 @@ def assert_same(model, policy, shape):
 def test_actions_are_stable_baselines_own(tmp_path, algorithm, activation, sizes):
     options = {"activation_fn": getattr(torch.nn, activation)} if activation else {}
     model = saved(tmp_path / "p.zip", algorithm, net_arch=sizes, **options)
-    assert_same(model, load(str(tmp_path / "p.zip"), 6, 4).policy, (2, 3))
+    assert_same(model, load_policy(str(tmp_path / "p.zip"), 6, 4).policy, (2, 3))
 
 
 @pytest.mark.parametrize("algorithm", ["DQN", "PPO"])
 def test_defaults_and_no_hidden_layer(tmp_path, algorithm):
     for options in ({}, {"net_arch": []}):
         model = saved(tmp_path / "p.zip", algorithm, **options)
-        assert_same(model, load(str(tmp_path / "p.zip"), 6, 4).policy, (2, 3))
+        assert_same(model, load_policy(str(tmp_path / "p.zip"), 6, 4).policy, (2, 3))
 
 
 def test_policy_and_value_layers_may_differ(tmp_path):
     model = saved(tmp_path / "p.zip", "A2C", net_arch={"pi": [5, 7], "vf": [3]})
-    assert_same(model, load(str(tmp_path / "p.zip"), 6, 4).policy, (2, 3))
+    assert_same(model, load_policy(str(tmp_path / "p.zip"), 6, 4).policy, (2, 3))
 
 
 def test_draws_have_the_probabilities_of_stable_baselines(tmp_path):
     model = saved(tmp_path / "p.zip", "PPO")
-    policy = load(str(tmp_path / "p.zip"), 6, 4).policy
+    policy = load_policy(str(tmp_path / "p.zip"), 6, 4).policy
     observations = np.random.default_rng(0).normal(size=(500, 6)).astype(np.float32)
     with torch.no_grad():
         tensor = torch.as_tensor(observations.reshape(-1, 2, 3))
@@ -105,13 +105,13 @@ def test_draws_have_the_probabilities_of_stable_baselines(tmp_path):
 def test_other_observations_are_refused(tmp_path, space, match):
     saved(tmp_path / "p.zip", "DQN", space)
     with pytest.raises(UserError, match=match):
-        load(str(tmp_path / "p.zip"), 6, 4)
+        load_policy(str(tmp_path / "p.zip"), 6, 4)
 
 
 def test_other_extractors_and_activations_are_refused(tmp_path):
     saved(tmp_path / "p.zip", "DQN", activation_fn=torch.nn.GELU)
     with pytest.raises(UserError, match="its activation is"):
-        load(str(tmp_path / "p.zip"), 6, 4)
+        load_policy(str(tmp_path / "p.zip"), 6, 4)
 
     class Extractor(sb3.common.torch_layers.FlattenExtractor):
         def forward(self, observations):
@@ -119,11 +119,11 @@ def test_other_extractors_and_activations_are_refused(tmp_path):
 
     saved(tmp_path / "p.zip", "DQN", features_extractor_class=Extractor)
     with pytest.raises(UserError, match="features_extractor_class does is unknown"):
-        load(str(tmp_path / "p.zip"), 6, 4)
+        load_policy(str(tmp_path / "p.zip"), 6, 4)
 
 
 def test_files_of_other_torch_formats_are_refused(tmp_path):
-    from socialiq.policies.state_dict import read_state_dict
+    from socialiq.policies.sb3.state_dict import read_state_dict
 
     tensors = {"w": torch.ones(3)}
     for number, saving in enumerate(
@@ -146,7 +146,7 @@ def test_files_of_other_torch_formats_are_refused(tmp_path):
 def test_example_is_what_stable_baselines_reads():
     path = EXAMPLES / "dqn_intersection.zip"
     assert path.stat().st_size < 300_000
-    assert_same(sb3.DQN.load(path, device="cpu"), load(str(path), 70, 3).policy, (10, 7))
+    assert_same(sb3.DQN.load(path, device="cpu"), load_policy(str(path), 70, 3).policy, (10, 7))
 
 
 def test_script_of_the_example_runs(tmp_path, monkeypatch):
@@ -154,4 +154,4 @@ def test_script_of_the_example_runs(tmp_path, monkeypatch):
     script = runpy.run_path(str(EXAMPLES / "train_dqn.py"))
     monkeypatch.setitem(script["main"].__globals__, "STEPS", 40)
     script["main"](str(tmp_path / "p.zip"))
-    assert load(str(tmp_path / "p.zip"), 70, 3).record.details["layers"] == [70, 64, 64, 3]
+    assert load_policy(str(tmp_path / "p.zip"), 70, 3).record.details["layers"] == [70, 64, 64, 3]

@@ -26,7 +26,7 @@ from socialiq.audit.seeds import check_episodes, episode_seeds
 from socialiq.audit.shift import other_traffic, shift_of
 from socialiq.audit.verdict import Verdict, judge
 from socialiq.errors import UserError
-from socialiq.policies.process import GIB, Limits
+from socialiq.policies.process.load import GIB, Limits
 from socialiq.policies.record import Loaded
 from socialiq.worlds.intersection.world import Intersection
 

@@ -18,9 +18,9 @@ from socialiq.audit.outcomes import Outcomes
 from socialiq.audit.profile import Profile
 from socialiq.audit.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
-from socialiq.recordings.annotate import Driven
 from socialiq.recordings.directions import Directions, directions
-from socialiq.recordings.reading import Reading
+from socialiq.recordings.episodes.annotate import Driven
+from socialiq.recordings.episodes.config import Reading
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.worlds.intersection.world import Intersection
 

@@ -25,7 +25,7 @@ from socialiq.audit.fields import Field as Declared
 from socialiq.audit.scenario import World, check_options, identity, world_of
 from socialiq.audit.toml_locations import line_of
 from socialiq.errors import UserError
-from socialiq.recordings.closed_loop import refuse_recording
+from socialiq.recordings.recording import refuse_recording
 from socialiq.worlds.registry import WORLDS
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000

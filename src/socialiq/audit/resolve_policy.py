@@ -16,9 +16,10 @@ from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plain_text import one_line
-from socialiq.policies.load_policy import KINDS, load
-from socialiq.policies.process import Limits
-from socialiq.policies.record import Interface, Loaded, Record
+from socialiq.policies.interface import Interface
+from socialiq.policies.load import KINDS, load_policy
+from socialiq.policies.process.load import Limits
+from socialiq.policies.record import Loaded, Record
 from socialiq.storage import kind_of
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection import atlas, policies
@@ -47,7 +48,7 @@ def entrant(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """The policy under audit.
 
     Args:
-        spec: What `policies.load_policy.load` takes, `atlas:NAME`, or the name of a driver by rule.
+        spec: What `policies.load.load_policy` takes, `atlas:NAME`, or the name of a driver by rule.
         world: Of the declaration.
         angle: Declared, degrees; a dial is turned there.
         trust: What it may do.
@@ -157,13 +158,13 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """Through the door; a gridworld's policy may read the clock too."""
     more = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
     try:
-        return load(spec, world.n_features, world.n_actions, **more)
+        return load_policy(spec, world.n_features, world.n_actions, **more)
     except UserError:
         clocked = isinstance(world, GridWorld) and spec.endswith(".safetensors")
         if not clocked or kind_of(Path(spec)) not in ("policy", "dial"):
             raise
         try:
-            return load(spec, world.n_features + 1, world.n_actions, **more)
+            return load_policy(spec, world.n_features + 1, world.n_actions, **more)
         except UserError:
             pass
         raise

@@ -11,7 +11,7 @@ from typing import Any
 from socialiq.audit.environment import Environment
 from socialiq.audit.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.errors import UserError, one_of
-from socialiq.recordings.closed_loop import refuse_recording
+from socialiq.recordings.recording import refuse_recording
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.ids import IDS

@@ -16,7 +16,7 @@ from socialiq.audit.report.folder import check_target, write_folder
 from socialiq.audit.report.views import told
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import print_table
-from socialiq.policies.process import limits_of
+from socialiq.policies.process.load import limits_of
 
 
 @dataclass(frozen=True)

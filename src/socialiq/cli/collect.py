@@ -16,7 +16,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.plain_text import one_line
-from socialiq.policies.load_policy import load
+from socialiq.policies.load import load_policy
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import is_environment, make_environment, sizes
 from socialiq.worlds.registry import make_grid
@@ -128,7 +128,7 @@ class Collect:
         n_features, n_actions = sizes(env)
         pools = {}
         for mode, spec in modes.items():
-            with load(spec, n_features, n_actions, allow_code=self.allow_code) as loaded:
+            with load_policy(spec, n_features, n_actions, allow_code=self.allow_code) as loaded:
                 record = loaded.record
                 source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
                 pools[mode] = rollout_env(

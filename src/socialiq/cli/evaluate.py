@@ -18,8 +18,8 @@ from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.nn.q_policy import QPolicy
-from socialiq.policies.load_policy import load
-from socialiq.recordings.closed_loop import refuse_recording
+from socialiq.policies.load import load_policy
+from socialiq.recordings.recording import refuse_recording
 from socialiq.social.angle import angle_of, check_angle
 from socialiq.studies.intersection.rows import Played, policy_row
 from socialiq.worlds.enumerate import tabulate
@@ -141,7 +141,7 @@ class Evaluate:
         env, rows = make_environment(self.world, allow_code=self.allow_code), []
         for path in self.policies:
             more = {"angle": self.angle, "allow_code": self.allow_code}
-            with load(str(path), *sizes(env), **more) as loaded:
+            with load_policy(str(path), *sizes(env), **more) as loaded:
                 rollout = rollout_env(
                     env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft
                 )

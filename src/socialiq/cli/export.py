@@ -14,9 +14,9 @@ from socialiq.errors import UserError, one_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plain_text import one_line
 from socialiq.policies.card import model_card
-from socialiq.policies.export_onnx import to_onnx
 from socialiq.policies.export_torch import to_safetensors
 from socialiq.policies.native import read_dial, read_policy
+from socialiq.policies.onnx.export import to_onnx
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.worlds.intersection import atlas
 

@@ -16,8 +16,7 @@ from socialiq.cli.claims import Claims
 from socialiq.cli.collect import Collect
 from socialiq.cli.compare import Compare
 from socialiq.cli.conformance import Conformance
-from socialiq.cli.data_arrays import FromArrays, FromTrajectories
-from socialiq.cli.data_minari import FromMinari, ToMinari
+from socialiq.cli.data import FromArrays, FromMinari, FromTrajectories, ToMinari
 from socialiq.cli.demo import Demo
 from socialiq.cli.dial import Dial, Turn
 from socialiq.cli.evaluate import Evaluate

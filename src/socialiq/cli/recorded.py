@@ -16,11 +16,12 @@ from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.plain_text import one_line
 from socialiq.plotting.style import png
-from socialiq.recordings import census, ego_swap, files
+from socialiq.recordings import census, files
 from socialiq.recordings import census_figure as picture
 from socialiq.recordings import leave_one_site_out as held_out
-from socialiq.recordings.maps import road_of
-from socialiq.recordings.reading import Reading
+from socialiq.recordings.episodes import ego_swap
+from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.recording import Recording
 
 

@@ -15,8 +15,9 @@ from socialiq.audit.log import LogVerdict, judge_log, reading_of
 from socialiq.audit.to_json import as_json
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
-from socialiq.recordings import ego_swap, files
-from socialiq.recordings.maps import road_of
+from socialiq.recordings import files
+from socialiq.recordings.episodes import ego_swap
+from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.recording import Recording
 
 

@@ -15,9 +15,9 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.recordings import files
-from socialiq.recordings.columns import read_map
-from socialiq.recordings.commonroad import MOST_STATES
-from socialiq.recordings.importing import FORMATS, import_file
+from socialiq.recordings.readers.column_map import read_map
+from socialiq.recordings.readers.commonroad import MOST_STATES
+from socialiq.recordings.readers.import_file import FORMATS, import_file
 from socialiq.storage import part_beside, swap_folder, write_atomically
 
 

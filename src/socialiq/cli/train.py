@@ -28,7 +28,7 @@ from socialiq.learners.iq_learn.train import Trained, check_fit, train
 from socialiq.learners.ranges import check_seeds
 from socialiq.learners.state import Runs
 from socialiq.learners.tensorboard import EventFiles
-from socialiq.recordings.closed_loop import refuse_recording
+from socialiq.recordings.recording import refuse_recording
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate

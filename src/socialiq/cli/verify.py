@@ -23,7 +23,7 @@ from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json
 from socialiq.errors import UserError
 from socialiq.plain_text import one_line
-from socialiq.policies.process import limits_of
+from socialiq.policies.process.load import limits_of
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported
-from socialiq.policies.batch_policy import BatchPolicy
-from socialiq.policies.content import read_content
-from socialiq.policies.record import Interface
+from socialiq.policies.interface import BatchPolicy, Interface
+from socialiq.policies.record import read_content
 
 
 def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy, bytes]:

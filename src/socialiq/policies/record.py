@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 from socialiq.errors import UserError
+from socialiq.policies.interface import Interface
 from socialiq.types import Policy
-
-
-class Interface(NamedTuple):
-    """What a driver sees and may do.
-
-    Attributes:
-        n_features: Length of an observation.
-        n_actions: Number of actions.
-    """
-
-    n_features: int
-    n_actions: int
-
-    def check(self, source: str, world: Interface) -> None:
-        """Refuse a policy that was made for another world.
-
-        Raises:
-            UserError: If either number is not the world's.
-        """
-        if self != world:
-            raise UserError(
-                f"{source} takes {self.n_features} features and {self.n_actions} actions, the "
-                f"world has {world.n_features} and {world.n_actions}: name the world it was made "
-                "for"
-            )
 
 
 @dataclass(frozen=True)
@@ -93,3 +71,31 @@ class Loaded:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+MOST_BYTES = 32 * 1024 * 1024
+"""Of a policy's file: eight million float32 weights, far more than a driver's perceptron has."""
+
+
+def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Read a regular file of bounded size.
+
+    Raises:
+        UserError: If it is missing, no regular file, unreadable or too large.
+    """
+    if not path.is_file():
+        raise UserError(f"no such file: {path}")
+    try:
+        with path.open("rb") as file:
+            # Not more than it has: the buffer is made at once.
+            content = file.read(min(path.stat().st_size, most) + 1)
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    if len(content) > most:
+        raise UserError(f"{path} is larger than {most:,} bytes: name a smaller policy")
+    return content
+
+
+def sha256_of(content: bytes) -> str:
+    """SHA-256 of bytes, as `sha256sum` prints it."""
+    return hashlib.sha256(content).hexdigest()

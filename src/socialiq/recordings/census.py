@@ -14,9 +14,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from socialiq.errors import UserError
-from socialiq.recordings.directions import Directions, directions
-from socialiq.recordings.ego_swap import Swapped, check_distinct
-from socialiq.recordings.posterior import Sector, sectors
+from socialiq.recordings.directions import Directions, Sector, directions, sectors
+from socialiq.recordings.episodes.ego_swap import Swapped, check_distinct
 from socialiq.social.angle import angle_of
 from socialiq.social.estimate import resampled
 from socialiq.types import Ending

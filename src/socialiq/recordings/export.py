@@ -16,9 +16,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.recordings import commonroad_words as words
+from socialiq.recordings.readers import commonroad_xml as words
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road import Lanelet, RoadNetwork
+from socialiq.recordings.road.network import Lanelet, RoadNetwork
 from socialiq.recordings.tracks import RoadUser, Tracks
 from socialiq.storage import write_atomically
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from socialiq import storage
 from socialiq.errors import UserError
-from socialiq.recordings import checks
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road import Lanelet, RoadNetwork, Sign
-from socialiq.recordings.tracks import Tracks
+from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
+from socialiq.recordings.tracks import ROAD_USERS, STATES, Tracks
 
 KIND = "recording"
 SCHEMA_VERSION = 1
@@ -60,10 +59,10 @@ def load(path: Path) -> Recording:
             isn't a valid recording; the line names the file.
     """
     arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
-    expected = {*checks.STATES, *checks.ROAD_USERS, *ROAD}
+    expected = {*STATES, *ROAD_USERS, *ROAD}
     if set(arrays) != expected or not isinstance(header.get("source"), dict):
         raise UserError(f"{path} lacks a column or its source: make the file again")
-    columns = {name: arrays[name] for name in (*checks.STATES, *checks.ROAD_USERS)}
+    columns = {name: arrays[name] for name in (*STATES, *ROAD_USERS)}
     try:
         tracks = Tracks(
             **columns,

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.errors import UserError
-from socialiq.recordings.imported import Refused
-from socialiq.recordings.overlaps import overlaps
+from socialiq.recordings.recording import Refused
+from socialiq.recordings.rectangles import overlaps
 from socialiq.recordings.tracks import RoadUser, Tracks
 
 SPEED_ERROR = 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int8, Int64
 
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road import Lanelet, RoadNetwork
+from socialiq.recordings.road.network import Lanelet, RoadNetwork
 from socialiq.recordings.tracks import RoadUser, Tracks
 from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection.batch import Batch

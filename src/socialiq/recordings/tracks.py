@@ -1,4 +1,4 @@
-"""Tracks: where every road user of a recording was, in one table whatever file it came from.
+"""Tracks: the positions of every road user of a recording, in one table for all file formats.
 
 SI units, right-handed: x to the east, y to the north, headings counter-clockwise from east; a
 position is the centre of the road user's rectangle. All times are multiples of one step.
@@ -7,6 +7,8 @@ position is the centre of the road user's rectangle. All times are multiples of 
 from __future__ import annotations
 
 import enum
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -15,7 +17,6 @@ from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
 from socialiq.demonstrations.columns import json_able
 from socialiq.errors import UserError
-from socialiq.recordings import checks
 
 
 class RoadUser(enum.IntEnum):
@@ -28,6 +29,26 @@ class RoadUser(enum.IntEnum):
     BICYCLE = 4
     PEDESTRIAN = 5
     OTHER = 6
+
+
+STATES: dict[str, type[np.generic]] = {
+    "track": np.int32,
+    "frame": np.int32,
+    "x": np.float64,
+    "y": np.float64,
+    "heading": np.float64,
+    "vx": np.float64,
+    "vy": np.float64,
+}
+"""Columns with a row for each state, and their types; also their order in a file."""
+
+ROAD_USERS: dict[str, type[np.generic]] = {
+    "identity": np.int64,
+    "road_user": np.int8,
+    "length": np.float64,
+    "width": np.float64,
+}
+"""Columns with a place for each track."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +98,12 @@ class Tracks:
 
     def __post_init__(self) -> None:
         """Check every column, and detach `source` from the caller's dict."""
-        checks.check(self.arrays(), self.dt, self.recording, RoadUser)
+        _check(self.arrays(), self.dt, self.recording)
         object.__setattr__(self, "source", json_able(self.source))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All columns by name, in a file's order."""
-        return {name: getattr(self, name) for name in (*checks.STATES, *checks.ROAD_USERS)}
+        return {name: getattr(self, name) for name in (*STATES, *ROAD_USERS)}
 
     def along_and_across(
         self,
@@ -101,9 +122,9 @@ class Tracks:
             raise UserError(f"recording {self.recording}: no track is left")
         rows = keep[self.track]
         number = (np.cumsum(keep) - 1).astype(np.int32)
-        states = {name: getattr(self, name)[rows] for name in checks.STATES}
+        states = {name: getattr(self, name)[rows] for name in STATES}
         states["track"] = number[states["track"]]
-        users = {name: getattr(self, name)[keep] for name in checks.ROAD_USERS}
+        users = {name: getattr(self, name)[keep] for name in ROAD_USERS}
         return replace(self, **states, **users)
 
     @property
@@ -120,3 +141,81 @@ class Tracks:
     def starts(self) -> Int64[np.ndarray, " track_and_one"]:
         """Row of each track's first state, and behind them the number of rows."""
         return np.searchsorted(self.track, np.arange(self.n_tracks + 1)).astype(np.int64)
+
+
+def _check(columns: Mapping[str, Any], dt: Any, recording: Any) -> None:
+    """Refuse columns that do not make one table of tracks.
+
+    The line names the column, its first bad row or track, and what mends it. Later checks rely on
+    earlier ones. Whether the values are physically possible is checked in `recordings.physics`.
+
+    Args:
+        columns: One array for each name of `STATES` and `ROAD_USERS`.
+        dt: s between frames.
+        recording: The recording's name.
+
+    Raises:
+        UserError: At the first violation.
+    """
+    if not isinstance(dt, float) or not 0 < dt < math.inf:
+        raise UserError(f"dt is {dt!r}: pass the seconds between frames, a float above 0")
+    if not isinstance(recording, str) or not recording.strip():
+        raise UserError("recording must be a non-empty string: data are split by it")
+    _check_layout(columns, STATES, "states")
+    _check_layout(columns, ROAD_USERS, "tracks")
+    for name, dtype in (STATES | ROAD_USERS).items():
+        if issubclass(dtype, np.floating):
+            _refuse(name, ~np.isfinite(columns[name]), "not finite: mend it or leave the track out")
+    _check_order(columns)
+    heading = columns["heading"]
+    _refuse(
+        "heading",
+        (heading <= -np.pi) | (heading > np.pi),
+        "outside (-π, π]: give radians, wrapped; are these degrees?",
+    )
+    for name in ("length", "width"):
+        _refuse(name, columns[name] <= 0, "not above 0: give metres", "track")
+    _refuse(
+        "road_user",
+        ~np.isin(columns["road_user"], [int(kind) for kind in RoadUser]),
+        f"unknown: use {', '.join(f'{kind.value} {kind.name}' for kind in RoadUser)}",
+        "track",
+    )
+
+
+def _check_layout(
+    columns: Mapping[str, Any], layout: Mapping[str, type[np.generic]], what: str
+) -> None:
+    first = next(iter(layout))
+    for name, dtype in layout.items():
+        column = columns[name]
+        if not isinstance(column, np.ndarray) or column.dtype != dtype or column.ndim != 1:
+            found = f"{column.dtype}" if isinstance(column, np.ndarray) else type(column).__name__
+            raise UserError(
+                f"column {name} is {found}: pass a one-dimensional NumPy array of {dtype.__name__}"
+            )
+        if len(column) != len(columns[first]):
+            raise UserError(
+                f"column {name} has {len(column)} {what} where {first} has {len(columns[first])}"
+            )
+    if not len(columns[first]):
+        raise UserError(f"no {what}: a recording has at least one track of one state")
+
+
+def _refuse(name: str, bad: np.ndarray, problem: str, what: str = "row") -> None:
+    """Refuse the column if any place is bad, naming the first."""
+    if bad.any():
+        raise UserError(f"column {name}, {what} {int(np.argmax(bad))}: {problem}")
+
+
+def _check_order(columns: Mapping[str, Any]) -> None:
+    track, frame = columns["track"].astype(np.int64), columns["frame"].astype(np.int64)
+    steps = np.diff(track)
+    bad = np.concatenate([[track[0] != 0], (steps != 0) & (steps != 1)])
+    _refuse("track", bad, "number tracks 0, 1, 2, ... in order, with their rows adjacent")
+    tracks = len(columns["identity"])
+    if track[-1] != tracks - 1:
+        raise UserError(f"column track numbers {track[-1] + 1} tracks where identity has {tracks}")
+    _refuse("frame", frame < 0, "negative: count frames from 0 or above")
+    jumps = np.concatenate([[False], (steps == 0) & (np.diff(frame) != 1)])
+    _refuse("frame", jumps, "does not follow the frame before: frames of a track go up by one")

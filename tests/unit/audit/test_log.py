@@ -10,7 +10,7 @@ from socialiq.audit.decision import Decision
 from socialiq.audit.log import judge_log, reading_of
 from socialiq.audit.profile import Floor, Margin
 from socialiq.errors import UserError
-from socialiq.recordings.annotate import Driven
+from socialiq.recordings.episodes.annotate import Driven
 from socialiq.types import Ending
 from socialiq.worlds.intersection.state import Contact
 

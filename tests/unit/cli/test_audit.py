@@ -14,7 +14,7 @@ from socialiq.audit.report.manifest import MANIFEST, STATEMENT, sealed
 from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.verdict import judge
 from socialiq.cli.main import main
-from socialiq.policies.table import save_table
+from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make_grid

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.archive import Archive
-from socialiq.policies.onnx_fields import check_fields
-from socialiq.policies.record import Interface
-from socialiq.policies.sb3 import read_sb3
-from socialiq.policies.state_dict import read_state_dict
+from socialiq.policies.interface import Interface
+from socialiq.policies.onnx.fields import check_fields
+from socialiq.policies.sb3.archive import Archive
+from socialiq.policies.sb3.load import read_sb3
+from socialiq.policies.sb3.state_dict import read_state_dict
 
 TRIALS = 400
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.load_policy import load
+from socialiq.policies.load import load_policy
 
 CODE = """
 import pathlib
@@ -40,12 +40,12 @@ def spec(tmp_path):
 
 
 def opened(spec):
-    return load(spec, 2, 3, allow_code=True)
+    return load_policy(spec, 2, 3, allow_code=True)
 
 
 def test_code_runs_only_if_that_is_allowed(spec, tmp_path):
     with pytest.raises(UserError, match="would run its author's code"):
-        load(spec("positive"), 2, 3)
+        load_policy(spec("positive"), 2, 3)
     assert not (tmp_path / "theirs.ran").exists()
     opened(spec("positive"))
     assert (tmp_path / "theirs.ran").exists()

@@ -9,7 +9,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import Choice, View
-from socialiq.policies.load_policy import load
+from socialiq.policies.load import load_policy
 from socialiq.storage import save_arrays
 
 pytestmark = pytest.mark.usefixtures("without_shape_checker")
@@ -56,7 +56,7 @@ def one_hot():
 def test_policy_is_the_one_that_was_saved(tmp_path, make):
     saved = make()
     sha256 = saved.save(tmp_path / "p.safetensors")
-    loaded = load(str(tmp_path / "p.safetensors"), 14, 3)
+    loaded = load_policy(str(tmp_path / "p.safetensors"), 14, 3)
     expected = saved.predict(OBSERVATIONS)[0]
     np.testing.assert_array_equal(loaded.policy.predict(OBSERVATIONS)[0], expected)
     record = loaded.record.as_json()
@@ -66,7 +66,7 @@ def test_policy_is_the_one_that_was_saved(tmp_path, make):
 def test_dial_is_audited_at_an_angle(tmp_path):
     saved, path = dial(), tmp_path / "d.safetensors"
     saved.save(path)
-    loaded = load(str(path), 14, 3, angle=30.0)
+    loaded = load_policy(str(path), 14, 3, angle=30.0)
     np.testing.assert_array_equal(
         loaded.policy.predict(OBSERVATIONS)[0], saved.at(30.0).predict(OBSERVATIONS)[0]
     )
@@ -77,9 +77,9 @@ def test_dial_needs_an_angle_of_its_range(tmp_path):
     path = tmp_path / "d.safetensors"
     dial().save(path)
     with pytest.raises(UserError, match="say at which angle"):
-        load(str(path), 14, 3)
+        load_policy(str(path), 14, 3)
     with pytest.raises(UserError, match="outside this dial's range"):
-        load(str(path), 14, 3, angle=120.0)
+        load_policy(str(path), 14, 3, angle=120.0)
 
 
 def test_file_of_another_world_is_refused(tmp_path):
@@ -87,7 +87,7 @@ def test_file_of_another_world_is_refused(tmp_path):
     dial().save(tmp_path / "d.safetensors")
     for name in "pd":
         with pytest.raises(UserError, match="takes 14 features and 3 actions, the world has 70"):
-            load(str(tmp_path / f"{name}.safetensors"), 70, 3, angle=0.0)
+            load_policy(str(tmp_path / f"{name}.safetensors"), 70, 3, angle=0.0)
 
 
 def refused(tmp_path, match, kind="policy", version=2, drop=(), changed=None, **header):
@@ -98,7 +98,7 @@ def refused(tmp_path, match, kind="policy", version=2, drop=(), changed=None, **
     path = tmp_path / "p.safetensors"
     save_arrays(path, kind, version, stored | (changed or {}), said)
     with pytest.raises(UserError, match=match) as caught:
-        load(str(path), 14, 3, angle=0.0)
+        load_policy(str(path), 14, 3, angle=0.0)
     assert "\n" not in str(caught.value)
 
 
@@ -167,7 +167,7 @@ def test_damaged_files_are_refused(tmp_path):
     ):
         path.write_bytes(broken)
         with pytest.raises(UserError, match="damaged"):
-            load(str(path), 14, 3)
+            load_policy(str(path), 14, 3)
 
 
 def test_safetensors_with_an_absurd_header_is_refused(tmp_path, crafted):
@@ -175,10 +175,10 @@ def test_safetensors_with_an_absurd_header_is_refused(tmp_path, crafted):
     for said in (b'{"a":{"dtype":"F32","shape":[99999999999],"data_offsets":[0,4]}}', b"[" * 9_999):
         path.write_bytes(len(said).to_bytes(8, "little") + said + bytes(4))
         with pytest.raises(UserError, match="damaged"):
-            load(str(path), 14, 3)
+            load_policy(str(path), 14, 3)
     path.write_bytes((2**63).to_bytes(8, "little"))
     with pytest.raises(UserError, match="damaged"):
-        load(str(path), 14, 3)
+        load_policy(str(path), 14, 3)
 
 
 @pytest.mark.parametrize("kind", ["BF16", "F8_E4M3"])
@@ -188,4 +188,4 @@ def test_numbers_that_numpy_lacks_are_refused(tmp_path, kind):
     path = tmp_path / "p.safetensors"
     path.write_bytes(len(entry).to_bytes(8, "little") + entry.encode() + bytes(size))
     with pytest.raises(UserError):
-        load(str(path), 14, 3)
+        load_policy(str(path), 14, 3)

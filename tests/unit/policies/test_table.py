@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.load_policy import load
-from socialiq.policies.table import save_table
+from socialiq.policies.load import load_policy
+from socialiq.policies.native import save_table
 from socialiq.storage import save_arrays
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy
@@ -20,7 +20,7 @@ def chances():
 def test_table_is_the_one_that_was_saved(tmp_path):
     policy = TabularPolicy(WORLD, chances())
     sha256 = save_table(tmp_path / "t.safetensors", policy)
-    loaded = load(str(tmp_path / "t.safetensors"), *SIZES)
+    loaded = load_policy(str(tmp_path / "t.safetensors"), *SIZES)
     states = np.asarray(WORLD.states()).astype(np.float32)
     np.testing.assert_array_equal(loaded.policy.predict(states)[0], policy.predict(states)[0])
     assert loaded.record.kind == "table"
@@ -32,7 +32,7 @@ def refused(tmp_path, match, array=None, sizes=SIZES, **header):
     path = tmp_path / "t.safetensors"
     save_arrays(path, "table", 1, {"probabilities": chances() if array is None else array}, said)
     with pytest.raises(UserError, match=match):
-        load(str(path), *sizes)
+        load_policy(str(path), *sizes)
 
 
 def test_other_worlds_are_refused(tmp_path):

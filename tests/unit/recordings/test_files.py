@@ -5,7 +5,7 @@ from socialiq import storage
 from socialiq.errors import UserError
 from socialiq.recordings import files
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road import RoadNetwork
+from socialiq.recordings.road.network import RoadNetwork
 
 
 def test_a_recording_comes_back_to_the_last_bit(tmp_path, recording, same_road):

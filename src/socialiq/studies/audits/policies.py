@@ -18,7 +18,7 @@ from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.policies.table import save_table
+from socialiq.policies.native import save_table
 from socialiq.studies.audits.floors import WITHDRAWN, floor_at
 from socialiq.studies.dial.config import RUNS, seen, with_clock
 from socialiq.worlds.experts import expert_policy

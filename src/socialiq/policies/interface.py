@@ -1,0 +1,117 @@
+"""Policies that answer a batch of observations, with every answer checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Int64
+
+from socialiq.errors import UserError
+
+
+class Interface(NamedTuple):
+    """What a driver sees and may do.
+
+    Attributes:
+        n_features: Length of an observation.
+        n_actions: Number of actions.
+    """
+
+    n_features: int
+    n_actions: int
+
+    def check(self, source: str, world: Interface) -> None:
+        """Refuse a policy that was made for another world.
+
+        Raises:
+            UserError: If either number is not the world's.
+        """
+        if self != world:
+            raise UserError(
+                f"{source} takes {self.n_features} features and {self.n_actions} actions, the "
+                f"world has {world.n_features} and {world.n_actions}: name the world it was made "
+                "for"
+            )
+
+
+@dataclass(frozen=True)
+class BatchPolicy:
+    """A policy given by one function of a batch; its code is not ours, so nothing is believed.
+
+    Attributes:
+        source: How messages call it.
+        interface: What it sees and may do.
+        decide: (observations float32 (batch, features), deterministic) -> one action a row.
+    """
+
+    source: str
+    interface: Interface
+    decide: Callable[[np.ndarray, bool], Any]
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose actions for one observation, shape (features,), or a batch (batch, features).
+
+        Args:
+            observation: What the driver sees.
+            state: Passed through; the policy has no memory.
+            episode_start: Ignored, for the same reason.
+            deterministic: Passed on.
+
+        Raises:
+            UserError: If an observation is not of the interface or not finite, or the answer is
+                not one action for each.
+        """
+        batch = checked_batch(observation, self.interface.n_features)
+        answer = self.decide(batch, deterministic)
+        actions = checked_actions(answer, len(batch), self.interface.n_actions, self.source)
+        return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), state
+
+
+def checked_batch(observation: Any, n_features: int) -> Float32[np.ndarray, "batch feature"]:
+    """Observations as a batch.
+
+    Raises:
+        UserError: If they have another length, or are not finite.
+    """
+    batch = np.atleast_2d(np.asarray(observation, np.float32))
+    if batch.ndim != 2 or batch.shape[1] != n_features:
+        raise UserError(
+            f"observation of shape {batch.shape[1:]}: this policy takes ({n_features},)"
+        )
+    if not np.isfinite(batch).all():
+        raise UserError("observation holds NaN or infinity: mend the sensor or the data")
+    return batch
+
+
+def checked_actions(
+    answer: Any, rows: int, n_actions: int, source: str
+) -> Int64[np.ndarray, " batch"]:
+    """An answer as action numbers.
+
+    Raises:
+        UserError: If it is not one integer from 0 to n_actions - 1 for each row.
+    """
+    try:
+        actions = np.asarray(answer)
+    except (ValueError, TypeError) as error:  # rows of several lengths
+        raise UserError(f"{source} must answer one action for each observation") from error
+    if actions.shape != (rows,) or actions.dtype.kind not in "iu":
+        raise UserError(
+            f"{source} answered {actions.dtype} of shape {actions.shape}: it must be one integer "
+            f"for each of {rows} observations"
+        )
+    wrong = np.flatnonzero((actions < 0) | (actions >= n_actions))
+    if len(wrong):
+        raise UserError(
+            f"{source} chose action {actions[wrong[0]]}: it must be from 0 to {n_actions - 1}"
+        )
+    return actions.astype(np.int64)

@@ -1,0 +1,132 @@
+"""The one door for policies under audit: whatever kind they are, `load` makes them a `Policy`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError
+from socialiq.evaluation.play import SoftPolicy
+from socialiq.plain_text import one_line
+from socialiq.policies.callable import read_callable
+from socialiq.policies.interface import Interface
+from socialiq.policies.native import read_dial, read_policy, read_table
+from socialiq.policies.onnx.load import read_onnx
+from socialiq.policies.process.load import Limits, command_of, hash_of_command, start_process
+from socialiq.policies.record import Loaded, Record, read_content, sha256_of
+from socialiq.policies.sb3.load import read_sb3
+from socialiq.storage import kind_of
+from socialiq.types import Policy
+
+KINDS = (
+    "FILE.safetensors",
+    "FILE.zip",
+    "FILE.onnx",
+    "process:COMMAND LINE",
+    "python:MODULE:ATTRIBUTE",
+)
+"""What a specification may be."""
+
+_BYTES = "the file's bytes"
+
+
+def load_policy(
+    spec: str,
+    n_features: int,
+    n_actions: int,
+    *,
+    angle: float | None = None,
+    allow_code: bool = False,
+    limits: Limits | None = None,
+) -> Loaded:
+    """Load a policy that somebody else may have made, to be audited in a world.
+
+    Args:
+        spec: One of `KINDS`. A .safetensors is ours (a policy, a dial or a table), a .zip
+            Stable-Baselines3's. What a command names runs, and so does a Python module.
+        n_features: Length of the world's observations.
+        n_actions: Number of the world's actions.
+        angle: Of a dial, in degrees.
+        allow_code: Whether a Python module may be imported: its author's code runs with your
+            rights then.
+        limits: What a process may take.
+
+    Returns:
+        The policy and its record. Close it, or use it as a context: a process runs until then.
+
+    Raises:
+        UserError: In one line, if the policy can't be read, isn't certain, or doesn't fit.
+    """
+    world, source = Interface(n_features, n_actions), one_line(spec)
+    head, colon, rest = spec.partition(":")
+    if colon and head == "process":
+        return _process(rest.strip(), source, world, limits or Limits())
+    if colon and head == "python":
+        return _callable(rest, source, world, allow_code)
+    path = Path(spec)
+    readers: dict[str, Callable[[Path, str, Interface], Loaded]] = {
+        ".zip": _zip,
+        ".onnx": _onnx,
+        ".safetensors": lambda path, source, world: _own(path, source, world, angle),
+    }
+    if path.suffix.lower() not in readers:
+        raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
+    return readers[path.suffix.lower()](path, source, world)
+
+
+def _loaded(
+    policy: Policy,
+    kind: str,
+    source: str,
+    content: bytes,
+    world: Interface,
+    details: dict[str, Any],
+) -> Loaded:
+    soft = isinstance(policy, SoftPolicy)
+    return Loaded(policy, Record(kind, source, sha256_of(content), _BYTES, world, soft, details))
+
+
+def _zip(path: Path, source: str, world: Interface) -> Loaded:
+    content = read_content(path)
+    policy, details = read_sb3(content, source, world)
+    return _loaded(policy, "sb3", source, content, world, details)
+
+
+def _onnx(path: Path, source: str, world: Interface) -> Loaded:
+    content = read_content(path)
+    policy, details = read_onnx(content, source, world)
+    return _loaded(policy, "onnx", source, content, world, details)
+
+
+def _own(path: Path, source: str, world: Interface, angle: float | None) -> Loaded:
+    content = read_content(path)
+    kind = kind_of(path)
+    if kind == "dial":
+        policy, details = read_dial(path, angle, world)
+    elif kind == "table":
+        policy, details = read_table(path, world)
+    else:
+        policy, details = read_policy(path, world)
+    if read_content(path) != content:
+        raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
+    return _loaded(policy, kind, source, content, world, details)
+
+
+def _process(command_line: str, source: str, world: Interface, limits: Limits) -> Loaded:
+    sha256 = hash_of_command(command_of(command_line))
+    policy, details, child = start_process(command_line, source, world, limits)
+    covers = "the command's words and the files that they name"
+    record = Record("process", source, sha256, covers, world, False, details)
+    return Loaded(policy, record, child.close)
+
+
+def _callable(name: str, source: str, world: Interface, allowed: bool) -> Loaded:
+    if not allowed:
+        raise UserError(
+            f"{source} would run its author's code with your rights: allow that, or audit it as "
+            "ONNX or in a process of its own"
+        )
+    policy, text = read_callable(name, source, world)
+    covers = "the module's source, not what it imports"
+    return Loaded(policy, Record("python", source, sha256_of(text), covers, world, False))

@@ -1,0 +1,1 @@
+"""ONNX policies: read within a checked subset of operators, and exported."""

@@ -1,0 +1,212 @@
+"""Policies out as ONNX: the graph is written node by node, so that no tracing library is needed.
+
+Only operators are used that the audit reads (`onnx_graph`), so what is written here can be read
+by `policies.load`. All vehicles of a pooled view share one set of weights in the file.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.nn.one_hot import OneHot
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import ROW, View
+
+OPSET = 17
+IR_VERSION = 8
+INPUT, SCORES, ACTIONS = "observation", "q_values", "actions"
+"""Names of the input and of the two outputs."""
+
+# Places in a row of (x, y) of position, velocity and heading; and of the same as (y, x).
+_TURNS = {"along": (1, 2, 3, 4, 5, 6), "across": (2, 1, 4, 3, 6, 5)}
+_ACTIVATIONS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}
+
+
+def to_onnx(policy: QPolicy) -> bytes:
+    """The bytes of an ONNX file of a policy.
+
+    It takes float32 (batch, features) and has two outputs: `q_values`, float32 (batch, actions),
+    and `actions`, int64 (batch,), the best of them and the first of equals, as `QPolicy.predict`.
+
+    Args:
+        policy: Any that `QPolicy` can hold; a dial is turned to an angle first.
+
+    Raises:
+        UserError: If the extra `onnx` is not installed.
+    """
+    onnx = _library()
+    graph = _Graph(onnx)
+    value = graph.seen(policy)
+    for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        if number:
+            value = graph.add(_ACTIVATIONS[policy.activation], [value], f"activation_{number}")
+        last = number == len(policy.weights) - 1
+        value = graph.affine(value, weight, bias, f"layer_{number}", SCORES if last else "")
+    graph.add("ArgMax", [value], ACTIONS, axis=1, keepdims=0)
+    return _model(onnx, graph, policy)
+
+
+def _library() -> ModuleType:
+    try:
+        import onnx  # pyright: ignore[reportMissingImports]
+        import onnx.helper  # pyright: ignore[reportMissingImports]
+        import onnx.numpy_helper  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise UserError(
+            "ONNX files need onnx, which is not installed: pip install 'socialiq[onnx]'"
+        ) from error
+    return onnx
+
+
+def _model(onnx: ModuleType, graph: _Graph, policy: QPolicy) -> bytes:
+    helper, kinds = onnx.helper, onnx.TensorProto
+    seen = helper.make_tensor_value_info(INPUT, kinds.FLOAT, ["batch", policy.n_features])
+    made = [
+        helper.make_tensor_value_info(SCORES, kinds.FLOAT, ["batch", policy.n_actions]),
+        helper.make_tensor_value_info(ACTIONS, kinds.INT64, ["batch"]),
+    ]
+    constants = [
+        onnx.numpy_helper.from_array(array, name) for name, array in graph.constants.items()
+    ]
+    model = helper.make_model(
+        helper.make_graph(graph.nodes, "policy", [seen], made, constants),
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="socialiq",
+        producer_version=importlib.metadata.version("socialiq"),
+    )
+    entries = {
+        "socialiq.policy_sha256": policy.sha256,
+        "socialiq.temperature": repr(policy.temperature),
+        "socialiq.provenance": json.dumps(dict(policy.provenance)),
+    }
+    helper.set_model_props(model, {name: text for name, text in entries.items() if text})
+    onnx.checker.check_model(model, full_check=True)
+    return model.SerializeToString()
+
+
+class _Graph:
+    """Nodes and constants of a graph that grows from the observation."""
+
+    def __init__(self, onnx: ModuleType) -> None:
+        self._onnx = onnx
+        self.nodes: list[Any] = []
+        self.constants: dict[str, np.ndarray] = {}
+
+    def add(self, operator: str, inputs: list[str], name: str, **attributes: Any) -> str:
+        """Add a node, named for its one output; returns the name."""
+        node = self._onnx.helper.make_node(operator, inputs, [name], name=name, **attributes)
+        self.nodes.append(node)
+        return name
+
+    def constant(self, name: str, array: np.ndarray) -> str:
+        """Add a constant, if it is not there yet; returns its name."""
+        self.constants.setdefault(name, array)
+        return name
+
+    def affine(
+        self, value: str, weight: np.ndarray, bias: np.ndarray, name: str, output: str = ""
+    ) -> str:
+        """A layer; layers of one name share their weights, so their outputs need names."""
+        inputs = [
+            value,
+            self.constant(f"{name}.weight", np.asarray(weight, np.float32)),
+            self.constant(f"{name}.bias", np.asarray(bias, np.float32)),
+        ]
+        return self.add("Gemm", inputs, output or name, transB=1)
+
+    def gather(self, places: list[int], name: str, value: str = INPUT) -> str:
+        """Some of a value's numbers, in the order told."""
+        index = self.constant(f"{name}.places", np.array(places, np.int64))
+        return self.add("Gather", [value, index], name, axis=1)
+
+    def scaled(self, value: str, scales: list[float], name: str) -> str:
+        """A value times constants."""
+        factor = self.constant(f"{name}.factor", np.array(scales, np.float32))
+        return self.add("Mul", [value, factor], name)
+
+    def seen(self, policy: QPolicy) -> str:
+        """What the first layer reads."""
+        if isinstance(policy.view, OneHot):
+            return self._one_hot(policy.view)
+        return INPUT if policy.view is None else self._view(policy.view)
+
+    def _one_hot(self, view: OneHot) -> str:
+        places = np.repeat(np.arange(view.n_features), view.sizes).tolist()
+        values = [
+            low + step
+            for low, size in zip(view.lows, view.sizes, strict=True)
+            for step in range(size)
+        ]
+        wanted = self.constant("one_hot.values", np.array(values, np.float32))
+        equal = self.add("Equal", [self.gather(places, "one_hot.read"), wanted], "one_hot.equal")
+        return self.add("Cast", [equal], "one_hot", to=self._onnx.TensorProto.FLOAT)
+
+    def _view(self, view: View) -> str:
+        """Own row, then the others: encoded, summed and maximised, or side by side."""
+        scale = view.choice.scale
+        own = self.gather(list(range(1, ROW)), "own.read")
+        own = self.scaled(own, [scale] * 4 + [1.0] * 2, "own")
+        if view.choice.relative:
+            self._ego()
+        others = range(1, view.n_features // ROW)
+        rows = [self._vehicle(view, number) for number in others]
+        if not view.choice.pooled:
+            return self.add("Concat", [own, *rows], "view", axis=1)
+        total = most = rows[0]
+        for number, row in zip(others[1:], rows[1:], strict=True):
+            total = self.add("Add", [total, row], f"sum_{number}")
+            most = self.add("Max", [most, row], f"most_{number}")
+        return self.add("Concat", [own, total, most], "view", axis=1)
+
+    def _vehicle(self, view: View, number: int) -> str:
+        """One other vehicle as the view lists or encodes it; all zeros where there is none."""
+        name, first, scale = f"vehicle_{number}", number * ROW, view.choice.scale
+        row = self.gather(list(range(first, first + ROW)), f"{name}.read")
+        parts = [self.scaled(row, [1.0] + [scale] * 4 + [1.0] * 2, f"{name}.absolute")]
+        if view.choice.relative:
+            parts.append(self._relative(name, first, scale))
+        value = parts[0]
+        if len(parts) > 1:
+            value = self.add("Concat", parts, f"{name}.told", axis=1)
+        width = ROW * len(parts) - (len(parts) - 1)
+        value = self._where_present(value, first, width, f"{name}.shown")
+        for layer, (weight, bias) in enumerate(zip(view.weights, view.biases, strict=True)):
+            value = self.affine(value, weight, bias, f"encoder_{layer}", f"{name}.layer_{layer}")
+            value = self.add("Relu", [value], f"{name}.relu_{layer}")
+            width = len(bias)
+        if not view.weights:
+            return value
+        return self._where_present(value, first, width, f"{name}.counted")
+
+    def _where_present(self, value: str, first: int, width: int, made: str) -> str:
+        return self.add("Mul", [value, self.gather([first] * width, f"{made}.presence")], made)
+
+    def _relative(self, name: str, first: int, scale: float) -> str:
+        """Position, velocity and heading along the ego's heading and to its left.
+
+        A vector (x, y) turned by the heading (cos, sin) is (x cos + y sin, y cos - x sin).
+        """
+        turned = []
+        for label, places in _TURNS.items():
+            read = self.gather([first + place for place in places], f"{name}.{label}.read")
+            offset = self.add("Sub", [read, f"ego.{label}"], f"{name}.{label}.offset")
+            turned.append(self.add("Mul", [offset, f"ego.{label}.heading"], f"{name}.{label}"))
+        total = self.add("Add", turned, f"{name}.turned")
+        return self.scaled(total, [scale] * 4 + [1.0] * 2, f"{name}.relative")
+
+    def _ego(self) -> None:
+        """What every other vehicle is seen against; headings are turned, but not shifted."""
+        for label, places in _TURNS.items():
+            read = self.gather(list(places), f"ego.{label}.read")
+            self.scaled(read, [1.0] * 4 + [0.0] * 2, f"ego.{label}")
+            cos = label == "along"
+            heading = self.gather([5 if cos else 6] * 6, f"ego.{label}.heading.read")
+            signs = [1.0, 1.0 if cos else -1.0] * 3
+            self.scaled(heading, signs, f"ego.{label}.heading")

@@ -1,0 +1,224 @@
+"""Policies in ONNX: checked field by field and operator by operator, then run by onnxruntime.
+
+onnxruntime is kept, rather than evaluating the graph here, because it is what a policy's author
+tests with. It is given what was checked, written anew, and never the file itself.
+"""
+
+from __future__ import annotations
+
+import math
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.policies.interface import BatchPolicy, Interface
+from socialiq.policies.onnx.fields import check_fields
+from socialiq.policies.onnx.graph import (
+    MOST_DIMENSION,
+    MOST_NODES,
+    GraphFault,
+    Shape,
+    Values,
+    follow,
+)
+
+ROWS = 1_024
+"""Observations that are answered at once; more are cut, so that memory stays bounded."""
+
+IR_VERSION = 10
+"""Of ONNX's file format, the newest that onnxruntime is told."""
+
+_DOMAINS = ("", "ai.onnx")
+_ACTIONS = "actions"
+
+
+def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
+    """A policy from the bytes of an ONNX file.
+
+    Its one input is float32, (batch, ...), with a free batch; its output is a score of each action,
+    of which the best is taken, or the action itself. Of several outputs the one named "actions"
+    counts. It has no distribution, so it takes its best action always.
+
+    Args:
+        content: The file.
+        source: How messages call it.
+        world: What the policy has to fit.
+
+    Returns:
+        The policy, and what the file tells about it.
+
+    Raises:
+        UserError: If the extra `onnx` is not installed; if the file is damaged, does more than the
+            rules of `onnx_graph` allow, or is made for another world.
+    """
+    onnx, onnxruntime = _libraries()
+    check_fields(content, source)
+    try:
+        model = onnx.ModelProto.FromString(content)
+        seen, shape, operators = _checked(onnx, model)
+    except GraphFault as fault:
+        raise UserError(f"{source}: the graph {fault}; export a plain network") from fault
+    # Of all messages of the libraries, which don't agree on a class.
+    except Exception as error:
+        raise UserError(f"{source} is damaged or no ONNX file: export it again") from error
+    n_features, output = math.prod(seen), model.graph.output[0]
+    session = _session(onnxruntime, model, source)
+    whole = session.get_outputs()[0].type in ("tensor(int64)", "tensor(int32)")
+    if whole and shape not in ((), (1,)):
+        raise UserError(f"{source} answers whole numbers of shape {shape}: it must be one action")
+    if not whole and len(shape) != 1:
+        raise UserError(f"{source} answers scores of shape {shape}: it must be one of each action")
+    interface = Interface(n_features, world.n_actions if whole else shape[0])
+    interface.check(source, world)
+    runner = _Runner(session, model.graph.input[0].name, output.name, seen, source)
+    details = {"operators": operators, "answers": "actions" if whole else "scores"}
+    return BatchPolicy(source, interface, runner.actions if whole else runner.best), details
+
+
+def _libraries() -> tuple[ModuleType, ModuleType]:
+    try:
+        import onnx  # pyright: ignore[reportMissingImports]
+        import onnxruntime  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise UserError(
+            "ONNX policies need onnx and onnxruntime, which are not installed: "
+            "pip install 'socialiq[onnx]'"
+        ) from error
+    return onnx, onnxruntime
+
+
+def _checked(onnx: ModuleType, model: Any) -> tuple[Shape, Shape, list[str]]:
+    """Shapes of the input and of the output for one observation, and the operators used.
+
+    Leaves in the model what was checked, and one output.
+
+    Raises:
+        GraphFault: If the graph is no policy.
+    """
+    graph, values = model.graph, Values()
+    for used in model.opset_import:
+        _check_domain(used.domain)
+    for tensor in graph.initializer:
+        values.add_constant(tensor.name, _array(onnx, tensor))
+    free = [one for one in graph.input if one.name not in values.constants]
+    if len(free) != 1:
+        raise GraphFault(f"has {len(free)} inputs, not one")
+    seen = _input_shape(onnx, free[0])
+    values.add_row(free[0].name, seen)
+    if len(graph.node) > MOST_NODES:
+        raise GraphFault(f"has more than {MOST_NODES} nodes")
+    for node in graph.node:
+        _add(onnx, values, node)
+    named = [one for one in graph.output if one.name == _ACTIONS or len(graph.output) == 1]
+    if len(named) != 1:
+        raise GraphFault(f"has {len(graph.output)} outputs and none is named {_ACTIONS}")
+    shape = values.row(named[0].name)
+    _keep(graph.input, free[0])
+    _keep(graph.output, named[0])
+    # Shapes that the file claims, and settings that onnxruntime could take from it, are not needed.
+    del graph.value_info[:], model.metadata_props[:]
+    # Versions of the file format add fields, and which fields there are is checked: an older
+    # onnxruntime can read what is left.
+    model.ir_version = min(model.ir_version, IR_VERSION)
+    return seen, shape, sorted({node.op_type for node in graph.node})
+
+
+def _keep(listed: Any, one: Any) -> None:
+    kept = type(one)()
+    kept.CopyFrom(one)
+    del listed[:]
+    listed.append(kept)
+
+
+def _check_domain(domain: str) -> None:
+    if domain not in _DOMAINS:
+        raise GraphFault(f"uses operators of the domain {one_line(domain, 40)!r}")
+
+
+def _add(onnx: ModuleType, values: Values, node: Any) -> None:
+    """One node of the graph."""
+    _check_domain(node.domain)
+    attributes = {one.name: onnx.helper.get_attribute_value(one) for one in node.attribute}
+    if len(node.output) != 1 or len(attributes) != len(node.attribute):
+        raise GraphFault(f"has a {one_line(node.op_type, 40)} of several outputs")
+    if node.op_type != "Constant":
+        values.add_row(node.output[0], follow(values, node.op_type, node.input, attributes))
+        return
+    if list(attributes) != ["value"] or node.attribute[0].type != onnx.AttributeProto.TENSOR:
+        raise GraphFault("has a Constant that is no tensor")
+    values.add_constant(node.output[0], _array(onnx, attributes["value"]))
+
+
+def _array(onnx: ModuleType, tensor: Any) -> np.ndarray:
+    """A constant's numbers; its shape is checked before they are unpacked."""
+    kinds = (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64, onnx.TensorProto.INT32)
+    dims = tuple(tensor.dims)
+    if tensor.data_type not in kinds:
+        raise GraphFault("has a constant that is not float32, int64 or int32")
+    if len(dims) > 2 or any(not 0 <= one <= MOST_DIMENSION for one in dims):
+        raise GraphFault(f"has a constant of shape {one_line(str(dims), 60)}")
+    return onnx.numpy_helper.to_array(tensor)
+
+
+def _input_shape(onnx: ModuleType, value: Any) -> Shape:
+    kind = value.type.tensor_type
+    dims = list(kind.shape.dim)
+    if kind.elem_type != onnx.TensorProto.FLOAT or not 2 <= len(dims) <= 4:
+        raise GraphFault("takes an input that is not float32 of shape (batch, features)")
+    if dims[0].HasField("dim_value"):
+        raise GraphFault(f"takes {dims[0].dim_value} observations at a time, not any number")
+    shape = tuple(dim.dim_value for dim in dims[1:])
+    if any(not 1 <= one <= MOST_DIMENSION for one in shape):
+        raise GraphFault(f"takes observations of shape {shape}")
+    return shape
+
+
+def _session(onnxruntime: ModuleType, model: Any, source: str) -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # what is wrong comes as an exception
+    try:
+        return onnxruntime.InferenceSession(
+            model.SerializeToString(), options, providers=["CPUExecutionProvider"]
+        )
+    except Exception as error:  # its exceptions have no common class of their own
+        raise UserError(
+            f"{source} can't be run by onnxruntime: {one_line(str(error))}; export it again"
+        ) from error
+
+
+class _Runner:
+    """A session, asked for at most `ROWS` observations at a time."""
+
+    def __init__(self, session: Any, given: str, asked: str, shape: Shape, source: str) -> None:
+        self._session, self._given, self._asked = session, given, asked
+        self._shape, self._source = shape, source
+
+    def actions(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
+        """Of a network that answers actions."""
+        return self._outputs(batch).reshape(-1)
+
+    def best(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
+        """Of a network that answers scores; the first of equals."""
+        scores = self._outputs(batch)
+        if not np.isfinite(scores).all():
+            raise UserError(f"{self._source} answered NaN or infinity: name a sound network")
+        return scores.argmax(axis=1)
+
+    def _outputs(self, batch: np.ndarray) -> np.ndarray:
+        parts = [batch[start : start + ROWS] for start in range(0, len(batch), ROWS)]
+        try:
+            return np.concatenate(
+                [
+                    self._session.run([self._asked], {self._given: part.reshape(-1, *self._shape)})[
+                        0
+                    ]
+                    for part in parts
+                ]
+            )
+        except Exception as error:  # its exceptions have no common class of their own
+            raise UserError(f"{self._source} failed: {one_line(str(error))}") from error

@@ -1,0 +1,192 @@
+"""Policies in a process of their own, in any language, over lines of JSON (docs/policies.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shlex
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32
+
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.policies.interface import BatchPolicy, Interface
+from socialiq.policies.process.child import Child
+from socialiq.policies.record import MOST_BYTES
+
+PROTOCOL = "socialiq-policy"
+VERSION = 1
+
+_GREETING = 4_096  # bytes of an answer to the first line
+_LONGEST = 3_600.0  # seconds
+_MOST_MEMORY = 2**20 * 1024**3  # bytes
+_ANSWER, _PER_ROW = 4_096, 32  # bytes of any other: for all, and for each observation
+
+
+GIB = 1024**3
+LEAST_MEMORY = GIB // 4
+"""Bytes; with less no interpreter starts."""
+
+
+class Limits(NamedTuple):
+    """What a process may take.
+
+    Attributes:
+        start: Seconds from its start to its first answer.
+        step: Seconds for each batch of observations.
+        memory: Bytes of address space of each of its processes; 0 for any amount. A network of
+            torch or JAX reserves several GiB that it never uses.
+    """
+
+    start: float = 30.0
+    step: float = 5.0
+    memory: int = 8 * GIB
+
+    def check(self) -> None:
+        """Refuse limits that are none.
+
+        Raises:
+            UserError: If a number will not do.
+        """
+        if not (0.0 < self.start <= _LONGEST and 0.0 < self.step <= _LONGEST):
+            raise UserError(f"seconds for an answer must be above 0 and at most {_LONGEST:g}")
+        if self.memory and not LEAST_MEMORY <= self.memory <= _MOST_MEMORY:
+            raise UserError(
+                f"memory must be from {LEAST_MEMORY / GIB:g} to {_MOST_MEMORY // GIB} GiB, or 0 "
+                "for any amount"
+            )
+
+
+def limits_of(step_seconds: float, memory_gib: float) -> Limits:
+    """Limits in the units of the command line.
+
+    Raises:
+        UserError: If a number will not do.
+    """
+    if not 0.0 <= memory_gib <= _MOST_MEMORY / GIB:
+        raise UserError(f"memory in GiB must be at least 0, got {memory_gib:g}")
+    found = Limits(step=step_seconds, memory=round(memory_gib * GIB))
+    found.check()
+    return found
+
+
+def start_process(
+    command_line: str, source: str, world: Interface, limits: Limits
+) -> tuple[BatchPolicy, dict[str, Any], Child]:
+    """Start a policy and greet it.
+
+    Args:
+        command_line: Program and arguments, quoted as for a shell; none is used.
+        source: How messages call it.
+        world: What the policy has to fit.
+        limits: What it may take.
+
+    Returns:
+        The policy, what it tells about itself, and the process, which must be closed.
+
+    Raises:
+        UserError: If it can't be started, doesn't speak the protocol, or is made for another world.
+    """
+    limits.check()
+    child = Child(command_of(command_line), source, limits.memory)
+    greeting = {"protocol": PROTOCOL, "version": VERSION, **_sizes(world)}
+    answer = _ask(child, greeting, limits.start, _GREETING)
+    if (answer.get("protocol"), answer.get("version")) != (PROTOCOL, VERSION):
+        raise child.failure(f"does not speak {PROTOCOL} version {VERSION}")
+    features, actions = answer.get("features"), answer.get("actions")
+    if type(features) is not int or type(actions) is not int:
+        raise child.failure("does not tell how many features and actions it takes")
+    interface = Interface(features, actions)
+    try:
+        interface.check(source, world)
+    except UserError:
+        child.close()
+        raise
+    conversation = _Conversation(child, limits.step)
+    details = {"name": one_line(str(answer.get("name", ""))), **limits._asdict()}
+    return BatchPolicy(source, interface, conversation.decide), details, child
+
+
+def command_of(command_line: str) -> list[str]:
+    """Program and arguments.
+
+    Raises:
+        UserError: If there is no program, or none of that name.
+    """
+    try:
+        command = shlex.split(command_line)
+    except ValueError as error:
+        raise UserError(f"cannot read the command {one_line(command_line)}: {error}") from error
+    if not command or not shutil.which(command[0]):
+        name = one_line(command[0]) if command else ""
+        raise UserError(f"no such program: '{name}'; name one after 'process:'")
+    return command
+
+
+def hash_of_command(command: Sequence[str]) -> str:
+    """SHA-256 of a command's words and of every file that they name.
+
+    What else the program reads, a model in its own folder or a library, is not covered.
+    """
+    digest = hashlib.sha256(json.dumps(list(command)).encode())
+    for word in command:
+        path = Path(shutil.which(word) or word) if word == command[0] else Path(word)
+        if path.is_file() and path.stat().st_size <= MOST_BYTES:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _sizes(world: Interface) -> dict[str, int]:
+    return {"features": world.n_features, "actions": world.n_actions}
+
+
+def _ask(child: Child, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
+    """One message and its answer, a JSON object.
+
+    Raises:
+        UserError: If it answers anything else; it is killed then.
+    """
+    line = child.exchange(json.dumps(message).encode() + b"\n", seconds, most)
+    try:
+        answer = json.loads(line)
+    except (ValueError, RecursionError):
+        raise child.failure("answered a line that is no JSON") from None
+    if not isinstance(answer, dict):
+        raise child.failure("answered a line that is no JSON object")
+    return answer
+
+
+class _Conversation:
+    """Batches of observations out, actions in; each answer names the request that it answers."""
+
+    def __init__(self, child: Child, seconds: float) -> None:
+        self._child, self._seconds, self._number = child, seconds, 0
+
+    def decide(
+        self, batch: Float32[np.ndarray, "batch feature"], deterministic: bool
+    ) -> np.ndarray:
+        """Ask for the actions of a batch.
+
+        Raises:
+            UserError: If the process fails, or answers anything but a list of integers.
+        """
+        self._number += 1
+        request = {
+            "id": self._number,
+            "deterministic": deterministic,
+            "observations": batch.tolist(),
+        }
+        answer = _ask(self._child, request, self._seconds, _ANSWER + _PER_ROW * len(batch))
+        actions = answer.get("actions")
+        if answer.get("id") != self._number:
+            raise self._child.failure(f"did not name the request {self._number} that it answers")
+        if not isinstance(actions, list) or any(type(one) is not int for one in actions):
+            raise self._child.failure("answered no list of integers as actions")
+        if any(abs(one) >= 2**31 for one in actions):
+            raise self._child.failure("answered an action of more than 32 bits")
+        return np.array(actions, np.int64)

@@ -1,0 +1,1 @@
+"""Policies of Stable-Baselines3, read without running their pickles."""

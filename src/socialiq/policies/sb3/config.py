@@ -1,0 +1,159 @@
+"""What the `data` member of a Stable-Baselines3 zip says in plain words.
+
+Stable-Baselines3 writes what JSON can't hold twice: as a base64 pickle under `:serialized:`, and
+beside it as plain text, "to have an idea what was being stored" (`common/save_util.py`). Loading
+the pickle would run its author's code, so only the plain text is read. Somebody who edits one and
+not the other makes a file that we and Stable-Baselines3 read differently; the audit is then of
+what is read here, and of no other reading.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.policies.interface import Interface
+
+_MODULES = {
+    "stable_baselines3.dqn.policies": "DQN",
+    "stable_baselines3.common.policies": "actor-critic",
+}
+"""Where the policy's class lives; PPO and A2C share theirs."""
+
+_DEFAULT_ACTIVATIONS = {
+    "DQN": "relu",
+    "actor-critic": "tanh",
+}  # of `DQNPolicy`, `ActorCriticPolicy`
+_ACTIVATIONS = {
+    "<class 'torch.nn.modules.activation.ReLU'>": "relu",
+    "<class 'torch.nn.modules.activation.Tanh'>": "tanh",
+    "<class 'torch.nn.modules.activation.ELU'>": "elu",
+}
+
+# What these say doesn't change how a trained network answers.
+_HARMLESS = {
+    "activation_fn",
+    "net_arch",
+    "optimizer_class",
+    "optimizer_kwargs",
+    "ortho_init",
+    "share_features_extractor",
+    "normalize_images",  # no image passes: see `_features`
+    "log_std_init",  # of continuous actions
+}
+_EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
+_LIBRARIES = ("gymnasium", "gym")
+_FLOATS = ("float32", "float64")
+
+
+class Words(NamedTuple):
+    """What the file says about its network.
+
+    Attributes:
+        algorithm: "DQN" or "actor-critic".
+        activation: Between the layers.
+        interface: What it sees, flattened row by row, and may do.
+        epsilon: Share of random actions, of a DQN that is not deterministic.
+    """
+
+    algorithm: str
+    activation: str
+    interface: Interface
+    epsilon: float
+
+
+def read_words(content: bytes, source: str) -> Words:
+    """Read the member `data`.
+
+    Args:
+        content: The member.
+        source: How messages call the file.
+
+    Raises:
+        UserError: If it is not certain how the network answers.
+    """
+    try:
+        said = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise _refusal(source, "its member data is no JSON") from error
+    if not isinstance(said, dict):
+        raise _refusal(source, "its member data is no JSON object")
+    module = _part(said, "policy_class").get("__module__")
+    if not isinstance(module, str) or module not in _MODULES:
+        raise _refusal(source, f"its policy class is of {one_line(str(module), 60)}")
+    algorithm = _MODULES[module]
+    interface = Interface(_features(said, source), _actions(said, source))
+    return Words(algorithm, _activation(said, algorithm, source), interface, _epsilon(said, source))
+
+
+def _refusal(source: str, fault: str) -> UserError:
+    return UserError(
+        f"{source}: {fault}; only DQN, PPO and A2C with an MLP, flat observations and discrete "
+        "actions can be read, so export others to ONNX"
+    )
+
+
+def _part(said: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    part = said.get(name)
+    return part if isinstance(part, dict) else {}
+
+
+def _is_space(part: Mapping[str, Any], kind: str) -> bool:
+    known = {f"<class '{one}.spaces.{kind.lower()}.{kind}'>" for one in _LIBRARIES}
+    return part.get(":type:") in known
+
+
+def _features(said: Mapping[str, Any], source: str) -> int:
+    """Length of a flattened observation.
+
+    Images are bytes, and Stable-Baselines3 divides those by 255; so only floats are certain to
+    reach the network as they are.
+    """
+    space = _part(said, "observation_space")
+    shape = space.get("_shape")
+    if not _is_space(space, "Box") or space.get("dtype") not in _FLOATS:
+        raise _refusal(source, "its observations are no Box of float32 or float64")
+    if not isinstance(shape, list) or any(type(one) is not int or one < 1 for one in shape):
+        raise _refusal(source, "its observations have no shape")
+    return math.prod(shape)
+
+
+def _actions(said: Mapping[str, Any], source: str) -> int:
+    space = _part(said, "action_space")
+    count, start = str(space.get("n")), str(space.get("start", 0))
+    if not _is_space(space, "Discrete") or start != "0":
+        raise _refusal(source, "its actions are not Discrete from 0")
+    if not (count.isascii() and count.isdigit() and len(count) < 6):
+        raise _refusal(source, "its actions have no number")
+    return int(count)
+
+
+def _activation(said: Mapping[str, Any], algorithm: str, source: str) -> str:
+    options = said.get("policy_kwargs")
+    if not isinstance(options, dict):
+        raise _refusal(source, "it has no policy_kwargs")
+    if said.get("use_sde", False) is not False:
+        raise _refusal(source, "it explores by gSDE")
+    for name, value in options.items():
+        plain = name in _HARMLESS or name in (":type:", ":serialized:")
+        flat = name == "features_extractor_class" and value == _EXTRACTOR
+        bare = name == "features_extractor_kwargs" and value in ({}, None)
+        if not (plain or flat or bare):
+            raise _refusal(source, f"what policy_kwargs' {one_line(name, 60)} does is unknown")
+    if "activation_fn" not in options:
+        return _DEFAULT_ACTIVATIONS[algorithm]
+    named = options["activation_fn"]
+    if not isinstance(named, str) or named not in _ACTIVATIONS:
+        raise _refusal(source, f"its activation is {one_line(str(named), 60)}")
+    return _ACTIVATIONS[named]
+
+
+def _epsilon(said: Mapping[str, Any], source: str) -> float:
+    share = said.get("exploration_rate", 0.0)
+    if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 <= share <= 1.0:
+        raise _refusal(source, "its exploration_rate is no share")
+    return float(share)

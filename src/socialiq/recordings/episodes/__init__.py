@@ -1,0 +1,1 @@
+"""Recorded vehicles as episodes of the simulator."""

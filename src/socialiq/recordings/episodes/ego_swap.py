@@ -1,0 +1,269 @@
+"""Ego swap: every vehicle that meets a conflict is the ego of one episode."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.recordings.episodes.annotate import Driven, driven
+from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.scene import Scene
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.road.routes import OFF_THE_MAP, Crossing
+from socialiq.recordings.tracks import Tracks
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.intersection.interface import ACTIONS
+
+HUMAN = "human"
+"""The one mode of recorded drivers: nothing in a recording says what they wanted."""
+
+NOT_A_VEHICLE = "not a vehicle"
+OFF_THE_ROAD = "off the lanelets"
+NO_JUNCTION = "never at a conflict area"
+ALONE = "nobody in its way near in time"
+_LARGEST_JUMP = 5.0  # m
+_MOVING = 0.5  # m/s; who never reaches it looks like anybody else who stands
+
+TOO_SHORT = "in view for less than a decision"
+NO_WAY = "its way doesn't fit the lanelets"
+REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT, NO_WAY)
+"""Why a track makes no episode, in the order of asking."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swapped:
+    """What one recording gave.
+
+    Attributes:
+        recording: Its name.
+        n_tracks: How many road users it has.
+        seconds: From its first frame to its last.
+        source: What was read.
+        identity: The file's number of each episode's ego.
+        episodes: One for each ego.
+        left_out: How many tracks gave none, by reason.
+        conflicts: Pairs of lanelets in conflict.
+        moments: Of every track that moves, what tells it from any other.
+        reading: The choices that were made.
+    """
+
+    recording: str
+    n_tracks: int
+    seconds: float
+    source: dict[str, Any]
+    identity: tuple[int, ...]
+    episodes: tuple[Driven, ...]
+    left_out: dict[str, int]
+    conflicts: int
+    moments: frozenset[bytes]
+    reading: Reading
+
+    @property
+    def n_transitions(self) -> int:
+        """Decisions of all episodes."""
+        return sum(len(one.action) for one in self.episodes)
+
+    @property
+    def counts(self) -> dict[str, Any]:
+        """One row of a table: what there was, and what became of it."""
+        endings = Counter(int(one.ending[-1]) for one in self.episodes)
+        return {
+            "recording": self.recording,
+            "seconds": round(self.seconds, 2),
+            "tracks": self.n_tracks,
+            "conflicts": self.conflicts,
+            "episodes": len(self.episodes),
+            "transitions": self.n_transitions,
+            "arrivals": endings[int(Ending.ARRIVAL)],
+            "collisions": endings[int(Ending.COLLISION)],
+            "truncated": endings[int(Ending.TIMEOUT)],
+        } | {reason: self.left_out.get(reason, 0) for reason in REASONS}
+
+
+def swap(recording: Recording, reading: Reading | None = None) -> Swapped:
+    """Make every vehicle that meets a conflict the ego of one episode.
+
+    A vehicle that meets conflicts at several junctions drives its episode over the first.
+
+    Args:
+        recording: Tracks and road.
+        reading: The choices; by default those of `Reading`.
+
+    Raises:
+        UserError: If there is no road network, the policy rate doesn't fit the recording's, or
+            Shapely is not installed.
+    """
+    chosen = reading or Reading()
+    scene = Scene(recording)
+    chosen.options_at(scene.tracks.dt)
+    made: list[Driven] = []
+    left_out: Counter[str] = Counter()
+    for track in range(scene.tracks.n_tracks):
+        found = _episode(scene, track, chosen)
+        if isinstance(found, str):
+            left_out[found] += 1
+        else:
+            made.append(found)
+    tracks = scene.tracks
+    return Swapped(
+        tracks.recording,
+        tracks.n_tracks,
+        float(np.ptp(tracks.frame) * tracks.dt) if tracks.n_states else 0.0,
+        tracks.source,
+        tuple(int(tracks.identity[one.track]) for one in made),
+        tuple(made),
+        dict(left_out),
+        len(scene.lanes.conflicts),
+        moments_of(tracks),
+        chosen,
+    )
+
+
+def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
+    """A vehicle's episode, or the reason why there is none."""
+    if track not in scene.vehicles:
+        return NOT_A_VEHICLE
+    if scene.matched(track).off > OFF_THE_MAP:
+        return OFF_THE_ROAD
+    near = [
+        j for j in scene.junctions(track) if scene.presence(track, j, reading.reach) is not None
+    ]
+    if not near:
+        return NO_JUNCTION
+    met = next((junction for junction in near if meets(scene, track, junction, reading)), None)
+    if met is None:
+        return ALONE
+    way = scene.crossing(track, met)
+    assert way is not None  # the junction is on its way
+    found = driven(scene, track, way, reading)
+    if found is None:
+        return TOO_SHORT
+    return found if found.jump <= _LARGEST_JUMP else NO_WAY
+
+
+def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:
+    """The episode of one vehicle, by its number in the file.
+
+    Raises:
+        UserError: If there is no such vehicle, or it makes no episode; the line says why.
+    """
+    scene, name = Scene(recording), recording.tracks.recording
+    found = np.flatnonzero(scene.tracks.identity == identity)
+    if len(found) == 0:
+        raise UserError(
+            f"no vehicle {identity} in {name}: choose one of its {scene.tracks.n_tracks}"
+        )
+    episode = _episode(scene, int(found[0]), reading)
+    if isinstance(episode, str):
+        raise UserError(f"vehicle {identity} of {name} makes no episode: {episode}")
+    return episode
+
+
+def meets(scene: Scene, track: int, junction: int, reading: Reading) -> bool:
+    """Whether somebody's way is in conflict with a vehicle's, and they are there near in time."""
+    way, mine = scene.crossing(track, junction), scene.presence(track, junction, reading.reach)
+    if way is None or mine is None:
+        return False
+    for other in scene.vehicles.tolist():
+        theirs = None if other == track else scene.presence(other, junction, reading.reach)
+        if theirs is None or scene.matched(other).off > OFF_THE_MAP:
+            continue
+        apart = max(theirs[0] - mine[1], mine[0] - theirs[1], 0) * scene.tracks.dt
+        their_way = scene.crossing(other, junction)
+        assert their_way is not None  # it is at the junction
+        if apart <= reading.near and _in_conflict(scene, track, way, other, their_way):
+            return True
+    return False
+
+
+def _in_conflict(scene: Scene, track: int, way: Crossing, other: int, other_way: Crossing) -> bool:
+    mine = scene.matched(track).lanelets[way.first : way.last + 1]
+    theirs = scene.matched(other).lanelets[other_way.first : other_way.last + 1]
+    return any(scene.lanes.conflict(one, two) for one in mine for two in theirs)
+
+
+def moments_of(tracks: Tracks) -> frozenset[bytes]:
+    """What tells the moving tracks of a recording from all others: their speeds, to 1 cm/s."""
+    speed = np.round(np.hypot(tracks.vx, tracks.vy), 2) + 0.0
+    each = np.split(speed, tracks.starts[1:-1])
+    return frozenset(one.tobytes() for one in each if len(one) and one.max() > _MOVING)
+
+
+def check_distinct(swapped: Sequence[Swapped]) -> None:
+    """Refuse recordings that were given twice, under one name or under two.
+
+    Raises:
+        UserError: If two have one name, or more than half of one's moving tracks are in another.
+    """
+    for number, one in enumerate(swapped):
+        for other in swapped[:number]:
+            if one.recording == other.recording:
+                raise UserError(
+                    f"two recordings are named '{one_line(one.recording)}': give each only once"
+                )
+            shared = len(one.moments & other.moments)
+            if shared > 0.5 * min(len(one.moments), len(other.moments)) > 0:
+                raise UserError(
+                    f"{one_line(other.recording)} and {one_line(one.recording)} hold the same "
+                    f"moments ({shared} tracks are equal): leave one of them out"
+                )
+
+
+def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
+    """One table of all episodes, each with its recording and vehicle in `source`.
+
+    Raises:
+        UserError: If no recording gave an episode, two have one name, or they were read
+            differently.
+    """
+    check_distinct(swapped)
+    readings = {repr(one.reading) for one in swapped}
+    if len(readings) > 1:
+        raise UserError("the recordings were read under different choices: read them alike")
+    episodes = [one for each in swapped for one in each.episodes]
+    if not episodes:
+        raise UserError(
+            "no vehicle of these recordings meets a conflict: look at the counts for the reasons"
+        )
+    sizes = [len(one.action) for one in episodes]
+    ending = np.concatenate([one.ending for one in episodes])
+    pairs = np.concatenate([one.pair for one in episodes])
+    truncated = ending == Ending.TIMEOUT
+    total = len(ending)
+    return Demonstrations(
+        observation=np.concatenate([one.observation[:-1] for one in episodes]),
+        action=np.concatenate([one.action for one in episodes]),
+        next_observation=np.concatenate([one.observation[1:] for one in episodes]),
+        terminated=(ending != Ending.NONE) & ~truncated,
+        truncated=truncated,
+        ending=ending,
+        rewards=RewardPair(pairs[:, 0].copy(), pairs[:, 1].copy()),
+        mode=np.zeros(total, np.int8),
+        episode=np.repeat(np.arange(len(sizes), dtype=np.int32), sizes),
+        step=np.concatenate([np.arange(size, dtype=np.int32) for size in sizes]),
+        mode_names=(HUMAN,),
+        n_actions=len(ACTIONS),
+        source=_source(swapped),
+    )
+
+
+def _source(swapped: Sequence[Swapped]) -> dict[str, Any]:
+    residual = np.concatenate([one.residual for each in swapped for one in each.episodes])
+    return {
+        "made_by": "ego swap",
+        "reading": asdict(swapped[0].reading),
+        "recordings": [
+            {"name": one.recording, "source": one.source, "egos": list(one.identity)}
+            for one in swapped
+        ],
+        "episode_recording": [p for p, one in enumerate(swapped) for _ in one.episodes],
+        "episode_identity": [number for one in swapped for number in one.identity],
+        "residual_rms": float(np.sqrt(np.mean(residual**2))),
+    }

@@ -1,0 +1,160 @@
+"""A recording made ready to be driven again: every vehicle matched to the road once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Int64
+
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.rectangles import touching
+from socialiq.recordings.road.lanes import Lanes, lanes_of
+from socialiq.recordings.road.routes import APPROACH, JUNCTION, Crossing, Matched, Matcher
+from socialiq.recordings.tracks import RoadUser
+from socialiq.worlds.intersection.state import Contact
+
+VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
+"""Who drives on lanelets; others are neither ego nor neighbour."""
+
+
+class Scene:
+    """One recording with its conflicts and routes.
+
+    Args:
+        recording: Tracks and road.
+
+    Attributes:
+        tracks: The recording's.
+        lanes: Its road with conflicts.
+        matcher: Of that road.
+        vehicles: Numbers of the tracks that are vehicles.
+        speed: Along the heading, m/s, by state.
+
+    Raises:
+        UserError: If there is no road network, or Shapely is not installed.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        tracks = recording.tracks
+        self.tracks = tracks
+        self.lanes: Lanes = lanes_of(recording.road)
+        self.matcher = Matcher(recording.road)
+        kinds = [int(kind) for kind in VEHICLES]
+        self.vehicles = np.flatnonzero(np.isin(tracks.road_user, kinds))
+        self.speed = tracks.vx * np.cos(tracks.heading) + tracks.vy * np.sin(tracks.heading)
+        self._starts = tracks.starts
+        self._matched: dict[int, Matched] = {}
+        self._crossings: dict[tuple[int, int], Crossing | None] = {}
+        self._presences: dict[tuple[int, int, float], tuple[int, int] | None] = {}
+
+    def rows(self, track: int) -> slice:
+        """The rows of a track."""
+        return slice(int(self._starts[track]), int(self._starts[track + 1]))
+
+    def matched(self, track: int) -> Matched:
+        """A track's lanelets."""
+        if track not in self._matched:
+            self._matched[track] = self.matcher.match(self.tracks, track)
+        return self._matched[track]
+
+    def crossing(self, track: int, junction: int) -> Crossing | None:
+        """A track's way over a junction; none if it doesn't touch it."""
+        if (track, junction) not in self._crossings:
+            found = self.matcher.crossing(self.matched(track), self.lanes, junction)
+            self._crossings[track, junction] = found
+        return self._crossings[track, junction]
+
+    def junctions(self, track: int) -> list[int]:
+        """The junctions on a track's way, in order."""
+        of = self.lanes.junction_of
+        return list(dict.fromkeys(of[n] for n in self.matched(track).lanelets if n in of))
+
+    @cached_property
+    def _by_frame(self) -> dict[int, Int64[np.ndarray, " row"]]:
+        driving = np.flatnonzero(np.isin(self.tracks.track, self.vehicles))
+        order = driving[np.argsort(self.tracks.frame[driving], kind="stable")]
+        frames, first = np.unique(self.tracks.frame[order], return_index=True)
+        return dict(zip(frames.tolist(), np.split(order, first[1:]), strict=True))
+
+    def present(self, frame: int) -> Int64[np.ndarray, " row"]:
+        """Rows of the vehicles of one frame, in the order of their tracks."""
+        return self._by_frame.get(int(frame), np.zeros(0, np.int64))
+
+    def row_at(self, track: int, frame: int) -> int | None:
+        """A track's row at a frame; none if it isn't there."""
+        rows = self.rows(track)
+        row = rows.start + frame - int(self.tracks.frame[rows.start])
+        return row if rows.start <= row < rows.stop else None
+
+    def presence(self, track: int, junction: int, reach: float) -> tuple[int, int] | None:
+        """First and last frame of a track inside a junction, or within reach before it.
+
+        Args:
+            track: Its number.
+            junction: Place in `Lanes.junctions`.
+            reach: m.
+        """
+        key = (track, junction, reach)
+        if key not in self._presences:
+            at = np.flatnonzero(self._at_junction(track, junction, reach))
+            first = int(self.tracks.frame[self.rows(track).start])
+            found = (first + int(at[0]), first + int(at[-1])) if len(at) else None
+            self._presences[key] = found
+        return self._presences[key]
+
+    def _at_junction(self, track: int, junction: int, reach: float) -> Bool[np.ndarray, " state"]:
+        way, rows = self.crossing(track, junction), self.rows(track)
+        if way is None:
+            return np.zeros(rows.stop - rows.start, bool)
+        near = way.part == JUNCTION
+        before = way.sections[APPROACH]
+        if before is not None:
+            seen = before.coordinates(self.tracks.x[rows], self.tracks.y[rows])
+            near |= (way.part == APPROACH) & (seen.along >= before.length - reach)
+        return near
+
+    def contact(self, track: int, row: int, ahead: float, slack: float) -> Contact:
+        """Whom a vehicle touches, or would after some time at the speeds it has: who struck whom.
+
+        By whose motion closed the gap along the line of the centres (`core.collisions`).
+
+        Args:
+            track: The vehicle.
+            row: Its row.
+            ahead: s to look ahead; 0 looks at now.
+            slack: m by which rectangles are shorter and narrower than recorded.
+        """
+        tracks = self.tracks
+        rows = self.present(int(tracks.frame[row]))
+        others = rows[tracks.track[rows] != track]
+        both = np.stack([np.full(len(others), row), others], axis=1)
+        heading = tracks.heading[both]
+        velocity = self.speed[both][..., None] * np.stack([np.cos(heading), np.sin(heading)], -1)
+        size = np.stack([tracks.length[tracks.track[both]], tracks.width[tracks.track[both]]], -1)
+        centre = np.stack([tracks.x[both], tracks.y[both]], axis=-1)
+        size = np.maximum(size - slack, 0.0)
+        found = np.flatnonzero(touching(centre, heading, size, velocity * ahead))
+        if len(found) == 0:
+            return Contact.NONE
+        between = centre[found[0], 1] - centre[found[0], 0]
+        mine, theirs = velocity[found[0]] @ between
+        return Contact.EGO_STRUCK if mine >= -theirs else Contact.EGO_WAS_STRUCK
+
+    def lost(self, row: int, frames: int, summed: bool) -> float:
+        """Speed that a vehicle lost over the last frames, or since it came into view, m/s."""
+        first = max(row - frames, int(self._starts[self.tracks.track[row]]))
+        speeds = self.speed[first : row + 1]
+        if summed:
+            return float(np.maximum(-np.diff(speeds), 0.0).sum())
+        return float(speeds[0] - speeds[-1])
+
+    def heading_before(self, way: Crossing) -> float:
+        """Direction in which a way enters its junction, rad."""
+        before, across, _ = way.sections
+        return across.heading_at_start if before is None else before.heading_at_end
+
+
+def same_direction(one: float, other: float) -> bool:
+    """Whether two directions differ by less than an eighth of a turn."""
+    return bool(abs((one - other + np.pi) % (2 * np.pi) - np.pi) < np.pi / 4)

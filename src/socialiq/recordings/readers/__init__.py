@@ -1,0 +1,1 @@
+"""Readers of recorded traffic: CommonRoad XML, and CSV by column maps."""

@@ -1,0 +1,174 @@
+"""The road network of a CommonRoad file: lanelets, and the signs and lights that they name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.recordings import files
+from socialiq.recordings.readers.commonroad_xml import SIGNS, SPEED_LIMITS, State, read
+from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
+from socialiq.storage import kind_of
+
+_IGNORED = ("intersection",)
+
+
+class RoadDraft:
+    """Gathers a file's lanelets, signs and lights, in whatever order they come.
+
+    Args:
+        path: The file, for complaints.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lanelets: dict[int, Lanelet] = {}
+        self._signs: dict[int, tuple[Sign, float]] = {}
+        self._named: dict[int, list[int]] = {}
+
+    def thing(self, thing: Element) -> bool:
+        """Take a child of the first element, if it is of the road.
+
+        Raises:
+            UserError: If it can't be read; the line has its number.
+        """
+        try:
+            if thing.tag == "lanelet":
+                self._lanelet(thing)
+            elif thing.tag == "trafficSign":
+                self._signs[int(thing.attrib["id"])] = _sign(thing)
+            elif thing.tag == "trafficLight":
+                dark = (thing.findtext("active") or "").strip() == "false"
+                shown = Sign.NONE if dark else Sign.LIGHT
+                self._signs[int(thing.attrib["id"])] = shown, np.inf
+            else:
+                return thing.tag in _IGNORED
+        except (KeyError, ValueError, TypeError, UserError) as error:
+            number = one_line(thing.get("id", "?"), 20)
+            text = f"no {error}" if isinstance(error, KeyError) else one_line(str(error))
+            raise UserError(f"{self._path}: {thing.tag} {number}: {text}") from error
+        return True
+
+    def network(self) -> RoadNetwork:
+        """The road: each lanelet with the strongest of its signs and the lowest of its limits."""
+        return RoadNetwork(
+            {identity: self._with_signs(one) for identity, one in self._lanelets.items()}
+        )
+
+    def _with_signs(self, lanelet: Lanelet) -> Lanelet:
+        shown = [self._signs[one] for one in self._named[lanelet.identity] if one in self._signs]
+        if not shown:
+            return lanelet
+        # A light stands above the signs beside it, as on the road.
+        sign = max(one for one, _ in shown)
+        limit = min(lanelet.speed_limit, *(limit for _, limit in shown))
+        return replace(lanelet, sign=sign, speed_limit=limit)
+
+    def _lanelet(self, thing: Element) -> None:
+        identity = int(thing.attrib["id"])
+        if identity in self._lanelets:
+            raise ValueError("two lanelets have this id: give each its own")
+        left, right = (_points(thing.find(name)) for name in ("leftBound", "rightBound"))
+        limit = thing.findtext("speedLimit")
+        self._lanelets[identity] = Lanelet(
+            identity=identity,
+            left=left,
+            right=right,
+            successors=_references(thing, "successor"),
+            predecessors=_references(thing, "predecessor"),
+            adjacent_left=_beside(thing.find("adjacentLeft")),
+            adjacent_right=_beside(thing.find("adjacentRight")),
+            speed_limit=np.inf if limit is None else float(limit),
+            stop_line=_stop_line(thing.find("stopLine"), left, right),
+        )
+        named = [*_references(thing, "trafficSignRef"), *_references(thing, "trafficLightRef")]
+        self._named[identity] = named
+
+
+def _references(thing: Element, name: str) -> tuple[int, ...]:
+    return tuple(int(one.attrib["ref"]) for one in thing.findall(name))
+
+
+def _points(bound: Element | None) -> np.ndarray:
+    if bound is None:
+        raise KeyError("bound on one side")
+    found = [
+        (float(point.findtext("x") or ""), float(point.findtext("y") or ""))
+        for point in bound.findall("point")
+    ]
+    return np.array(found, np.float64).reshape(-1, 2)
+
+
+def _beside(element: Element | None) -> tuple[int, bool] | None:
+    if element is None:
+        return None
+    return int(element.attrib["ref"]), element.attrib["drivingDir"] == "same"
+
+
+def _stop_line(element: Element | None, left: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    """Two points; a stop line without points is at the lanelet's end."""
+    if element is None:
+        return None
+    points = _points(element)
+    if len(points) not in (0, 2):
+        raise ValueError(f"its stop line has {len(points)} points, not two")
+    return points if len(points) else np.stack([left[-1], right[-1]])
+
+
+def _sign(thing: Element) -> tuple[Sign, float]:
+    """What a sign says about who goes first, and its speed limit in m/s."""
+    sign, limit = Sign.NONE, np.inf
+    for element in thing.findall("trafficSignElement"):
+        number = (element.findtext("trafficSignID") or "").strip()
+        sign = max(sign, SIGNS.get(number, Sign.NONE))
+        if number in SPEED_LIMITS:
+            limit = min(limit, float(element.findtext("additionalValue") or ""))
+    return sign, limit
+
+
+class _RoadAlone:
+    """Gathers the lanelets of one file and lets everything else pass."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self.draft = path, RoadDraft(path)
+
+    def root(self, name: str, attributes: dict[str, str]) -> None:  # noqa: ARG002
+        if name != "commonRoad":
+            raise UserError(
+                f"{self._path} is not a CommonRoad file: its first element is {one_line(name, 40)}"
+            )
+
+    def state(self, state: State) -> None:
+        """Tracks are not asked for."""
+
+    def thing(self, thing: Element) -> None:
+        self.draft.thing(thing)
+
+
+def road_of(path: Path) -> RoadNetwork:
+    """Read the lanelets of a CommonRoad file, or those of a recording.
+
+    Args:
+        path: XML, with or without tracks, or a file of `socialiq data import`.
+
+    Raises:
+        UserError: If it can't be read, or holds no lanelet.
+    """
+    if path.suffix.lower() == ".xml":
+        gathered = _RoadAlone(path)
+        read(path, gathered)
+        found = gathered.draft.network()
+    elif path.is_file() and kind_of(path) == files.KIND:
+        found = files.load(path).road
+    else:
+        raise UserError(
+            f"{path} is no map: name a CommonRoad file (.xml), or a recording that has lanelets"
+        )
+    if not found.lanelets:
+        raise UserError(f"{path} holds no lanelet: name a map that does")
+    return found

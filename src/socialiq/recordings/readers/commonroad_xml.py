@@ -1,0 +1,232 @@
+"""The words of CommonRoad XML that a recording needs: kinds of obstacles, numbers of signs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+from socialiq.errors import UserError
+from socialiq.recordings.road.network import Sign
+from socialiq.recordings.tracks import RoadUser
+
+VERSIONS = ("2018b", "2020a")
+
+TYPES = {
+    "car": RoadUser.CAR,
+    "taxi": RoadUser.CAR,
+    "parkedVehicle": RoadUser.CAR,
+    "truck": RoadUser.TRUCK,
+    "bus": RoadUser.BUS,
+    "motorcycle": RoadUser.MOTORCYCLE,
+    "bicycle": RoadUser.BICYCLE,
+    "pedestrian": RoadUser.PEDESTRIAN,
+    "priorityVehicle": RoadUser.OTHER,
+    "train": RoadUser.OTHER,
+    "unknown": RoadUser.OTHER,
+}
+"""What may move. An emergency vehicle is no ordinary car: others make way for it."""
+
+TYPES_WRITTEN = {
+    RoadUser.CAR: "car",
+    RoadUser.TRUCK: "truck",
+    RoadUser.BUS: "bus",
+    RoadUser.MOTORCYCLE: "motorcycle",
+    RoadUser.BICYCLE: "bicycle",
+    RoadUser.PEDESTRIAN: "pedestrian",
+    RoadUser.OTHER: "unknown",
+}
+
+SIGNS = {
+    "205": Sign.YIELD,
+    "206": Sign.STOP,
+    "301": Sign.PRIORITY,
+    "306": Sign.PRIORITY,
+    "R1-1": Sign.STOP,
+    "R1-2": Sign.YIELD,
+    "r1": Sign.YIELD,
+    "r2": Sign.STOP,
+}
+"""Numbers of signs that say who goes first, as Germany (and the made-up country ZAM), the USA,
+Australia and Spain number them; no two countries give one number two meanings."""
+
+SPEED_LIMITS = ("274", "R2-1", "R15", "r301", "3.24", "C43", "B14", "B31", "Ρ-32")
+"""Signs whose value is a speed limit, in m/s."""
+
+LIGHT = "light"
+SPEED_LIMIT_NUMBER = "274"
+SIGN_NUMBERS = {Sign.PRIORITY: "306", Sign.YIELD: "205", Sign.STOP: "206", Sign.LIGHT: LIGHT}
+"""What is written."""
+
+State = dict[str, "str | tuple[str, str]"]
+"""Texts of a state by the element's name; two where an interval is given."""
+
+_CHUNK = 1 << 18
+_MOST_BYTES = 8 << 20  # of one state or one thing without its states: a lanelet of 80,000 points
+_MOST_DEPTH = 64
+_STATES = ("state", "initialState")
+_VALUES = ("orientation", "time", "velocity", "slipAngle")
+_LEAVES = ("exact", "x", "y", "intervalStart", "intervalEnd")
+_REGIONS = ("rectangle", "circle", "polygon", "lanelet")
+
+
+@runtime_checkable
+class Consumer(Protocol):
+    """What is told about a file."""
+
+    def root(self, name: str, attributes: dict[str, str]) -> None:
+        """The first element."""
+
+    def state(self, state: State) -> None:
+        """A state; `thing` follows after the last one of its obstacle or planning problem."""
+
+    def thing(self, thing: Element) -> None:
+        """A whole child of the first element, without its states."""
+
+
+def read(path: Path, consumer: Consumer) -> str:
+    """Tell a consumer what a file holds.
+
+    Returns:
+        The file's SHA-256.
+
+    Raises:
+        UserError: If the file is missing, empty, not XML, declares a document type, or holds
+            something of absurd size. The line has the file's line.
+    """
+    digest = hashlib.sha256()
+    stream = _Stream(path, consumer)
+    for chunk in _chunks(path):
+        digest.update(chunk)
+        stream.feed(chunk)
+    stream.end()
+    return digest.hexdigest()
+
+
+def _chunks(path: Path) -> Iterator[bytes]:
+    try:
+        with path.open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                yield chunk
+    except FileNotFoundError as error:
+        raise UserError(f"no such file: {path}") from error
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+
+
+class _Stream:
+    def __init__(self, path: Path, consumer: Consumer) -> None:
+        self._path, self._consumer = path, consumer
+        self._parser = parser = expat.ParserCreate()
+        parser.buffer_text = True
+        parser.StartDoctypeDeclHandler = self._refuse_doctype
+        self._depth = self._total = self._bytes = self._finished = 0
+        self._builder = TreeBuilder()
+        self._state_end = self._make_state_end()
+        self._outside_states()
+
+    def feed(self, chunk: bytes) -> None:
+        before = self._finished
+        self._total += len(chunk)
+        self._parse(chunk, False)
+        self._bytes = 0 if self._finished > before else self._bytes + len(chunk)
+        if self._bytes > _MOST_BYTES:
+            raise UserError(
+                f"{self._where()}: one element is larger than {_MOST_BYTES >> 20} MiB: this is no "
+                "recording"
+            )
+
+    def end(self) -> None:
+        if not self._total:
+            raise UserError(f"{self._path} is empty: name a CommonRoad file")
+        self._parse(b"", True)
+
+    def _parse(self, chunk: bytes, last: bool) -> None:
+        try:
+            self._parser.Parse(chunk, last)
+        except expat.ExpatError as error:
+            raise UserError(
+                f"{self._where()}: not XML ({expat.ErrorString(error.code)}): restore the file"
+            ) from error
+
+    def _where(self) -> str:
+        return f"{self._path}, line {self._parser.CurrentLineNumber}"
+
+    def _refuse_doctype(self, *_: object) -> None:
+        raise UserError(
+            f"{self._where()}: declares a document type, which could make the reader expand or "
+            "fetch without end: remove <!DOCTYPE ...>; CommonRoad has none"
+        )
+
+    def _outside_states(self) -> None:
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        self._parser.CharacterDataHandler = self._text
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        if self._depth == 0:
+            if self._finished:
+                raise self._misplaced()
+            self._consumer.root(name, attributes)
+        elif self._depth == 1:
+            self._builder = TreeBuilder()
+        elif self._depth > _MOST_DEPTH:
+            raise UserError(f"{self._where()}: elements nested too deep: this is no recording")
+        elif name in _STATES:
+            # A state has no attributes that matter, and most of a file is states: while one is
+            # read, these handlers are not called.
+            self._parser.StartElementHandler = None
+            self._parser.EndElementHandler = self._state_end
+            self._parser.CharacterDataHandler = self._state_text
+            return
+        self._depth += 1
+        self._builder.start(name, attributes)
+
+    def _misplaced(self) -> UserError:
+        # Only a state inside a state can bring the count of open elements out of step.
+        return UserError(f"{self._where()}: a state inside a state: this is no recording")
+
+    def _text(self, text: str) -> None:
+        if self._depth > 1:
+            self._builder.data(text)
+
+    def _end(self, name: str) -> None:
+        self._depth -= 1
+        if self._depth < 0:
+            raise self._misplaced()
+        if self._depth:
+            self._builder.end(name)
+        if self._depth == 1:
+            self._finished += 1
+            self._consumer.thing(self._builder.close())
+
+    def _make_state_end(self) -> Callable[[str], None]:
+        """What is called at each end of an element inside a state; the inner loop of reading."""
+        texts: list[str] = []
+        found: State = {}
+        consumer = self._consumer
+        self._state_text = texts.append
+
+        def end(name: str) -> None:
+            if name in _LEAVES:
+                found[name] = "".join(texts)
+            elif name in _VALUES:
+                if "exact" in found:
+                    found[name] = found.pop("exact")
+                elif "intervalStart" in found and "intervalEnd" in found:
+                    found[name] = found.pop("intervalStart"), found.pop("intervalEnd")  # type: ignore[assignment]
+            elif name in _STATES:
+                consumer.state(found)
+                found.clear()
+                self._finished += 1
+                self._outside_states()
+            elif name in _REGIONS:
+                found["region"] = name
+            elif name != "point" and name != "position":
+                found.pop("exact", None)
+            texts.clear()
+
+        return end

@@ -1,0 +1,281 @@
+"""Recordings in CSV files of any layout, by a column map. They have no road."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.recordings.readers.column_map import ColumnMap
+from socialiq.recordings.readers.commonroad import MOST_STATES
+from socialiq.recordings.readers.csv_table import Table, rate_of, sha256_of, users_of
+from socialiq.recordings.readers.motion import heading_of_motion, smoothed, wrapped
+from socialiq.recordings.recording import Imported, Recording, Refused, order_fault
+from socialiq.recordings.road.network import RoadNetwork
+from socialiq.recordings.tracks import RoadUser, Tracks
+
+_TURN = 2 * np.pi
+_MOST_RECORDINGS = 1_000
+
+
+def read_csv(path: Path, columns: ColumnMap, most_states: int = MOST_STATES) -> list[Imported]:
+    """Read the recordings of a CSV file. Of physics nothing is judged but headings beyond a turn.
+
+    Args:
+        path: The file with the states.
+        columns: What is where.
+        most_states: More rows than these are refused before they fill the memory.
+
+    Returns:
+        One for each recording that the file holds.
+
+    Raises:
+        UserError: If a file is missing, empty, lacks a column, has a cell that can't be read, is
+            too large, or no track can be used; the line has the row or the id.
+    """
+    table = Table(path, columns.separator, most_states)
+    table.read(columns.columns, frozenset({"recording", "class"}), frozenset({"id", "frame"}))
+    dt = 1 / rate_of(path, columns)
+    frame = _frames(table, columns, dt)
+    users = users_of(path, columns)
+    source = {
+        "format": columns.format,
+        "file": path.name,
+        "sha256": sha256_of(path),
+        "licence": columns.licence,
+    }
+    group = table["recording"] if "recording" in table else np.zeros(table.n_rows, np.int32)
+    names = _names(table, columns)
+    found = []
+    for number, name in names.items():
+        rows = np.flatnonzero(group == number)
+        draft = _Draft(table, columns, users, frame, dt)
+        found.append(draft.imported(rows, name, source))
+    return found
+
+
+def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
+    """Names of the recordings: the file's, and the column's word where it has several."""
+    stem = table.path.stem
+    if columns.users_file is not None:
+        stem = table.path.name.removesuffix(columns.users_file[0]).removesuffix(".csv")
+    words = table.words.get("recording", {"": 0})
+    if len(words) > _MOST_RECORDINGS:
+        column = columns.columns["recording"]
+        raise UserError(f"{table.path}: {len(words):,} recordings by {column}: mend the column map")
+    if len(words) == 1:
+        return {0: stem}
+    return {number: f"{stem}-{one_line(word, 60)}" for word, number in words.items()}
+
+
+def _frames(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
+    """Numbers of frames; from the time where the file has none."""
+    if "frame" in table:
+        frame = table["frame"]
+    else:
+        steps = table["time"] * columns.scales["time"] / dt
+        if not np.isfinite(steps).all():
+            raise UserError(f"{table.path}, {_first(table, ~np.isfinite(steps))}: no time")
+        frame = np.round(steps - steps.min()).astype(np.int64)
+        off = np.abs(steps - steps.min() - frame) > 0.1
+        if off.any():
+            raise UserError(
+                f"{table.path}, {_first(table, off)}: the time is no multiple of {dt:g} s after "
+                "the first: mend the unit or the rate in the column map"
+            )
+    low, high = int(frame.min()), int(frame.max())
+    return frame if low >= 0 and high < 2**31 else frame - low
+
+
+def _first(table: Table, bad: np.ndarray) -> str:
+    return table.row_name(int(np.argmax(bad)))
+
+
+class _Draft:
+    """Makes one recording of some rows of a table."""
+
+    def __init__(
+        self,
+        table: Table,
+        columns: ColumnMap,
+        users: Table | None,
+        frame: np.ndarray,
+        dt: float,
+    ) -> None:
+        self._table, self._columns, self._users, self._dt = table, columns, users, dt
+        self._frame = frame
+        self._refused: list[Refused] = []
+
+    def imported(self, rows: np.ndarray, name: str, source: dict[str, str]) -> Imported:
+        n_states = len(rows)
+        rows, starts = self._sorted(rows)
+        self._check_heading_unit(rows)
+        self._check_rate(rows, starts)
+        kept, users, states = [], [], []
+        for first, end in itertools.pairwise(starts):
+            track = rows[first:end]
+            try:
+                user = self._user(track)
+                states.append(self._states(track, user))
+            except ValueError as error:
+                self._refuse(track, str(error))
+                continue
+            kept.append(track)
+            users.append(user)
+        if not kept:
+            first = f"{self._refused[0].identity}: {self._refused[0].reason}"
+            raise UserError(f"{self._table.path}: no track can be used; the first, {first}")
+        columns = np.concatenate(states, axis=1)
+        all_rows = np.concatenate(kept)
+        tracks = Tracks(
+            track=np.repeat(np.arange(len(kept), dtype=np.int32), [len(one) for one in kept]),
+            frame=self._frame[all_rows].astype(np.int32),
+            x=columns[0],
+            y=columns[1],
+            heading=columns[2],
+            vx=columns[3],
+            vy=columns[4],
+            identity=np.array([self._table["id"][one[0]] for one in kept], np.int64),
+            road_user=np.array([one[0] for one in users], np.int8),
+            length=np.array([one[1] for one in users]),
+            width=np.array([one[2] for one in users]),
+            dt=self._dt,
+            recording=name,
+            source=dict(source),
+        )
+        recording = Recording(tracks, RoadNetwork())
+        return Imported(recording, tuple(self._refused), {}, n_states)
+
+    def _refuse(self, track: np.ndarray, reason: str) -> None:
+        self._refused.append(Refused(str(self._table["id"][track[0]]), one_line(reason)))
+
+    def _sorted(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows by track, and where each track begins, and the number of rows."""
+        identity = self._table["id"][rows]
+        if self._columns.any_order:
+            order = np.lexsort((self._frame[rows], identity))
+        else:
+            order = np.argsort(identity, kind="stable")
+        rows = rows[order]
+        new = np.diff(identity[order]) != 0
+        if self._columns.repeated_ids:
+            new |= np.diff(self._frame[rows]) > 1
+        return rows, np.concatenate([[0], np.flatnonzero(new) + 1, [len(rows)]])
+
+    def _check_heading_unit(self, rows: np.ndarray) -> None:
+        if "heading" in self._table:
+            far = (
+                np.abs(self._table["heading"][rows] * self._columns.scales["heading"]) > _TURN * 1.1
+            )
+            if far.any():
+                row = rows[np.argmax(far)]
+                raise UserError(
+                    f"{self._table.path}, {self._table.row_name(int(row))}: the heading is "
+                    f"{self._table['heading'][row]:g}, more than a turn: these are degrees; say so "
+                    "in the column map's [units]"
+                )
+
+    def _check_rate(self, rows: np.ndarray, starts: np.ndarray) -> None:
+        """Where the file has frames and times, they have to tell the same rate."""
+        if "time" not in self._table or "frame" not in self._table:
+            return
+        inside = np.ones(len(rows) - 1, bool)
+        inside[starts[1:-1] - 1] = False
+        time = np.diff(self._table["time"][rows]) * self._columns.scales["time"]
+        off = inside & ~(np.abs(time - np.diff(self._frame[rows]) * self._dt) < self._dt / 2)
+        if off.any():
+            place = int(np.argmax(off))
+            row = self._table.row_name(int(rows[place + 1]))
+            raise UserError(
+                f"{self._table.path}, {row}: {time[place]:g} s after the frame before, with frames "
+                f"{self._dt:g} s apart: mend the rate or the unit of time in the column map"
+            )
+
+    def _user(self, track: np.ndarray) -> tuple[int, float, float]:
+        """Class, length and width of a track."""
+        table, places = self._table, track
+        if self._users is not None:
+            found = np.flatnonzero(self._users["id"] == table["id"][track[0]])
+            if not len(found):
+                raise ValueError(f"no row in {self._users.path.name}")
+        else:
+            found = track
+        beside = self._users
+        of_class = (beside, found) if beside is not None and "class" in beside else (table, places)
+        numbers = of_class[0]["class"][of_class[1]]
+        word = of_class[0].word("class", int(numbers[0]))
+        if (numbers != numbers[0]).any():
+            raise ValueError(f"its class changes from '{word}': give each road user its own id")
+        kind = self._columns.classes.get(word.strip())
+        if kind is None:
+            raise UserError(
+                f"{of_class[0].path}, {of_class[0].row_name(int(of_class[1][0]))}: class "
+                f"'{one_line(word, 40)}' is not in the column map's [classes]"
+            )
+        length, width = (self._size(side, found, places) for side in ("length", "width"))
+        if not (length > 0 and width > 0):
+            if word.strip() not in self._columns.default_sizes:
+                raise ValueError(f"it has no size, nor has {kind.name.lower()} a default")
+            length, width = self._columns.default_sizes[word.strip()]
+        return int(kind), float(length), float(width)
+
+    def _size(self, side: str, found: np.ndarray, places: np.ndarray) -> float:
+        beside = self._users
+        here = beside is not None and side in beside
+        values = beside[side][found] if here and beside is not None else self._table[side][places]
+        good = values[np.isfinite(values)] * self._columns.scales["size"]
+        return float(np.median(good)) if len(good) else 0.0
+
+    def _states(self, track: np.ndarray, user: tuple[int, float, float]) -> np.ndarray:
+        """Five rows: x, y, heading, vx, vy."""
+        fault = order_fault(self._frame[track])
+        if fault:
+            jump = int(np.argmax(np.diff(self._frame[track]) != 1)) + 1
+            raise ValueError(f"{self._table.row_name(int(track[jump]))}: {fault}")
+        kind, length, width = user
+        up = -1.0 if self._columns.y_down else 1.0
+        x, y = (self._table[one][track] * self._columns.scales["position"] for one in "xy")
+        self._check_finite("x or y", track, x + y)
+        if self._columns.point == "corner":
+            # The upper left corner of a box along the axes, y as the file has it.
+            x, y = x + length / 2, y + width / 2 * -up
+        y = up * y
+        heading, vx, vy = self._motion(track, x, y, kind == RoadUser.PEDESTRIAN)
+        if self._columns.point == "front":
+            x, y = x - length / 2 * np.cos(heading), y - length / 2 * np.sin(heading)
+        return np.stack([x, y, heading, vx, vy])
+
+    def _motion(
+        self, track: np.ndarray, x: np.ndarray, y: np.ndarray, walks: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        table, scales = self._table, self._columns.scales
+        up = -1.0 if self._columns.y_down else 1.0
+        vx, vy = smoothed(x, y, self._dt)
+        if "vx" in table:
+            vx, vy = (
+                table["vx"][track] * scales["velocity"],
+                table["vy"][track] * scales["velocity"],
+            )
+            vy = up * vy
+            self._check_finite("a velocity", track, vx + vy)
+        heading = table["heading"][track] * scales["heading"] * up if "heading" in table else None
+        if heading is None or np.isnan(heading).all():
+            heading = heading_of_motion(vx, vy)
+            if heading is None and not walks:
+                raise ValueError("it never moves, so without a heading nobody knows how it stands")
+            heading = np.zeros(len(x)) if heading is None else heading
+        self._check_finite("the heading", track, heading)
+        if "speed" in table:
+            speed = table["speed"][track] * scales["velocity"]
+            self._check_finite("the speed", track, speed)
+            vx, vy = speed * np.cos(heading), speed * np.sin(heading)
+        return wrapped(heading), vx, vy
+
+    def _check_finite(self, what: str, track: np.ndarray, values: np.ndarray) -> None:
+        bad = ~np.isfinite(values)
+        if bad.any():
+            row = self._table.row_name(int(track[np.argmax(bad)]))
+            raise ValueError(f"{row}: {what} is missing or not finite")

@@ -1,0 +1,243 @@
+"""CSV files as typed columns, read piece by piece: what stays in memory is numbers, not text.
+
+Python's own reader is used: it is fast enough (see `socialiq bench recordings`) and tells the row.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.plain_text import one_line
+from socialiq.recordings.readers.column_map import ColumnMap
+
+_ROWS = 4_000
+_MOST_LINE = 1 << 20
+_MISSING = frozenset({"", "nan", "null", "none", "na"})
+_ID = re.compile(r"[A-Za-z]{0,3}(-?\d{1,18})(?:\.0*)?")
+
+Words = dict[str, int]
+
+
+class Table:
+    """Columns of one file by our name; what is text is numbered.
+
+    Attributes:
+        path: The file.
+        n_rows: Number of rows, without the header.
+        words: Of each column of text, the number of each word.
+    """
+
+    def __init__(self, path: Path, separator: str, most_rows: int) -> None:
+        self.path, self.n_rows = path, 0
+        self.words: dict[str, Words] = {}
+        self._separator, self._most = separator, most_rows
+        self._parts: dict[str, list[np.ndarray]] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A column, whole."""
+        parts = self._parts[name]
+        if len(parts) > 1:
+            self._parts[name] = [np.concatenate(parts)]
+        return self._parts[name][0]
+
+    def __contains__(self, name: str) -> bool:
+        """Whether the column was read."""
+        return name in self._parts
+
+    def word(self, name: str, number: int) -> str:
+        """The word of a column of text that has a number."""
+        return next(word for word, one in self.words[name].items() if one == number)
+
+    def row_name(self, place: int) -> str:
+        """How people find a row: the header is row 1."""
+        return f"row {place + 2}"
+
+    def read(self, columns: dict[str, str], texts: frozenset[str], whole: frozenset[str]) -> None:
+        """Read the file.
+
+        Args:
+            columns: Our names to the file's.
+            texts: Our names of columns of text; the others are numbers, NaN where a cell is empty.
+            whole: Our names of columns of whole numbers, without empty cells.
+
+        Raises:
+            UserError: If the file is missing, empty, too large, lacks a column or has a cell that
+                is no number; the line names the column and the row.
+        """
+        rows = csv.reader(_lines(self.path), delimiter=self._separator)
+        try:
+            places = _places(self.path, next(rows, []), columns)
+            while chunk := list(islice(rows, _ROWS)):
+                self._take(chunk, places, columns, texts, whole)
+        except csv.Error as error:
+            where = self.row_name(self.n_rows)
+            raise UserError(f"{self.path}, after {where}: {error}: is this a CSV file?") from error
+        if not self.n_rows:
+            raise UserError(f"{self.path} has no row but its header: name a file with states")
+
+    def _take(
+        self,
+        chunk: list[list[str]],
+        places: dict[str, int],
+        columns: dict[str, str],
+        texts: frozenset[str],
+        whole: frozenset[str],
+    ) -> None:
+        if self.n_rows + len(chunk) > self._most:
+            raise UserError(
+                f"{self.path} holds more than {self._most:,} states: cut it into recordings, or "
+                "raise --most-states where there is memory for them (about 400 bytes each)"
+            )
+        needed = max(places.values())
+        short = next((at for at, row in enumerate(chunk) if len(row) <= needed), None)
+        if short is not None:
+            raise UserError(
+                f"{self.path}, {self.row_name(self.n_rows + short)}: {len(chunk[short])} cells, so "
+                "columns are missing: restore the file"
+            )
+        for name, place in places.items():
+            cells = [row[place] for row in chunk]
+            if name in texts:
+                numbers = self.words.setdefault(name, {})
+                column = np.array(
+                    [numbers.setdefault(one, len(numbers)) for one in cells], np.int32
+                )
+            elif name in whole:
+                column = self._whole(columns[name], cells)
+            else:
+                column = self._numbers(columns[name], cells)
+            self._parts.setdefault(name, []).append(column)
+        self.n_rows += len(chunk)
+
+    def _numbers(self, column: str, cells: list[str]) -> np.ndarray:
+        try:
+            return np.array(list(map(float, cells)))
+        except ValueError:
+            pass  # A cell is empty or no number: look at each.
+        found = np.full(len(cells), np.nan)
+        for at, cell in enumerate(cells):
+            if cell.strip().lower() not in _MISSING:
+                try:
+                    found[at] = float(cell)
+                except ValueError as error:
+                    raise self._no_number(column, at, cell, "a number") from error
+        return found
+
+    def _whole(self, column: str, cells: list[str]) -> np.ndarray:
+        try:
+            return np.array(list(map(int, cells)), np.int64)
+        except (ValueError, OverflowError):
+            pass
+        found = np.zeros(len(cells), np.int64)
+        for at, cell in enumerate(cells):
+            match = _ID.fullmatch(cell.strip())
+            if match is None:
+                raise self._no_number(column, at, cell, "a whole number")
+            found[at] = int(match[1])
+        return found
+
+    def _no_number(self, column: str, at: int, cell: str, what: str) -> UserError:
+        return UserError(
+            f"{self.path}, {self.row_name(self.n_rows + at)}: {one_line(column, 40)} is "
+            f"'{one_line(cell, 40)}', not {what}"
+        )
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file, read piece by piece.
+
+    Raises:
+        UserError: If it can't be read.
+    """
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while piece := file.read(1 << 20):
+                digest.update(piece)
+    except FileNotFoundError as error:
+        raise UserError(f"no such file: {path}") from error
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    return digest.hexdigest()
+
+
+def _lines(path: Path) -> Iterator[str]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            while line := file.readline(_MOST_LINE):
+                if len(line) == _MOST_LINE:
+                    raise UserError(f"{path}: a line is longer than 1 MiB: this is no CSV file")
+                yield line
+    except FileNotFoundError as error:
+        raise UserError(f"no such file: {path}") from error
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path} is not UTF-8 text: is this a CSV file?") from error
+
+
+def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str, int]:
+    if not header:
+        raise UserError(f"{path} is empty: name a file with states")
+    names = [name.strip() for name in header]
+    missing = [column for column in columns.values() if column not in names]
+    if missing:
+        told = one_line(", ".join(names), 300)
+        raise UserError(
+            f"{path} has no column {', '.join(missing)}: mend the column map; the file has {told}"
+        )
+    twice = next((column for column in columns.values() if names.count(column) > 1), None)
+    if twice is not None:
+        raise UserError(f"{path} has two columns {twice}: name each its own")
+    return {name: names.index(column) for name, column in columns.items()}
+
+
+def _beside(path: Path, endings: tuple[str, str]) -> Path:
+    if not path.name.endswith(endings[0]):
+        raise UserError(
+            f"{path}: the column map wants a name that ends in {endings[0]}, to find the file that "
+            f"ends in {endings[1]}"
+        )
+    return path.with_name(path.name.removesuffix(endings[0]) + endings[1])
+
+
+def rate_of(path: Path, columns: ColumnMap) -> float:
+    """Frames a second, by the column map or the file that it names.
+
+    Raises:
+        UserError: If that file is missing, or has no such number or several.
+    """
+    if columns.rate_file is None:
+        return columns.rate
+    *endings, column = columns.rate_file
+    beside = Table(_beside(path, (endings[0], endings[1])), columns.separator, 100)
+    beside.read({"rate": column}, frozenset(), frozenset())
+    rates = np.unique(beside["rate"])
+    if len(rates) != 1 or not 0 < rates[0] < np.inf:
+        raise UserError(f"{beside.path}: {column} is not one number of frames a second")
+    return float(rates[0])
+
+
+def users_of(path: Path, columns: ColumnMap) -> Table | None:
+    """The file with a row for each track; None where the column map names none.
+
+    Raises:
+        UserError: If it is missing, can't be read, or has two rows for one track.
+    """
+    if columns.users_file is None:
+        return None
+    users = Table(_beside(path, columns.users_file), columns.separator, 10_000_000)
+    users.read(columns.users_columns, frozenset({"class"}), frozenset({"id"}))
+    order = np.sort(users["id"])
+    twice = order[1:][order[1:] == order[:-1]]
+    if len(twice):
+        raise UserError(f"{users.path}: {int(twice[0])} has two rows: leave one")
+    return users

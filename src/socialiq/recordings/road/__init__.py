@@ -1,0 +1,1 @@
+"""Road networks of recordings: lanelets, conflict areas, paths and routes."""

@@ -1,0 +1,295 @@
+import json
+import os
+import resource
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.policies.load import load_policy
+from socialiq.policies.process.load import GIB, Limits, limits_of
+
+QUICK = Limits(start=20.0, step=1.0)
+OBSERVATIONS = np.random.default_rng(0).normal(size=(40, 2)).astype(np.float32)
+
+# A well-behaved policy of two features and three actions; tests put other lines into it.
+POLICY = """
+import json, os, subprocess, sys, time
+for line in sys.stdin:
+    message = json.loads(line)
+    if "protocol" in message:
+        answer = {"protocol": "socialiq-policy", "version": 1, "features": 2, "actions": 3}
+        #greeting
+    else:
+        rows = message["observations"]
+        answer = {"id": message["id"], "actions": [int(row[0] > 0) for row in rows]}
+        #request
+    print(json.dumps(answer), flush=True)
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    started = []
+
+    def made(greeting="", request="", limits=QUICK, source=POLICY):
+        path = tmp_path / "policy.py"
+        path.write_text(source.replace("#greeting", greeting).replace("#request", request))
+        command = shlex.join([sys.executable, str(path)])
+        started.append(load_policy(f"process:{command}", 2, 3, limits=limits))
+        return started[-1]
+
+    yield made
+    for one in started:
+        one.close()
+
+
+def refused(match, act):
+    with pytest.raises(UserError, match=match) as caught:
+        act()
+    assert "\n" not in str(caught.value) and "\x1b" not in str(caught.value)
+
+
+def is_running(pid):
+    """Whether a process runs; one that has ended and was not yet waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def ends(pid, seconds=10.0):
+    until = time.monotonic() + seconds
+    while is_running(pid) and time.monotonic() < until:
+        time.sleep(0.02)
+    return not is_running(pid)
+
+
+def pid_in(path):
+    until = time.monotonic() + 10
+    while not (path.exists() and path.read_text().endswith("\n")) and time.monotonic() < until:
+        time.sleep(0.02)
+    return int(path.read_text())
+
+
+def test_actions_are_the_processs(start):
+    loaded = start('answer["name"] = "a \\x1b[31mname"')
+    actions, _ = loaded.policy.predict(OBSERVATIONS)
+    np.testing.assert_array_equal(actions, OBSERVATIONS[:, 0] > 0)
+    assert loaded.policy.predict(OBSERVATIONS[0])[0] == int(OBSERVATIONS[0, 0] > 0)
+    assert loaded.record.details["name"] == "a [31mname"
+    assert loaded.record.kind == "process" and not loaded.record.soft
+
+
+def test_numbers_arrive_to_the_last_bit(start):
+    loaded = start(request='answer["actions"] = [int(row[0] == row[1]) for row in rows]')
+    value = np.float32(1) / np.float32(3)
+    same = np.array([[value, value], [value, np.nextafter(value, np.float32(1))]])
+    assert loaded.policy.predict(same)[0].tolist() == [1, 0]
+
+
+def test_batches_larger_than_a_pipe_are_sent(start):
+    many = np.random.default_rng(1).normal(size=(20_000, 2)).astype(np.float32)
+    loaded = start(limits=Limits(20.0, 20.0))
+    np.testing.assert_array_equal(loaded.policy.predict(many)[0], many[:, 0] > 0)
+
+
+def test_soft_is_told(start):
+    loaded = start(request='answer["actions"] = [int(message["deterministic"])] * len(rows)')
+    assert loaded.policy.predict(OBSERVATIONS[:1])[0].tolist() == [1]
+    assert loaded.policy.predict(OBSERVATIONS[:1], deterministic=False)[0].tolist() == [0]
+
+
+def test_hash_covers_the_files_of_the_command(start):
+    first, again, other = start(), start(), start("pass")
+    assert first.record.sha256 == again.record.sha256 != other.record.sha256
+
+
+@pytest.mark.parametrize(
+    ("greeting", "match"),
+    [
+        ('answer["version"] = 2', "does not speak socialiq-policy version 1"),
+        ('del answer["protocol"]', "does not speak"),
+        ('del answer["features"]', "does not tell how many features"),
+        ('answer["actions"] = "3"', "does not tell how many features"),
+        ('answer["actions"] = True', "does not tell how many features"),
+        ('answer["features"] = 70', "takes 70 features and 3 actions, the world has 2 and 3"),
+        ("answer = [1]", "no JSON object"),
+        ('print("[" * 4000); continue', "no JSON"),
+        ('print("<script>alert(1)</script>"); continue', "no JSON"),
+        ('answer["name"] = "x" * 5000', "answered more than 4,096 bytes"),
+        ("raise SystemExit(3)", "ended before it answered"),
+    ],
+)
+def test_greetings_that_are_none_are_refused(start, greeting, match):
+    refused(match, lambda: start(greeting.replace("continue", "sys.stdout.flush(); continue")))
+
+
+@pytest.mark.parametrize(
+    ("request_", "match"),
+    [
+        ('answer["id"] = 7', "did not name the request 1"),
+        ('answer["actions"] = 1', "no list of integers"),
+        ('answer["actions"] = [0.0] * len(rows)', "no list of integers"),
+        ('answer["actions"] = [True] * len(rows)', "no list of integers"),
+        ('answer["actions"] = [10**40] * len(rows)', "more than 32 bits"),
+        ('answer["actions"] = [3] * len(rows)', "chose action 3"),
+        ('answer["actions"] = [0]', "one integer for each of 40"),
+        ("print(json.dumps(answer))", "one, after it has read it|did not name"),
+        ('sys.stdout.write("x" * 10**7)', "answered more than 5,376 bytes"),
+        ("1 / 0", "ended before it answered; it says: ZeroDivisionError: division by zero"),
+    ],
+)
+def test_answers_that_are_none_are_refused(start, request_, match):
+    policy = start(request=request_).policy
+
+    def twice():
+        policy.predict(OBSERVATIONS)
+        policy.predict(OBSERVATIONS)
+
+    refused(match, twice)
+
+
+def test_last_words_are_shown_without_their_escapes(start):
+    say = (
+        'sys.stderr.write("first\\n" * 9999 + "\\x1b[2Jthe \\x00 model is\\tgone\\n"); sys.exit(1)'
+    )
+    refused("it says: \\[2Jthe model is gone$", lambda: start(say))
+
+
+def test_talkative_process_does_not_block(start):
+    loaded = start(request='sys.stderr.write("x" * 300_000)')
+    assert loaded.policy.predict(OBSERVATIONS)[0].shape == (40,)
+
+
+@pytest.mark.parametrize("what", ["time.sleep(600)", "while True: pass", "sys.stdin.readline()"])
+def test_late_answer_ends_the_process(start, tmp_path, what):
+    file = tmp_path / "pid"
+    loaded = start(f'print(os.getpid(), file=open({str(file)!r}, "w"), flush=True)', what)
+    pid = pid_in(file)
+    assert is_running(pid)
+    began = time.monotonic()
+    refused("did not answer within 1 s", lambda: loaded.policy.predict(OBSERVATIONS))
+    assert time.monotonic() - began < 10
+    assert ends(pid)
+    refused("did not answer within 1 s", lambda: loaded.policy.predict(OBSERVATIONS))
+
+
+def test_process_that_does_not_read_is_late(start):
+    deaf = "import time\ntime.sleep(600)"
+    refused("did not answer within 0.3 s", lambda: start(source=deaf, limits=Limits(0.3, 1.0)))
+
+
+def test_what_it_has_started_ends_with_it(start, tmp_path):
+    file = tmp_path / "pid"
+    spawn = 'child = subprocess.Popen(["sleep", "600"]); '
+    loaded = start(spawn + f'print(child.pid, file=open({str(file)!r}, "w"), flush=True)')
+    pid = pid_in(file)
+    assert is_running(pid)
+    loaded.close()
+    assert ends(pid)
+    loaded.close()
+    refused("was ended", lambda: loaded.policy.predict(OBSERVATIONS))
+
+
+PARENT = """
+import os, sys, time
+from socialiq.policies.load import load_policy
+load_policy("process:" + sys.argv[1], 2, 3)
+print("loaded", flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_it_dies_with_its_parent(tmp_path, how):
+    file, policy = tmp_path / "pid", tmp_path / "policy.py"
+    say = f'print(os.getpid(), file=open({str(file)!r}, "w"), flush=True)'
+    policy.write_text(POLICY.replace("#greeting", say))
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, shlex.join([sys.executable, str(policy)])],
+        stdout=subprocess.PIPE,
+    )
+    with parent:
+        try:
+            assert parent.stdout is not None and parent.stdout.readline() == b"loaded\n"
+            pid = pid_in(file)
+            assert is_running(pid)
+            os.kill(parent.pid, how)
+            assert ends(pid)
+        finally:
+            parent.kill()
+
+
+def test_no_shell_reads_the_command(tmp_path):
+    touched = tmp_path / "touched"
+    refused(
+        "no JSON", lambda: load_policy(f"process:echo '$(touch {touched})'; touch {touched}", 2, 3)
+    )
+    assert not touched.exists()
+
+
+@pytest.mark.parametrize("command", ["", "no-such-program-here", "'unclosed", "\x1b[31m"])
+def test_command_must_be_one(command):
+    refused(
+        "no such program|cannot read the command", lambda: load_policy(f"process:{command}", 2, 3)
+    )
+
+
+def test_example_answers(crafted):
+    script = crafted.examples / "process_policy.py"
+    command = shlex.join([sys.executable, "-I", "-S", str(script)])
+    observation = np.zeros(70, np.float32)
+    near = observation.copy()
+    near[[7, 8]] = [1.0, 0.1]  # a vehicle at 10 m
+    with load_policy(f"process:{command}", 70, 3) as loaded:
+        assert loaded.policy.predict(np.stack([observation, near]))[0].tolist() == [2, 0]
+        assert json.dumps(loaded.record.as_json())
+
+
+def asked(loaded):
+    return loaded.policy.predict(OBSERVATIONS)
+
+
+def test_a_hungry_process_ends_and_says_why(start):
+    """It asks for 2 GiB, of 1 GiB that it may have."""
+    loaded = start(request="held = bytearray(2 * 1024**3)", limits=QUICK._replace(memory=GIB))
+    refused("ended before it answered; it says: MemoryError", lambda: asked(loaded))
+    refused("ended before it answered", lambda: asked(loaded))
+
+
+def test_all_that_a_process_starts_has_the_same_limit(start):
+    told = (
+        "words = 'import resource as r; print(*r.getrlimit(r.RLIMIT_AS))'; "
+        "found = subprocess.run([sys.executable, '-c', words], capture_output=True, text=True); "
+        "answer['name'] = found.stdout.strip()"
+    )
+    assert start(told, limits=QUICK._replace(memory=GIB)).record.details["name"] == (f"{GIB} {GIB}")
+    ours = " ".join(str(one) for one in resource.getrlimit(resource.RLIMIT_AS))
+    assert start(told, limits=QUICK._replace(memory=0)).record.details["name"] == ours
+
+
+@pytest.mark.parametrize(
+    ("limits", "match"),
+    [
+        (Limits(memory=1000), "memory must be from 0.25"),
+        (Limits(memory=-1), "memory must be from 0.25"),
+        (Limits(step=0.0), "seconds for an answer must be above 0"),
+        (Limits(start=float("nan")), "seconds for an answer must be above 0"),
+    ],
+)
+def test_limits_that_are_none(start, limits, match):
+    refused(match, lambda: start(limits=limits))
+
+
+def test_limits_of_the_command_line():
+    assert limits_of(2.5, 0.5) == Limits(step=2.5, memory=GIB // 2)
+    assert limits_of(5.0, 8.0) == Limits()
+    for memory in (float("nan"), float("inf"), -1.0):
+        refused("memory in GiB must be at least 0", lambda memory=memory: limits_of(5.0, memory))

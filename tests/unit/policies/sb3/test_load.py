@@ -1,0 +1,205 @@
+import json
+import zipfile
+
+import numpy as np
+import pytest
+from scipy.special import softmax
+
+from socialiq.errors import UserError
+from socialiq.nn.q_policy import QPolicy
+from socialiq.policies.interface import Interface
+from socialiq.policies.sb3.load import EpsilonGreedy, read_sb3
+
+WORLD = Interface(6, 3)
+BOX = {":type:": "<class 'gymnasium.spaces.box.Box'>", "dtype": "float32", "_shape": [2, 3]}
+DISCRETE = {":type:": "<class 'gymnasium.spaces.discrete.Discrete'>", "n": "3", "start": "0"}
+RANDOM = np.random.default_rng(0)
+OBSERVATIONS = RANDOM.normal(size=(100, 6)).astype(np.float32)
+
+
+def layer(name, inputs, outputs):
+    return {
+        f"{name}.weight": RANDOM.normal(size=(outputs, inputs)).astype(np.float32),
+        f"{name}.bias": RANDOM.normal(size=outputs).astype(np.float32),
+    }
+
+
+DQN = layer("q_net.q_net.0", 6, 5) | layer("q_net.q_net.2", 5, 3)
+DQN |= layer("q_net_target.q_net.0", 6, 5) | layer("q_net_target.q_net.2", 5, 3)
+ACTOR = layer("mlp_extractor.policy_net.0", 6, 4) | layer("action_net", 4, 3)
+ACTOR |= layer("mlp_extractor.value_net.0", 6, 4) | layer("value_net", 4, 1)
+
+
+def words(kind="dqn", **other):
+    return {
+        "policy_class": {"__module__": f"stable_baselines3.{kind}.policies"},
+        "policy_kwargs": {},
+        "observation_space": BOX,
+        "action_space": DISCRETE,
+        "use_sde": False,
+        **({"exploration_rate": 0.25} if kind == "dqn" else {}),
+        **other,
+    }
+
+
+@pytest.fixture
+def read(crafted):
+    def made(said, arrays):
+        members = {"data": json.dumps(said).encode(), "policy.pth": crafted.pth(arrays)}
+        return read_sb3(crafted.zipped(members), "some.zip", WORLD)
+
+    return made
+
+
+@pytest.fixture
+def refused(read):
+    def check(match, said=None, arrays=None):
+        with pytest.raises(UserError, match=match) as caught:
+            read(words() if said is None else said, DQN if arrays is None else arrays)
+        assert "\n" not in str(caught.value) and len(str(caught.value)) < 350
+
+    return check
+
+
+def scores(arrays, layers, activation):
+    value = OBSERVATIONS
+    for number, name in enumerate(layers):
+        value = activation(value) if number else value
+        value = value @ arrays[f"{name}.weight"].T + arrays[f"{name}.bias"]
+    return value
+
+
+def test_dqn_takes_the_best_action_of_its_network(read):
+    policy, details = read(words(), DQN)
+    expected = scores(DQN, ("q_net.q_net.0", "q_net.q_net.2"), lambda x: np.maximum(x, 0))
+    assert isinstance(policy, EpsilonGreedy)
+    np.testing.assert_array_equal(policy.predict(OBSERVATIONS)[0], expected.argmax(axis=1))
+    assert policy.predict(OBSERVATIONS[0])[0] == expected[0].argmax()
+    assert details["layers"] == [6, 5, 3] and details["epsilon"] == 0.25
+
+
+def test_dqn_explores_with_the_rate_that_it_was_saved_with(read):
+    policy, _ = read(words(), DQN)
+    chances = policy.probabilities(OBSERVATIONS)
+    best, _ = policy.predict(OBSERVATIONS)
+    np.testing.assert_allclose(chances.sum(axis=1), 1.0)
+    np.testing.assert_allclose(chances[np.arange(100), best], 0.75 + 0.25 / 3)
+    many, _ = policy.predict(np.repeat(OBSERVATIONS[:1], 20_000, axis=0), deterministic=False)
+    np.testing.assert_allclose(np.bincount(many, minlength=3) / 20_000, chances[0], atol=0.02)
+
+
+def test_actor_critic_draws_from_the_softmax_of_its_outputs(read):
+    policy, details = read(words("common"), ACTOR)
+    expected = scores(ACTOR, ("mlp_extractor.policy_net.0", "action_net"), np.tanh)
+    assert isinstance(policy, QPolicy)
+    np.testing.assert_array_equal(policy.predict(OBSERVATIONS)[0], expected.argmax(axis=1))
+    np.testing.assert_allclose(
+        policy.probabilities(OBSERVATIONS), softmax(expected, axis=1), atol=1e-5
+    )
+    assert details["algorithm"] == "actor-critic"
+
+
+@pytest.mark.parametrize(("name", "known"), [("ReLU", "relu"), ("Tanh", "tanh"), ("ELU", "elu")])
+def test_activation_is_the_one_that_the_file_names(read, name, known):
+    said = words(policy_kwargs={"activation_fn": f"<class 'torch.nn.modules.activation.{name}'>"})
+    assert read(said, DQN)[1]["activation"] == known
+
+
+def test_what_is_not_certain_is_refused(refused):
+    def options(**kwargs):
+        return words(policy_kwargs=kwargs)
+
+    refused("its activation is", options(activation_fn="<class 'mine.ReLU'>"))
+    refused("its activation is", options(activation_fn=None))
+    refused("features_extractor_class does is unknown", options(features_extractor_class="mine"))
+    refused("strange does is unknown", options(strange=1))
+    refused("no policy_kwargs", words(policy_kwargs="{}"))
+    refused("gSDE", words(use_sde=True))
+    refused("policy class is of mine", words(policy_class={"__module__": "mine"}))
+    refused("policy class is of None", words(policy_class="stable_baselines3.dqn.policies"))
+    refused("policy class is of", words(policy_class={"__module__": ["unhashable"]}))
+
+
+def test_spaces_that_a_perceptron_does_not_read_as_they_are_are_refused(refused):
+    for other in ({"dtype": "uint8"}, {":type:": "<class 'gymnasium.spaces.dict.Dict'>"}):
+        refused("no Box of float32", words(observation_space=BOX | other))
+    for shape in (None, "6", [0, 6], [-2, -3], [True, 6], [2.0, 3]):
+        refused("have no shape", words(observation_space=BOX | {"_shape": shape}))
+    refused("not Discrete from 0", words(action_space=DISCRETE | {"start": "1"}))
+    refused("not Discrete from 0", words(action_space=BOX))
+    for count in ("many", "²", "-3", "9" * 5_000, None):
+        refused("have no number", words(action_space=DISCRETE | {"n": count}))
+
+
+def test_exploration_rate_must_be_a_share(refused):
+    for rate in (1.5, -0.1, float("nan"), "0", True, None):
+        refused("exploration_rate is no share", words(exploration_rate=rate))
+
+
+def test_policy_of_another_world_is_refused(refused):
+    refused("takes 7 features and 3 actions", words(observation_space=BOX | {"_shape": [7]}))
+    refused("takes 6 features and 4 actions", words(action_space=DISCRETE | {"n": "4"}))
+    huge = BOX | {"_shape": [10**9, 10**9]}
+    refused("features and 3 actions, the world has 6 and 3", words(observation_space=huge))
+
+
+def test_tensors_must_be_those_of_a_perceptron(refused):
+    def without(name):
+        return {key: value for key, value in DQN.items() if key != name}
+
+    refused(
+        "holds the tensor features_extractor",
+        arrays=DQN | {"features_extractor.0": RANDOM.random(3)},
+    )
+    refused("lacks the tensor q_net.q_net.0.bias", arrays=without("q_net.q_net.0.bias"))
+    refused("holds the tensor|lacks the tensor", arrays=DQN | layer("q_net.q_net.3", 3, 3))
+    refused("holds no layer", arrays=layer("q_net_target.q_net.0", 6, 3))
+    refused("lacks the tensor action_net", words("common"), layer("value_net", 4, 1))
+    refused("holds the tensor log_std", words("common"), ACTOR | {"log_std": np.zeros(3)})
+    scripted = {"<script>alert(1)</script>": np.zeros(1)}
+    refused("holds the tensor", arrays=DQN | scripted)
+
+
+def test_sizes_must_follow_one_another(refused):
+    refused("layer 1 of weights", arrays=DQN | layer("q_net.q_net.2", 4, 3))
+    refused("layer 0 of weights", arrays=DQN | layer("q_net.q_net.0", 7, 5))
+    refused("layer 0 of weights", arrays=DQN | {"q_net.q_net.0.bias": np.zeros(4)})
+    refused("4 outputs for 3 actions", arrays=DQN | layer("q_net.q_net.2", 5, 4))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_weights_must_be_finite(refused, value):
+    broken = DQN["q_net.q_net.2.weight"].copy()
+    broken[1, 1] = value
+    refused("NaN or infinity in layer 1", arrays=DQN | {"q_net.q_net.2.weight": broken})
+
+
+@pytest.mark.parametrize("said", [b"", b"[]", b"\xff", b"[" * 100_000, b"{" * 10, b"9" * 10_000])
+def test_data_that_is_no_json_object_is_refused(crafted, said):
+    content = crafted.zipped({"data": said, "policy.pth": b""})
+    with pytest.raises(UserError, match="its member data is no JSON"):
+        read_sb3(content, "some.zip", WORLD)
+
+
+def test_pickles_in_the_words_are_never_decoded(read, monkeypatch):
+    import base64
+
+    monkeypatch.setattr(base64, "b64decode", lambda *_: pytest.fail("decoded"))
+    bombs = {":serialized:": "gASVKAAAAAAAAACMBXBvc2l4lIwGc3lzdGVtlJOUjA10b3VjaCAvdG1wL3h4lIWUUpQu"}
+    said = words(policy_kwargs=bombs, observation_space=BOX | bombs, lr_schedule=bombs)
+    assert read(said, DQN)[1]["activation"] == "relu"
+
+
+def test_other_members_are_never_opened(crafted):
+    with zipfile.ZipFile(crafted.examples / "dqn_intersection.zip") as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    for name in ("policy.optimizer.pth", "pytorch_variables.pth"):
+        members[name] = b"cos\nsystem\n(X\x04\x00\x00\x00trueetR."
+    policy, _ = read_sb3(crafted.zipped(members), "some.zip", Interface(70, 3))
+    assert policy.predict(np.zeros(70, np.float32))[0] in (0, 1, 2)
+
+
+def test_members_are_needed(crafted):
+    with pytest.raises(UserError, match=r"has no member policy\.pth"):
+        said = json.dumps(words()).encode()
+        read_sb3(crafted.zipped({"data": said}), "some.zip", WORLD)

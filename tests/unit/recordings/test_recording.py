@@ -1,0 +1,50 @@
+import datetime
+
+import pytest
+
+from socialiq.audit import profile, template
+from socialiq.cli.main import main
+from socialiq.demonstrations import files
+from socialiq.errors import UserError
+from socialiq.recordings.recording import refuse_recording
+
+REASON = "its neighbours do not react"
+
+
+@pytest.mark.parametrize("world", ["junction.safetensors", "a/b.XML", "07_tracks.csv"])
+def test_a_recording_is_no_world(world):
+    with pytest.raises(UserError, match=REASON):
+        refuse_recording(world)
+
+
+def test_worlds_are_worlds():
+    for world in ("crossing7", "intersection", "socialiq/Intersection-v1", "CartPole-v1"):
+        refuse_recording(world)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "go", "--world", "r.safetensors", "--episodes", "5"],
+        ["train", "mixed.safetensors", "--world", "r.safetensors", "--out", "run"],
+        ["profile", "new", "--world", "r.safetensors", "--angle", "45"],
+    ],
+)
+def test_commands_refuse_it_in_one_line(arguments, human_table, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    files.save(tmp_path / "mixed.safetensors", human_table)
+    assert main(arguments) == 2
+    out, error = capsys.readouterr()
+    assert out == "" and error.count("\n") == 1 and REASON in error
+
+
+def test_an_audit_of_a_profile_that_names_one_says_why(tmp_path):
+    made = template.new(
+        45.0, "Example Cars", "intersection", profile.Margin(1.0, 10.0), datetime.date(2026, 1, 31)
+    )
+    declared = made.source.decode()
+    changed = declared.replace('world = "intersection"', 'world = "r.safetensors"')
+    assert changed != declared
+    with pytest.raises(UserError, match=REASON) as caught:
+        profile.parse(changed.encode())
+    assert "profile.toml:" in str(caught.value)
