@@ -19,18 +19,19 @@ from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial_exact import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.record import record
-from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
+from socialiq.experiments.intersection.jobs import source_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
 from socialiq.learners.dial.config import Hyperparameters
+from socialiq.learners.dial.presets import QUICK, RUNS, Preset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.studies.compare_priors.learners import Run as GridRun
+from socialiq.studies.compare_priors.learners import Preset as GridRun
 from socialiq.studies.compare_priors.learners import dial_numbers, dial_structure
-from socialiq.studies.dial.config import KEY_ANGLES, QUICK, RUNS, Run, seen, with_clock
-from socialiq.studies.intersection.jobs import source_of
+from socialiq.studies.dial.config import KEY_ANGLES
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
@@ -102,7 +103,7 @@ def _grid_thesis() -> tuple[Trains, int]:
     return trains, presets.GRID.updates
 
 
-def _grid_dial(run: Run, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
+def _grid_dial(run: Preset, seeds: Sequence[int] = (0,)) -> tuple[Trains, int]:
     """A dial of the 7x7 world, with its clock; one for each seed, in one program."""
     world = make_grid("crossing7").with_clock()
     data = trajectory_datasets(tabulate(world), seeds, EPISODES_EACH)

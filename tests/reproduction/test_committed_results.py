@@ -13,6 +13,8 @@ from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
 from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.intersection.demonstration_sets import Recording, atlas_demonstrations
+from socialiq.experiments.intersection.jobs import BATCH, LAST, Evaluation
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
@@ -26,8 +28,6 @@ from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
 from socialiq.studies.competence import bench
 from socialiq.studies.dial import config as dial
 from socialiq.studies.grid import study as grid
-from socialiq.studies.intersection.demonstration_sets import Recording, atlas_pools
-from socialiq.studies.intersection.jobs import BATCH, LAST, Evaluation
 from socialiq.studies.intersection_ahead import study as ahead
 from socialiq.studies.intersection_world import study as intersection_world
 from socialiq.studies.lambda_sweep import study as lambda_sweep
@@ -269,7 +269,7 @@ def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
     pools, out = tmp_path / "pools", tmp_path / "clone"
     pools.mkdir()
     out.mkdir()
-    recording = atlas_pools(priors.STUDY.pool_episodes)
+    recording = atlas_demonstrations(priors.STUDY.pool_episodes)
     recording.work(recording.config, pools, {}, lambda _: None)
     train, given = priors.LEARNERS["clone_of_mode"](Config(), BY_NAME["clone_of_mode"], run)
     train(given, out, {"pools": pools}, lambda _: None)

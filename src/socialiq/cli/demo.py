@@ -13,9 +13,9 @@ from socialiq.cli.progress import Display
 from socialiq.cli.studies import comparison, save
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
+from socialiq.experiments.intersection.rows import outcome_row
 from socialiq.learners.ranges import check_seeds
 from socialiq.studies.grid import study as grid
-from socialiq.studies.intersection_world.study import outcome_row
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch

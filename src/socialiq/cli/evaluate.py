@@ -17,11 +17,11 @@ from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
+from socialiq.experiments.intersection.rows import Played, policy_row
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.load import load_policy
 from socialiq.recordings.recording import refuse_recording
 from socialiq.social.angle import angle_of, check_angle
-from socialiq.studies.intersection.rows import Played, policy_row
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch

@@ -17,6 +17,7 @@ from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments import results as store
+from socialiq.experiments.intersection.rows import OUTCOMES
 from socialiq.experiments.results import Results
 from socialiq.learners.ranges import check_seeds
 from socialiq.plotting.style import png
@@ -213,7 +214,7 @@ def show(results: Results) -> None:
         rows = [{key: row[key] for key in angles} for row in results.tables["crossing7_readings"]]
         print_table(rows, "crossing7: angle of the optimum by reading, degrees")
     elif results.study == "intersection-world":
-        shown = ("population", "driver", *intersection_world.OUTCOMES, "ego_struck", "speed_kmh")
+        shown = ("population", "driver", *OUTCOMES, "ego_struck", "speed_kmh")
         rows = [{key: row[key] for key in shown} for row in results.tables["outcomes"]]
         print_table(rows, "shares of episodes; ego_struck: the ego ran into another")
     elif results.study == "intersection":

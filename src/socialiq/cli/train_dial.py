@@ -17,17 +17,17 @@ from socialiq.cli.progress import Display, to_all
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
 from socialiq.experiments.results import as_csv, rounded, versions
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Look
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
+from socialiq.learners.dial.presets import PRESETS
 from socialiq.learners.dial.train import Trained, train
 from socialiq.learners.ranges import check_seeds
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.studies.dial.budgets import CHUNK, exact_regret
-from socialiq.studies.dial.config import PRESETS, seen, with_clock
 from socialiq.types import Row
 from socialiq.worlds.registry import make_grid
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import (
@@ -24,6 +25,7 @@ from socialiq.learners.iq_learn.train import Trained, train
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import make_grid
 
 StageCallback = Callable[[str], Callable[[Report], None] | None]
@@ -131,3 +133,32 @@ def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
             | {"regret": float(np.mean([row["regret"] for row in group]))}
         )
     return means
+
+
+def with_clock(ground: Ground, clock: bool) -> Ground:
+    """The same ground, whose world shows the time or doesn't."""
+    if not clock:
+        return ground
+    table, part = (
+        dataclasses.replace(one, world=one.world.with_clock())
+        for one in (ground.table, ground.part)
+    )
+    return Ground(table, part, ground.optimum)
+
+
+def seen(world: GridWorld) -> tuple[tuple[int, int], ...]:
+    """What a network is told of a gridworld: smallest value and number of values by feature."""
+    return tuple((feature.low, feature.size) for feature in world.observed)
+
+
+def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
+    """The actions of one greedy episode in the deterministic world, W for Wait and G for Go."""
+    mdp, letters = table.mdp, ""
+    state = int(mdp.initial.argmax())
+    for _ in range(table.world.horizon):
+        action = int(policy[state].argmax())
+        letters += table.world.actions[action][0]
+        if mdp.ending[state, action, 0]:
+            break
+        state = int(mdp.successor[state, action, 0])
+    return letters

@@ -9,11 +9,11 @@ import pytest
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
+from socialiq.learners.dial.presets import QUICK, RUNS
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies.dial.config import QUICK, RUNS
 
 TINY = ["--updates", "20", "--batch-size", "8", "--hidden", "8"]
 

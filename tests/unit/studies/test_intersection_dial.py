@@ -7,12 +7,13 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
+from socialiq.experiments.intersection.dial_jobs import NUMBERS, STRUCTURE
 from socialiq.learners.dial.acting import stratified
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.studies.intersection_dial import figures, study
-from socialiq.studies.intersection_dial.config import NUMBERS, STRUCTURE, Config
+from socialiq.studies.intersection_dial.config import Config
 
 TINY = Config(
     seeds=(0, 1),

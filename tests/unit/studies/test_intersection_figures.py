@@ -8,12 +8,14 @@ from matplotlib.figure import Figure
 
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments import results as store
+from socialiq.experiments.intersection import thesis_values
+from socialiq.experiments.intersection.experts import expert_name
 from socialiq.nn.view import CHOICES
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.studies.intersection import figures as intersection
-from socialiq.studies.intersection import study, thesis_values
+from socialiq.studies.intersection import study
 from socialiq.studies.intersection.config import Config
 from socialiq.studies.intersection.figures import draw, fig_6_5
 from socialiq.studies.intersection.figures_ablations import ABLATIONS
@@ -25,7 +27,6 @@ from socialiq.studies.intersection.plan import (
     TARGETS,
     TEMPERATURES,
     TRAINED,
-    expert_name,
     learner_name,
 )
 from socialiq.studies.intersection.tables import best_angles

@@ -6,9 +6,9 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
+from socialiq.experiments.intersection.experts import expert_name, policy_file
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import png
-from socialiq.studies.intersection.plan import expert_name, policy_file
 from socialiq.studies.intersection_networks import figures
 from socialiq.studies.intersection_networks import study as networks
 

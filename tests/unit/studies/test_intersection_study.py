@@ -7,9 +7,10 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
+from socialiq.experiments.intersection import thesis_values
 from socialiq.experiments.jobs import fingerprints, open_jobs
 from socialiq.nn.q_policy import QPolicy
-from socialiq.studies.intersection import figures, plan, study, thesis_values
+from socialiq.studies.intersection import figures, plan, study
 from socialiq.studies.intersection.config import Config
 
 TINY = Config(

@@ -12,15 +12,22 @@ import numpy as np
 from socialiq.audit.profile import Floor
 from socialiq.audit.resolve_policy import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments.gridworld_runs import Ground, StageCallback, grid_of, train_runs
+from socialiq.experiments.gridworld_runs import (
+    Ground,
+    StageCallback,
+    grid_of,
+    seen,
+    train_runs,
+    with_clock,
+)
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.presets import RUNS
 from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.native import save_table
 from socialiq.studies.audits.floors import WITHDRAWN, floor_at
-from socialiq.studies.dial.config import RUNS, seen, with_clock
 from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make
 from socialiq.worlds.tabular_policy import TabularPolicy
@@ -29,7 +36,7 @@ GRIDWORLD = "crossing7"
 _EPISODES_EACH = 60  # demonstrated, of each expert, as in the study `grid`
 
 
-class Contestant(NamedTuple):
+class AuditedPolicy(NamedTuple):
     """A policy and what is declared of it.
 
     Attributes:
@@ -54,7 +61,7 @@ class Contestant(NamedTuple):
         return self.made_for == self.declared
 
 
-def at_intersection(folder: Path) -> Iterator[Contestant]:
+def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
     """The atlas' policies at their own angles, some at others, and one that never moves.
 
     Args:
@@ -70,7 +77,7 @@ def at_intersection(folder: Path) -> Iterator[Contestant]:
     yield _of_atlas("set expert, prosocial", "set_prosocial", 90.0, 45.0)
     stands = folder / "stands.safetensors"
     _constant("intersection", 0).save(stands)
-    yield Contestant("intersection", "never moves", str(stands), 90.0, None, WITHDRAWN)
+    yield AuditedPolicy("intersection", "never moves", str(stands), 90.0, None, WITHDRAWN)
 
 
 def exact_in_gridworld(folder: Path) -> None:
@@ -109,7 +116,7 @@ def trained_in_gridworld(
     dial.at(0.0).save(folder / "dial_stuck.safetensors")
 
 
-def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[Contestant]:
+def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[AuditedPolicy]:
     """What lies in a folder of exact and trained ones, rightly and falsely declared."""
     for family in ("exact", "learner"):
         for mode, angle in MODES.items():
@@ -132,17 +139,17 @@ _GRID_NAMES = {
 }
 
 
-def _of_atlas(name: str, file: str, declared: float, made_for: float | None) -> Contestant:
-    return Contestant(
+def _of_atlas(name: str, file: str, declared: float, made_for: float | None) -> AuditedPolicy:
+    return AuditedPolicy(
         "intersection", name, f"{ATLAS}{file}", declared, made_for, floor_at(declared)
     )
 
 
-def _of_grid(folder: Path, file: str, declared: float, made_for: float | None) -> Contestant:
+def _of_grid(folder: Path, file: str, declared: float, made_for: float | None) -> AuditedPolicy:
     family, _, mode = file.partition("_")
     name = _GRID_NAMES.get(file) or f"{_GRID_NAMES[family]}, {mode}"
     spec = str(folder / f"{file}.safetensors")
-    return Contestant(GRIDWORLD, name, spec, declared, made_for, floor_at(declared))
+    return AuditedPolicy(GRIDWORLD, name, spec, declared, made_for, floor_at(declared))
 
 
 def _constant(world: str, action: int) -> QPolicy:

@@ -13,12 +13,12 @@ from socialiq.audit.decision import Decision, episodes_needed
 from socialiq.audit.profile import Floor, Margin
 from socialiq.audit.safety_floor import CRITERIA
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.social.arcs import Arc, runs
 from socialiq.social.score import score
 from socialiq.statistics.tests import clopper_pearson
 from socialiq.studies.audits.floors import floor_at
-from socialiq.studies.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
 from socialiq.types import RewardPair, Row
 
 SEEDS = 5

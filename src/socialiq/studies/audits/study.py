@@ -23,7 +23,7 @@ from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock
 from socialiq.studies.audits.policies import (
     GRIDWORLD,
-    Contestant,
+    AuditedPolicy,
     at_intersection,
     exact_in_gridworld,
     of_gridworld,
@@ -102,7 +102,7 @@ def published_tables(episodes: int) -> dict[str, list[Row]]:
 
 
 def audit_rows(
-    contestants: Iterable[Contestant],
+    policies: Iterable[AuditedPolicy],
     config: Config,
     folder: Path,
     on_stage: StageCallback = silent,
@@ -110,12 +110,12 @@ def audit_rows(
     """A row for each contestant's audit.
 
     Args:
-        contestants: Who.
+        policies: Who.
         config: Episodes and seed.
         folder: For the declarations.
         on_stage: Shows progress.
     """
-    everybody = list(contestants)
+    everybody = list(policies)
     report = on_stage(f"audits, {everybody[0].world}") if everybody else None
     rows, clock = [], Clock(0, len(everybody), 1)
     for done, one in enumerate(everybody, start=1):
@@ -125,7 +125,7 @@ def audit_rows(
     return rows
 
 
-def _audited(one: Contestant, config: Config, folder: Path) -> Row:
+def _audited(one: AuditedPolicy, config: Config, folder: Path) -> Row:
     """One audit, from its declaration to its row."""
     profile = folder / "profile.toml"
     margin = MARGINS[one.world]
@@ -138,7 +138,7 @@ def _audited(one: Contestant, config: Config, folder: Path) -> Row:
     return _row(one, conduct(asked, lambda _: None).report)
 
 
-def _row(one: Contestant, report: dict[str, Any]) -> Row:
+def _row(one: AuditedPolicy, report: dict[str, Any]) -> Row:
     tests, means = report["tests"], report["policy"]["means"]
     regret, shown, calibrated = tests["regret"], tests["alpha_hat"], tests["calibration"]
     return {

@@ -13,6 +13,19 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS, MIXTURE, SIZE
+from socialiq.experiments.intersection.dial_jobs import DialRun, Turned, train_dial, turn
+from socialiq.experiments.intersection.episodes import load_episodes
+from socialiq.experiments.intersection.jobs import (
+    LAST,
+    Evaluation,
+    ExpertRun,
+    LearnerRun,
+    evaluate,
+    train_expert,
+    train_learner,
+)
+from socialiq.experiments.intersection.monitor import Checks
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
@@ -35,26 +48,10 @@ from socialiq.studies.compare_priors.budget import (
 )
 from socialiq.studies.compare_priors.config import Config
 from socialiq.studies.compare_priors.methods import Method, nearest_mode
-from socialiq.studies.intersection import config as study
-from socialiq.studies.intersection.demonstration_sets import POOLS
-from socialiq.studies.intersection.episodes import load_episodes
-from socialiq.studies.intersection.jobs import (
-    LAST,
-    Evaluation,
-    ExpertRun,
-    LearnerRun,
-    evaluate,
-    train_expert,
-    train_learner,
-)
-from socialiq.studies.intersection.monitor import Checks
-from socialiq.studies.intersection_dial.jobs import DialRun, Turned, train_dial, turn
 from socialiq.types import Row
 
 WORLD = "intersection"
 RATES = presets.INTERSECTION_CALIBRATED_NUMBERS
-STUDY = study.Config()
-"""Whose recordings and mixtures all methods learn from, made again of the atlas' experts."""
 COSTS = {"iq_learn": 80.0, "rl": 60.0, "cql": 40.0}
 """Seconds or so; a clone takes half of CQL's."""
 
@@ -106,7 +103,7 @@ def jobs_of(
         name = job_name(phase, method, run)
         work, given = LEARNERS[method.learner](config, method, run)
         cost = COSTS.get(method.learner, COSTS["cql"] / 2)
-        inputs = () if method.learner == "rl" else (POOLS,)
+        inputs = () if method.learner == "rl" else (DEMONSTRATIONS,)
         if method.learner == "dial":  # trained once, turned to each angle
             dial = f"dials/{phase}/{run.strength:g}/{run.seed}"
             if dial not in dials:
@@ -166,19 +163,19 @@ def _iq_learn(config: Config, method: Method, run: Run) -> Made:
         method = dataclasses.replace(method, target_kind="advantage_fitted")
     structure = structure_of(method, _base(config))
     numbers = numbers_of(RATES, run)
-    return train_learner, LearnerRun(structure, numbers, STUDY.mixture, STUDY.size)
+    return train_learner, LearnerRun(structure, numbers, MIXTURE, SIZE)
 
 
 def _clone(config: Config, method: Method, run: Run) -> Made:
     structure = clone_structure(_base(config), method.learner == "clone_weighted")
     modes = (nearest_mode(run.angle),) if method.learner == "clone_of_mode" else tuple(MODES)
     numbers = clone_numbers(RATES, run)
-    return train_offline, OfflineRun(structure, numbers, modes, STUDY.mixture, STUDY.size)
+    return train_offline, OfflineRun(structure, numbers, modes, MIXTURE, SIZE)
 
 
 def _conservative(config: Config, _method: Method, run: Run) -> Made:
     structure, numbers = cql_structure(_base(config)), cql_numbers(RATES, run)
-    return train_offline, OfflineRun(structure, numbers, tuple(MODES), STUDY.mixture, STUDY.size)
+    return train_offline, OfflineRun(structure, numbers, tuple(MODES), MIXTURE, SIZE)
 
 
 def _reinforcement(config: Config, _method: Method, run: Run) -> Made:
@@ -194,9 +191,7 @@ def _dial(_config: Config, _method: Method, run: Run) -> Made:
 def _dial_run(config: Config, run: Run) -> DialRun:
     base = _base(config)
     numbers = dial_numbers(RATES, run)
-    return DialRun(
-        dial_structure(base), numbers, STUDY.mixture, STUDY.size, base.env_steps_per_update
-    )
+    return DialRun(dial_structure(base), numbers, MIXTURE, SIZE, base.env_steps_per_update)
 
 
 LEARNERS: dict[str, Callable[[Config, Method, Run], Made]] = {

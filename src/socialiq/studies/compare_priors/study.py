@@ -14,6 +14,10 @@ import numpy as np
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
+from socialiq.experiments.intersection.demonstration_sets import (
+    RECORDED_EPISODES,
+    atlas_demonstrations,
+)
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results, from_csv
 from socialiq.studies.compare_priors import intersection
@@ -21,7 +25,6 @@ from socialiq.studies.compare_priors.alignment import alignment, counts
 from socialiq.studies.compare_priors.config import EPISODES_EACH, GRIDWORLDS, Config
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, references, run_method
 from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS, Method
-from socialiq.studies.intersection.demonstration_sets import atlas_pools
 from socialiq.types import Row
 
 STUDY = "compare-priors"
@@ -59,7 +62,7 @@ def development_jobs(config: Config) -> list[Job]:
     """Every method that has a λ, at each λ."""
     jobs: list[Job] = []
     for world in config.worlds:
-        jobs += [] if world in GRIDWORLDS else [atlas_pools(intersection.STUDY.pool_episodes)]
+        jobs += [] if world in GRIDWORLDS else [atlas_demonstrations(RECORDED_EPISODES)]
         for method in _scaled(config):
             strengths = _strengths(config, world)
             jobs += _jobs(config, DEVELOPMENT, world, method, strengths)
@@ -70,7 +73,7 @@ def fresh_jobs(config: Config, chosen: Chosen) -> list[Job]:
     """Every method at its λ."""
     jobs: list[Job] = []
     for world in config.worlds:
-        jobs += [] if world in GRIDWORLDS else [atlas_pools(intersection.STUDY.pool_episodes)]
+        jobs += [] if world in GRIDWORLDS else [atlas_demonstrations(RECORDED_EPISODES)]
         for method in _methods(config):
             strengths = (_strength(world, method, chosen),)
             jobs += _jobs(config, FRESH, world, method, strengths)

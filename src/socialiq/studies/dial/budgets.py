@@ -10,14 +10,15 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
-from socialiq.experiments.gridworld_runs import Ground, StageCallback
+from socialiq.experiments.gridworld_runs import Ground, StageCallback, seen
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Regret
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.dial.presets import RUNS
 from socialiq.learners.dial.train import Trained, dial_of, train
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.studies.dial.config import RUNS, Config, seen
+from socialiq.studies.dial.config import Config
 from socialiq.types import Row
 
 CHUNK = 250  # updates between two steps of dual ascent

@@ -20,7 +20,7 @@ from socialiq.studies.dial.config import KEY_ANGLES, Config
 from socialiq.types import Row
 
 
-class Judged(NamedTuple):
+class TrainedDial(NamedTuple):
     """One trained dial, and the rows that tell what it does."""
 
     name: str

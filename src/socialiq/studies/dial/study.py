@@ -11,14 +11,15 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.experiments.gridworld_runs import Ground, StageCallback, silent
+from socialiq.experiments.gridworld_runs import Ground, StageCallback, seen, silent, with_clock
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.presets import RUNS
 from socialiq.learners.dial.train import Trained, train
 from socialiq.mdp.front import AttainableSet
 from socialiq.studies.dial.budgets import budget_tables
-from socialiq.studies.dial.config import RUNS, Config, seen, with_clock
-from socialiq.studies.dial.evaluate import Judged
+from socialiq.studies.dial.config import Config
+from socialiq.studies.dial.evaluate import TrainedDial
 from socialiq.types import Row
 
 STUDY = "dial"
@@ -45,7 +46,7 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
     for name in config.runs:
         trained = _train(ground, config, name, data[RUNS[name].clock], on_stage)
         for run, seed in enumerate(config.seeds):
-            one = Judged(name, seed, trained.dial(run), with_clock(ground, RUNS[name].clock))
+            one = TrainedDial(name, seed, trained.dial(run), with_clock(ground, RUNS[name].clock))
             limit = ceilings.get((RUNS[name].support, seed), ground.optimum.attainable)
             for table, rows in one.rows(config, limit):
                 tables[table] += rows

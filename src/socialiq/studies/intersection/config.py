@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.errors import UserError, one_of
+from socialiq.experiments.intersection.demonstration_sets import MIXTURE, RECORDED_EPISODES, SIZE
+from socialiq.experiments.intersection.experts import EXPERT_STEPS
+from socialiq.experiments.intersection.jobs import EPISODES, HIGHWAY_EPISODES
 from socialiq.learners.iq_learn import presets
 
 PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
@@ -33,7 +36,7 @@ class Config:
     """Training seed of the expert trio, who give the demonstrations."""
     ablation_seeds: tuple[int, ...] = (30, 31)
     """Training seeds of the ablations."""
-    expert_steps: int = 5_000_000
+    expert_steps: int = EXPERT_STEPS
     """Environment steps of the trio (thesis 5.2)."""
     view_steps: int = 600_000
     """Of the ablation of views."""
@@ -41,19 +44,19 @@ class Config:
     """Gradient steps of a learner."""
     ablation_updates: int = 4_000
     """Gradient steps of a learner in the parts targets and data."""
-    pool_episodes: int = 3000
+    pool_episodes: int = RECORDED_EPISODES
     """Episodes recorded of each expert."""
-    mixture: str = "equal_transitions"
+    mixture: str = MIXTURE
     """What each expert has an equal part of; 6.3 says transitions."""
-    size: int = 15_000
+    size: int = SIZE
     """Transitions of each expert in a mixture, or episodes with mixture "equal_trajectories"."""
-    episodes: int = 2000
+    episodes: int = EPISODES
     """Evaluation episodes of each policy, the same for all."""
     evaluation_seeds: int = 5
     """Groups of evaluation episodes, as the thesis' five evaluation seeds."""
     group_episodes: int = 100
     """Episodes of a group; the thesis doesn't say how many it played."""
-    highway_episodes: int = 200
+    highway_episodes: int = HIGHWAY_EPISODES
     """Episodes of each final policy on the real highway-env; 0 leaves that out."""
 
     def __post_init__(self) -> None:

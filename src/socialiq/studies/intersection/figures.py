@@ -14,16 +14,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from socialiq.experiments.intersection import thesis_values
+from socialiq.experiments.intersection.monitor import Checks
+from socialiq.experiments.intersection.plots import OUTCOME_COLORS, by_run, curve, percent, runs
 from socialiq.experiments.results import Results
 from socialiq.plotting.ring import Mark, ring
 from socialiq.plotting.style import COLORS, MARKS, figure, plain
 from socialiq.social.angle import angle_difference
-from socialiq.studies.intersection import thesis_values
-from socialiq.studies.intersection.figures_ablations import ABLATIONS, percent, runs
+from socialiq.studies.intersection.figures_ablations import ABLATIONS
 from socialiq.studies.intersection.figures_tradeoff import GROUPS, tradeoff
-from socialiq.studies.intersection.monitor import Checks
 from socialiq.studies.intersection.plan import SHIPPED
-from socialiq.studies.intersection_world.figures import OUTCOME_COLORS
 from socialiq.types import Row
 
 METRICS = {
@@ -225,28 +225,6 @@ def learning(results: Results) -> Figure:
     title = f"Intersection: learning curves, {Checks().episodes} greedy episodes a check"
     drawn.suptitle(title, fontsize=10)
     return drawn
-
-
-def by_run(results: Results) -> dict[str, list[Row]]:
-    """The points of each learning curve."""
-    curves: dict[str, list[Row]] = {}
-    for row in results.tables["curves"]:
-        curves.setdefault(row["run"], []).append(row)
-    return curves
-
-
-def curve(axes: Any, name: str, runs: Sequence[list[Row]], line: str) -> None:
-    """The mean over runs, and their range as a light band."""
-    if not runs:
-        return
-    updates = [row["updates"] for row in runs[0]]
-    values = np.array([[row["total"] for row in run] for run in runs])
-    label = "baseline (value at 0°)" if name == "baseline" else name
-    style = {"color": COLORS[name], "marker": MARKS[name], "markersize": 3.5, "linestyle": line}
-    axes.plot(updates, values.mean(axis=0), **style, label=label)
-    if len(runs) > 1:
-        band = {"color": COLORS[name], "alpha": 0.15, "linewidth": 0}
-        axes.fill_between(updates, values.min(axis=0), values.max(axis=0), **band)
 
 
 def exposure(results: Results) -> Figure:

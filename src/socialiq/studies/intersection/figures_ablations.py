@@ -2,38 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from socialiq.experiments.intersection.plots import (
+    OUTCOME_COLORS,
+    Runs,
+    described,
+    dots,
+    percent,
+    runs,
+)
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn.presets import INTERSECTION_STRENGTH
 from socialiq.plotting.style import COLORS, MARKS, figure, plain
 from socialiq.social.angle import angle_of
-from socialiq.studies.intersection_world.figures import OUTCOME_COLORS
 from socialiq.types import Row
 
-Runs = list[tuple[list[str], Row]]
-"""Policies: the parts of the name after the stage, and the row."""
-
 PER_EPISODE = 15  # transitions of an episode, about; it places a mixture of equal trajectories
-
-
-def runs(results: Results, stage: str) -> Runs:
-    """The greedy policies of a stage; none if that part was not run."""
-    prefix = f"{stage}/"
-    return [
-        (row["policy"].removeprefix(prefix).split("/"), row)
-        for row in results.tables["policies"]
-        if row["policy"].startswith(prefix) and row["readout"] == "greedy"
-    ]
-
-
-def percent(rows: Iterable[Row], metric: str) -> list[float]:
-    """A share of each row in percent."""
-    return [100 * row[metric] for row in rows]
 
 
 def _line(
@@ -95,12 +84,6 @@ def _mean_angle(rows: Sequence[Row]) -> float:
     return (angle_of(env, float(np.mean([row["r_social"] for row in rows]))) + 90) % 360 - 90
 
 
-def described(every: Runs) -> str:
-    """Over how many seeds and episodes."""
-    seeds = len({parts[-1] for parts, _ in every})
-    return f"greedy, {seeds} seed{'s'[: seeds != 1]}, {every[0][1]['episodes']} episodes each"
-
-
 def targets(results: Results) -> Figure:
     """Arrivals and timeouts by temperature and kind of target, for two values of the ending."""
     every = runs(results, "targets")
@@ -153,25 +136,6 @@ def views(results: Results) -> Figure:
     title = f"Intersection: the egoist by view, trained for {steps:,} steps"
     drawn.suptitle(f"{title}\n{described(every)} (dot: a seed, bar: mean)", fontsize=10)
     return drawn
-
-
-def dots(every: Runs, height: float) -> tuple[Figure, Any]:
-    """A row for each first part of the name: a dot for each seed, a bar at their mean."""
-    drawn = figure(9.1, height)
-    panels = drawn.subplots(1, 2, sharey=True)
-    names = list(dict.fromkeys(parts[0] for parts, _ in every))
-    for axes, metric in zip(panels, ("collision", "arrival"), strict=True):
-        color = OUTCOME_COLORS[metric]
-        for place, name in enumerate(names):
-            values = percent((row for parts, row in every if parts[0] == name), metric)
-            axes.plot(values, [place] * len(values), "o", color=color, alpha=0.6, markersize=6)
-            axes.plot([np.mean(values)], [place], "|", color="#333333", markersize=18)
-        axes.set_xlabel(f"{metric}s (% of episodes)")
-        plain(axes)
-    panels[0].set_yticks(range(len(names)), names)
-    panels[0].set_ylim(len(names) - 0.5, -0.5)
-    panels[0].set_xlim(0, 1.06 * panels[0].get_xlim()[1])
-    return drawn, panels
 
 
 def data(results: Results) -> Figure:

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from socialiq.experiments.intersection import thesis_values
+from socialiq.experiments.intersection.plots import runs
 from socialiq.experiments.results import Results
 from socialiq.plotting.style import COLORS, MARKS, figure, plain
-from socialiq.studies.intersection import thesis_values
-from socialiq.studies.intersection.figures_ablations import runs
 from socialiq.types import Row
 
 GROUPS = {

@@ -4,9 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.intersection.demonstration_sets import (
+    DEMONSTRATIONS,
+    Recording,
+    record_demonstrations,
+)
+from socialiq.experiments.intersection.experts import (
+    evaluations,
+    expert_name,
+    finer,
+    flat_expert,
+    on_highway,
+    policy_file,
+)
+from socialiq.experiments.intersection.jobs import (
+    Evaluation,
+    ExpertRun,
+    LearnerRun,
+    evaluate,
+    train_expert,
+    train_learner,
+)
 from socialiq.experiments.jobs import Job
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.iq_learn import config as iq
@@ -14,21 +35,6 @@ from socialiq.learners.iq_learn import presets
 from socialiq.nn.view import CHOICES
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.studies.intersection.config import Config
-from socialiq.studies.intersection.demonstration_sets import POOLS, Recording, record_demonstrations
-from socialiq.studies.intersection.jobs import (
-    BEST,
-    LAST,
-    Evaluation,
-    ExpertRun,
-    ForesightRun,
-    HighwayRun,
-    LearnerRun,
-    drive_highway,
-    evaluate,
-    foresee,
-    train_expert,
-    train_learner,
-)
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import NAMES
 
@@ -69,11 +75,6 @@ def plan(config: Config) -> list[Job]:
     ]
 
 
-def expert_name(network: str, mode: str, seed: int) -> str:
-    """Folder of an expert."""
-    return f"experts/{network}/{mode}/{seed}"
-
-
 def learner_name(preset: str, setting: str, target: str, seed: int) -> str:
     """Folder of a learner of the main part."""
     return f"learners/{preset}/{setting}/{target}/{seed}"
@@ -84,7 +85,7 @@ def _main(config: Config) -> Iterator[Job]:
     yield from (flat_expert(mode, first, config.expert_steps) for mode in MODES)
     pools = tuple(expert_name("flat", mode, first) for mode in MODES)
     recording = Recording(episodes=config.pool_episodes)
-    yield Job(POOLS, record_demonstrations, recording, pools, cost=20.0)
+    yield Job(DEMONSTRATIONS, record_demonstrations, recording, pools, cost=20.0)
     for (preset, setting), target in itertools.product(TRAINED, TARGETS):
         structure, numbers = PRESETS[preset]
         structure = dataclasses.replace(structure, updates=config.updates)
@@ -93,15 +94,9 @@ def _main(config: Config) -> Iterator[Job]:
         for seed in config.seeds:
             run = _learner(config, structure, numbers, target, seed)
             name = learner_name(preset, setting, target, seed)
-            yield Job(name, train_learner, run, (POOLS,), cost=80.0 if structure.online else 45.0)
-
-
-def flat_expert(mode: str, seed: int, steps: int) -> Job:
-    """An expert with the thesis' network and settings."""
-    run = ExpertRun(
-        dqn.StaticConfig(steps=steps), dqn.Hyperparameters(angle=MODES[mode], seed=seed)
-    )
-    return Job(expert_name("flat", mode, seed), train_expert, run, cost=900.0)
+            yield Job(
+                name, train_learner, run, (DEMONSTRATIONS,), cost=80.0 if structure.online else 45.0
+            )
 
 
 def _timeouts(config: Config) -> Iterator[Job]:
@@ -111,11 +106,6 @@ def _timeouts(config: Config) -> Iterator[Job]:
         run = ExpertRun(structure, dqn.Hyperparameters(angle=angle, seed=config.expert_seed))
         name = f"timeouts/through/{mode}/{config.expert_seed}"
         yield Job(name, train_expert, run, cost=450.0)
-
-
-def finer(numbers: dqn.Hyperparameters) -> dqn.Hyperparameters:
-    """Exploration and step size fall further."""
-    return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
 
 
 def _views(config: Config) -> Iterator[Job]:
@@ -132,7 +122,7 @@ def _strengths(config: Config) -> Iterator[Job]:
         for seed in config.ablation_seeds:
             run = _learner(config, structure, changed, target, seed)
             name = f"strengths/{strength:g}/{target}/{seed}"
-            yield Job(name, train_learner, run, (POOLS,), cost=75.0)
+            yield Job(name, train_learner, run, (DEMONSTRATIONS,), cost=75.0)
 
 
 def _targets(config: Config) -> Iterator[Job]:
@@ -147,7 +137,7 @@ def _targets(config: Config) -> Iterator[Job]:
         cooled = dataclasses.replace(numbers, temperature=temperature)
         run = _learner(config, changed, cooled, target, seed)
         name = f"targets/{kind}/{temperature:g}/{ending}/{target}/{seed}"
-        yield Job(name, train_learner, run, (POOLS,), cost=40.0)
+        yield Job(name, train_learner, run, (DEMONSTRATIONS,), cost=40.0)
 
 
 def _data(config: Config) -> Iterator[Job]:
@@ -158,22 +148,7 @@ def _data(config: Config) -> Iterator[Job]:
             run = _learner(config, structure, numbers, target, seed)
             run = dataclasses.replace(run, mixture=mixture, size=size)
             name = f"data/{mixture}/{size}/{target}/{seed}"
-            yield Job(name, train_learner, run, (POOLS,), cost=40.0)
-
-
-def evaluations(jobs: list[Job], episodes: int) -> Iterator[Job]:
-    """One job for each trained policy: experts greedily, learners both ways."""
-    for job in jobs:
-        if job.work is train_expert:
-            run = Evaluation(BEST, readouts=("greedy",), episodes=episodes)
-            yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=3.0)
-        if job.stage == "experts":
-            looking = ForesightRun(job.config.numbers.angle, episodes=episodes)
-            name = job.name.removeprefix("experts/")
-            yield Job(f"evaluation/foresight/{name}", foresee, looking, (job.name,), cost=20.0)
-        if job.work is train_learner:
-            run = Evaluation(episodes=episodes)
-            yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=6.0)
+            yield Job(name, train_learner, run, (DEMONSTRATIONS,), cost=40.0)
 
 
 def _drivers(config: Config) -> Iterator[Job]:
@@ -190,14 +165,6 @@ def _connected(config: Config) -> Iterator[Job]:
         yield Job(f"connected/{name}", evaluate, run, (job,), cost=3.0)
 
 
-def on_highway(members: Mapping[str, str], episodes: int) -> Iterator[Job]:
-    """Policies of an atlas on the real highway-env."""
-    if episodes:
-        for name, job in members.items():
-            run = HighwayRun(policy_file(job), episodes)
-            yield Job(f"highway/{name}", drive_highway, run, (job,), cost=100.0)
-
-
 def members(config: Config) -> dict[str, str]:
     """Folder of the job of each policy of the atlas, by its name there.
 
@@ -206,11 +173,6 @@ def members(config: Config) -> dict[str, str]:
     first = config.expert_seed
     found = {f"expert_{mode}": expert_name("flat", mode, first) for mode in MODES}
     return found | {target: learner_name(*SHIPPED, target, config.seeds[0]) for target in TARGETS}
-
-
-def policy_file(job: str) -> str:
-    """Which network of a job counts: an expert's best by checks, a learner's last."""
-    return LAST if job.startswith("learners/") else BEST
 
 
 def _ablated(updates: int) -> tuple[iq.StaticConfig, iq.Hyperparameters]:

@@ -12,22 +12,23 @@ from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
+from socialiq.experiments.intersection import atlas_files
+from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
+from socialiq.experiments.intersection.experts import expert_name
+from socialiq.experiments.intersection.rows import (
+    connected,
+    curves,
+    highway,
+    played,
+    policy_row,
+    times,
+)
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.social.angle import angle_difference, angle_of
-from socialiq.studies.intersection import atlas_files
 from socialiq.studies.intersection.config import Config
-from socialiq.studies.intersection.demonstration_sets import POOLS
 from socialiq.studies.intersection.differences import differences
-from socialiq.studies.intersection.plan import (
-    TARGETS,
-    TRAINED,
-    expert_name,
-    learner_name,
-    members,
-    plan,
-)
-from socialiq.studies.intersection.rows import connected, curves, highway, played, policy_row, times
+from socialiq.studies.intersection.plan import TARGETS, TRAINED, learner_name, members, plan
 from socialiq.studies.intersection.tables import best_angles, distributions, separability, table_6_2
 from socialiq.types import Row
 
@@ -64,13 +65,13 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
     """Every table, from the jobs' folders alone."""
     plays = {(one.name, one.readout): one for one in played(jobs, work)}
     rows = {key: policy_row(one) for key, one in plays.items()}
-    a_1, a_2 = separability(work / POOLS)
+    a_1, a_2 = separability(work / DEMONSTRATIONS)
     tables = {
         "policies": list(rows.values()),
         "table_6_2": table_6_2(rows, plays, config),
         "table_a_1": a_1,
         "table_a_2": a_2,
-        "fig_a_1": distributions(work / POOLS),
+        "fig_a_1": distributions(work / DEMONSTRATIONS),
         "differences": differences(rows, config),
         "best_angles": best_angles([row for row in rows.values() if _compared(row)]),
         "curves": curves(jobs, work),

@@ -11,13 +11,15 @@ import numpy as np
 
 from socialiq.demonstrations import files
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.play import Episodes
 from socialiq.evaluation.support import support_intervals
+from socialiq.experiments.intersection import thesis_values
+from socialiq.experiments.intersection.experts import expert_name
+from socialiq.experiments.intersection.rows import Played, outcome_row
 from socialiq.statistics.separability import cohens_d
 from socialiq.storage import load_arrays
-from socialiq.studies.intersection import thesis_values
 from socialiq.studies.intersection.config import Config
-from socialiq.studies.intersection.plan import TARGETS, TRAINED, expert_name, learner_name
-from socialiq.studies.intersection.rows import Played, group_spread
+from socialiq.studies.intersection.plan import TARGETS, TRAINED, learner_name
 from socialiq.types import Row
 
 PERCENT = ("collision", "arrival", "timeout", "stopped")
@@ -157,3 +159,27 @@ def best_angles(rows: Sequence[Row]) -> list[Row]:
         kept |= {name: row[name] for name in ("r_env", "r_social", "angle")}
         found.append(kept | {"best_from": low, "best_to": high})
     return found
+
+
+def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
+    """Standard deviation of each metric over groups of episodes, as over evaluation seeds."""
+    size = config.group_episodes
+    groups = [slice(i * size, (i + 1) * size) for i in range(config.evaluation_seeds)]
+    rows = [outcome_row(part(episodes, group)) for group in groups]
+    return {
+        name: float(np.std([row[name] for row in rows], ddof=1))
+        for name in ("collision", "arrival", "timeout", "speed_kmh", "stopped")
+    }
+
+
+def part(episodes: Episodes, which: slice) -> Episodes:
+    """Some of the episodes."""
+    kept: dict[str, Any] = {}
+    for name, value in episodes._asdict().items():
+        if name == "signal_names":
+            kept[name] = value
+        elif isinstance(value, tuple):
+            kept[name] = type(value)(*(column[which] for column in value))
+        else:
+            kept[name] = value[which]
+    return Episodes(**kept)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from socialiq.experiments.intersection.plots import dots, with_target
 from socialiq.experiments.results import Results
-from socialiq.studies.intersection.figures_ablations import dots
 from socialiq.studies.intersection_ahead.study import TRAFFIC
-from socialiq.studies.intersection_networks.figures import with_target
 from socialiq.types import Row
 
 LABELS = {

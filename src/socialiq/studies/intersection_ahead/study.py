@@ -21,16 +21,20 @@ from socialiq.evaluation.online_planning import ThinkingAhead
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
+from socialiq.experiments.intersection.episodes import save_episodes
+from socialiq.experiments.intersection.experts import (
+    SHARES,
+    TARGET,
+    evaluations,
+    reaches,
+    set_expert,
+)
+from socialiq.experiments.intersection.jobs import BEST, EPISODES
+from socialiq.experiments.intersection.rows import curves, played, policy_row, times
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results
 from socialiq.nn.q_policy import QPolicy
 from socialiq.statistics.tests import holm, paired_difference
-from socialiq.studies.intersection.config import Config as IntersectionConfig
-from socialiq.studies.intersection.episodes import save_episodes
-from socialiq.studies.intersection.jobs import BEST
-from socialiq.studies.intersection.plan import evaluations
-from socialiq.studies.intersection.rows import curves, played, policy_row, times
-from socialiq.studies.intersection_networks.study import SHARES, TARGET, reaches, set_expert
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
@@ -46,8 +50,6 @@ TRAFFIC = {
     "connected_lanes": Options(connected_lanes=True),
 }
 """Where the atlas' egoist drives; it always believes in the first."""
-
-_DEFAULTS = IntersectionConfig()
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class Config:
     """Decisions played out in each."""
     doubt: float = 1.0
     """Standard errors by which an action must beat the network's own."""
-    episodes: int = _DEFAULTS.episodes
+    episodes: int = EPISODES
     """Evaluation episodes of each policy, the intersection study's own."""
 
     def __post_init__(self) -> None:

@@ -7,17 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.experiments.intersection.demonstration_sets import MIXTURE, RECORDED_EPISODES, SIZE
+from socialiq.experiments.intersection.dial_jobs import NUMBERS, STRUCTURE
+from socialiq.experiments.intersection.jobs import EPISODES
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
-
-STRUCTURE = StaticConfig(
-    view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
-)
-"""Of dials and agents, but for their ranges and updates: the network of the set experts."""
-
-NUMBERS = Hyperparameters(
-    temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
-)
-"""Rates of the set experts; an intersection has no clock, hence their discount."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +32,13 @@ class Config:
     """Gradient steps of an agent of one angle; all agents of a seed take twice a dial's."""
     steps_per_update: int = 12
     """Environment steps for each gradient step."""
-    pool_episodes: int = 3000
+    pool_episodes: int = RECORDED_EPISODES
     """Episodes recorded of each expert of the atlas, as in the intersection study."""
-    mixture: str = "equal_transitions"
+    mixture: str = MIXTURE
     """Of the three experts' demonstrations, as in the intersection study."""
-    size: int = 15_000
+    size: int = SIZE
     """Transitions of each expert in a mixture."""
-    episodes: int = 2000
+    episodes: int = EPISODES
     """Evaluation episodes of each policy, the intersection study's own."""
 
     def __post_init__(self) -> None:

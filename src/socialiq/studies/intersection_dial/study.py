@@ -16,15 +16,11 @@ import numpy as np
 from socialiq.evaluation.hypervolume import hypervolume
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
-from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results, from_csv
-from socialiq.social.angle import exact_weights
-from socialiq.statistics.tests import holm, paired_difference
-from socialiq.studies.intersection.demonstration_sets import POOLS, atlas_pools
-from socialiq.studies.intersection.episodes import load_episodes
-from socialiq.studies.intersection.rows import Played, policy_row, times
-from socialiq.studies.intersection_dial.config import Config
-from socialiq.studies.intersection_dial.jobs import (
+from socialiq.experiments.intersection.demonstration_sets import (
+    DEMONSTRATIONS,
+    atlas_demonstrations,
+)
+from socialiq.experiments.intersection.dial_jobs import (
     DIAL,
     DialRun,
     Turning,
@@ -32,6 +28,13 @@ from socialiq.studies.intersection_dial.jobs import (
     file_of,
     train_dial,
 )
+from socialiq.experiments.intersection.episodes import load_episodes
+from socialiq.experiments.intersection.rows import Played, policy_row, times
+from socialiq.experiments.jobs import Job
+from socialiq.experiments.results import Results, from_csv
+from socialiq.social.angle import exact_weights
+from socialiq.statistics.tests import holm, paired_difference
+from socialiq.studies.intersection_dial.config import Config
 from socialiq.types import Row
 
 STUDY = "intersection-dial"
@@ -61,7 +64,7 @@ def run(
 
 def plan(config: Config) -> list[Job]:
     """Every job, each after its inputs."""
-    jobs = [atlas_pools(config.pool_episodes)]
+    jobs = [atlas_demonstrations(config.pool_episodes)]
     for seed in config.seeds:
         jobs += _trained(config, config.structure, config.turned, dial_name(seed), seed)
         for angle in config.key_angles:
@@ -90,7 +93,7 @@ def _trained(
     learning = DialRun(structure, numbers, config.mixture, config.size, config.steps_per_update)
     if len(angles) == 1:
         learning = dataclasses.replace(learning, check_angles=angles)
-    yield Job(name, train_dial, learning, (POOLS,), cost=structure.updates / 150)
+    yield Job(name, train_dial, learning, (DEMONSTRATIONS,), cost=structure.updates / 150)
     driving = Turning(angles, config.episodes)
     yield Job(f"evaluation/{name}", drive, driving, (name,), cost=3.0 * len(angles))
 

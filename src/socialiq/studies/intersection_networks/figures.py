@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from socialiq.experiments.intersection.plots import (
+    by_run,
+    curve,
+    described,
+    dots,
+    runs,
+    with_target,
+)
 from socialiq.experiments.results import Results
 from socialiq.plotting.style import COLORS, figure, plain
-from socialiq.studies.intersection.figures import by_run, curve
-from socialiq.studies.intersection.figures_ablations import described, dots, runs
 from socialiq.studies.intersection_networks.study import NETWORKS
 
 FORESIGHT = {"experts": "", "foresight": ", one look ahead"}
@@ -36,17 +39,6 @@ def egoists(results: Results) -> Figure:
     title = "Intersection: the egoist by network (dashed: what a good one should reach)"
     drawn.suptitle(f"{title}\n{described(every)} (dot: a seed, bar: mean)", fontsize=10)
     return drawn
-
-
-def with_target(panels: Iterable[Axes], target: Mapping[str, float]) -> None:
-    """Draw what a good egoist should reach into a panel of collisions and one of arrivals."""
-    for axes, metric in zip(panels, ("collision", "arrival"), strict=True):
-        limit = 100 * target[metric]
-        axes.axvline(limit, color="#333333", linestyle="--", linewidth=1)
-        axes.annotate(
-            f"{limit:g} %", (limit, 1), (3, 2), xycoords=("data", "axes fraction"),
-            textcoords="offset points", fontsize=8,
-        )  # fmt: skip
 
 
 def learning(results: Results) -> Figure:

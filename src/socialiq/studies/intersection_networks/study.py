@@ -19,30 +19,27 @@ from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
-from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results
-from socialiq.learners.dqn import config as dqn
-from socialiq.statistics.tests import holm, paired_difference
-from socialiq.studies.intersection import atlas_files
-from socialiq.studies.intersection.config import Config as IntersectionConfig
-from socialiq.studies.intersection.jobs import ExpertRun, train_expert
-from socialiq.studies.intersection.plan import (
+from socialiq.experiments.intersection import atlas_files
+from socialiq.experiments.intersection.experts import (
+    EXPERT_STEPS,
+    SHARES,
+    TARGET,
     evaluations,
     expert_name,
-    finer,
     flat_expert,
     on_highway,
+    reaches,
+    set_expert,
 )
-from socialiq.studies.intersection.rows import curves, highway, played, policy_row, times
+from socialiq.experiments.intersection.jobs import EPISODES, HIGHWAY_EPISODES
+from socialiq.experiments.intersection.rows import curves, highway, played, policy_row, times
+from socialiq.experiments.jobs import Job
+from socialiq.experiments.results import Results
+from socialiq.statistics.tests import holm, paired_difference
 from socialiq.types import Row
 
 STUDY = "intersection-networks"
 NETWORKS = ("flat", "set")
-SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
-TARGET = {"arrival": 0.95, "collision": 0.04}
-"""What a good egoist should reach: at least so many arrivals, at most so many collisions."""
-
-_DEFAULTS = IntersectionConfig()
 
 
 @dataclass(frozen=True)
@@ -51,13 +48,13 @@ class Config:
 
     seeds: tuple[int, ...] = (40, 41, 42, 43, 44)
     """Training seeds of the egoists; the first one's trio that sees a set goes into the atlas."""
-    flat_steps: int = _DEFAULTS.expert_steps
+    flat_steps: int = EXPERT_STEPS
     """Environment steps of an expert that reads the flat list (thesis 5.2)."""
     set_steps: int = 2_400_000
     """Environment steps of an expert that sees a set; it updates four times as often."""
-    episodes: int = _DEFAULTS.episodes
+    episodes: int = EPISODES
     """Evaluation episodes of each policy, the intersection study's own."""
-    highway_episodes: int = _DEFAULTS.highway_episodes
+    highway_episodes: int = HIGHWAY_EPISODES
     """Episodes of each policy of the atlas on the real highway-env; 0 leaves that out."""
 
     def __post_init__(self) -> None:
@@ -97,14 +94,6 @@ def plan(config: Config) -> list[Job]:
     experts += [flat_expert("egoistic", seed, config.flat_steps) for seed in config.seeds]
     driven = on_highway(members(config), config.highway_episodes)
     return [*experts, *evaluations(experts, config.episodes), *driven]
-
-
-def set_expert(mode: str, seed: int, steps: int) -> Job:
-    """An expert that sees a set of vehicles."""
-    structure = dqn.StaticConfig("set", (128, 128), steps=steps, steps_per_update=12)
-    numbers = dqn.Hyperparameters(angle=MODES[mode], learning_rate=5e-4, polyak=0.01, seed=seed)
-    run = ExpertRun(structure, finer(numbers))
-    return Job(expert_name("set", mode, seed), train_expert, run, cost=900.0)
 
 
 def members(config: Config) -> dict[str, str]:
@@ -171,9 +160,3 @@ def _summary(
         "set": dataclasses.asdict(set_expert("egoistic", 0, config.set_steps).config),
     }
     return found
-
-
-def reaches(row: Row) -> bool:
-    """Whether a policy is as good as a good egoist should be."""
-    """Whether a policy is as good as a good egoist should be."""
-    return row["arrival"] >= TARGET["arrival"] and row["collision"] <= TARGET["collision"]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.intersection.dial_jobs import NUMBERS, STRUCTURE
+from socialiq.experiments.intersection.experts import finer
 from socialiq.learners import behaviour_cloning as cloning
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
-from socialiq.studies.intersection.plan import finer
-from socialiq.studies.intersection_dial.config import NUMBERS, STRUCTURE
 
 ALONE, PRIOR, RETURNS = "RL on R(α)", "prior on rewards", "prior on returns-to-go"
 SHARED, INFERRED = "shared competence", "shared competence, angles inferred"

@@ -13,9 +13,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_transitions
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.record import record
+from socialiq.experiments.intersection.jobs import BATCH
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.q_policy import QPolicy
-from socialiq.studies.intersection.jobs import BATCH
 from socialiq.studies.intersection_skill.driving import policy_name
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

@@ -13,12 +13,12 @@ from jaxtyping import Float, Int64
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.record import record
+from socialiq.experiments.intersection.jobs import BATCH
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
-from socialiq.studies.intersection.jobs import BATCH
 from socialiq.studies.intersection_skill.skill import levels_changed, stands_in_junction
 from socialiq.types import Policy
 from socialiq.worlds.intersection import atlas

@@ -17,10 +17,10 @@ from jaxtyping import Float, Int
 from scipy.special import log_softmax
 
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import write_json
-from socialiq.studies.intersection.demonstration_sets import POOLS
 from socialiq.studies.intersection_skill.demonstrations import demonstrations
 from socialiq.studies.intersection_skill.driving import DIAL
 
@@ -42,8 +42,8 @@ def infer(
     config: Inference, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Write the likeliest angle of each demonstrator, and how likely each angle is."""
-    shown = demonstrations(inputs[POOLS], config.size, config.seed)
-    (trained,) = (path for name, path in inputs.items() if name != POOLS)
+    shown = demonstrations(inputs[DEMONSTRATIONS], config.size, config.seed)
+    (trained,) = (path for name, path in inputs.items() if name != DEMONSTRATIONS)
     family = DialPolicy.load(trained / DIAL)
     angles = np.arange(family.low, family.high + 1e-9, config.grid)
     rows = []

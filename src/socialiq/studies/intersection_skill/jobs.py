@@ -13,6 +13,9 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations, concatenate
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
+from socialiq.experiments.intersection.jobs import CHECKPOINT, CHUNK, callbacks_of, source_of
+from socialiq.experiments.intersection.monitor import Checks, write_curve
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners import behaviour_cloning as cloning
 from socialiq.learners.collect import Collector, soft
@@ -26,9 +29,6 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
 from socialiq.storage import read_json
-from socialiq.studies.intersection.demonstration_sets import POOLS
-from socialiq.studies.intersection.jobs import CHECKPOINT, CHUNK, callbacks_of, source_of
-from socialiq.studies.intersection.monitor import Checks, write_curve
 from socialiq.studies.intersection_skill.demonstrations import demonstrations
 from socialiq.studies.intersection_skill.driving import DIAL, drive, policy_name
 from socialiq.studies.intersection_skill.inference import ANGLES
@@ -120,7 +120,7 @@ def _datasets(
     """None, a set of each demonstrator, or all in one."""
     if not structure.demonstrations:
         return []
-    shown = demonstrations(inputs[POOLS], size, seed)
+    shown = demonstrations(inputs[DEMONSTRATIONS], size, seed)
     return list(shown.values()) if structure.demonstrators else [concatenate(list(shown.values()))]
 
 
@@ -129,7 +129,7 @@ def _looked(config: DialRun, learnt: Any) -> dict[str, np.ndarray]:
     done = math.ceil(int(learnt.adam.count[0]) / CHUNK)
     if not config.checks.due(done, math.ceil(config.structure.updates / CHUNK)):
         return {"total": np.array([np.nan])}
-    family = dial_of(config.structure, config.numbers, network_of(learnt.slow, 0))
+    family = dial_of(config.structure, config.numbers, network_of(learnt.target_network, 0))
     first, count = config.checks.first_seed, config.checks.episodes
     seeds, batch = np.arange(first, first + count), Batch(config.options, min(count, 256))
     scores = [
@@ -162,7 +162,7 @@ def train_returns(
     trained = train_iq(
         structure,
         numbers,
-        [concatenate(list(demonstrations(inputs[POOLS], config.size, seed).values()))],
+        [concatenate(list(demonstrations(inputs[DEMONSTRATIONS], config.size, seed).values()))],
         callbacks=callbacks_of(folder, None, on_progress),
         chunk=CHUNK,
         before_chunk=Collector(sources, [one.seed for one in numbers], behaviour),
@@ -185,7 +185,7 @@ def train_clones(
     config: CloneRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Clone; writes a policy for each demonstrated angle."""
-    shown = demonstrations(inputs[POOLS], config.size, config.seed)
+    shown = demonstrations(inputs[DEMONSTRATIONS], config.size, config.seed)
     numbers = [
         cloning.Hyperparameters(seed=config.seed, dataset=place) for place in range(len(MODES))
     ]

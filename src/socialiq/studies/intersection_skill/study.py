@@ -14,9 +14,9 @@ from pathlib import Path
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
+from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
-from socialiq.studies.intersection.demonstration_sets import POOLS
 from socialiq.studies.intersection_skill.config import (
     ALONE,
     CLONES,
@@ -85,7 +85,7 @@ def plan(config: Config) -> list[Job]:
     taught = tuple(job.name for job in experts)
     jobs = [
         *experts,
-        Job(POOLS, record_demonstrators, Recording(config.pool_episodes), taught, 20.0),
+        Job(DEMONSTRATIONS, record_demonstrators, Recording(config.pool_episodes), taught, 20.0),
     ]
     entries = atlas.manifest()
     sha256 = tuple(entries[unskilled_name(mode)]["sha256"] for mode in MODES)
@@ -126,15 +126,18 @@ def _dial(config: Config, method: str, seed: int) -> Iterator[Job]:
     """A dial; where angles are inferred, an E-step before it and one after it."""
     structure, numbers = config.dial_of(method), config.numbers_of(method, seed)
     learning = DialRun(structure, numbers, config.size, config.weight, config.steps_per_update)
-    name, inputs = f"{FOLDERS[method]}/{seed}", (POOLS,) if structure.demonstrations else ()
+    name, inputs = (
+        f"{FOLDERS[method]}/{seed}",
+        (DEMONSTRATIONS,) if structure.demonstrations else (),
+    )
     step = Inference(config.size, seed, config.grid)
     if method == INFERRED:
         before = f"angles/0/{seed}"
-        yield Job(before, infer, step, (f"{FOLDERS[ALONE]}/{seed}", POOLS))
-        inputs = (POOLS, before)
+        yield Job(before, infer, step, (f"{FOLDERS[ALONE]}/{seed}", DEMONSTRATIONS))
+        inputs = (DEMONSTRATIONS, before)
     yield Job(name, train_family, learning, inputs, cost=structure.updates / 80)
     if method == INFERRED:
-        yield Job(f"angles/1/{seed}", infer, step, (name, POOLS))
+        yield Job(f"angles/1/{seed}", infer, step, (name, DEMONSTRATIONS))
 
 
 def _returns(config: Config, name: str, seed: int) -> Job:
@@ -144,9 +147,9 @@ def _returns(config: Config, name: str, seed: int) -> Job:
     )
     run = ReturnsRun(config.returns_structure, numbers, config.size)
     cost = len(numbers) * config.returns_structure.updates / 100
-    return Job(name, train_returns, run, (POOLS,), cost=cost)
+    return Job(name, train_returns, run, (DEMONSTRATIONS,), cost=cost)
 
 
 def _clones(config: Config, name: str, seed: int) -> Job:
     run = CloneRun(config.clone_structure, config.size, seed)
-    return Job(name, train_clones, run, (POOLS,), cost=config.clone_structure.updates / 50)
+    return Job(name, train_clones, run, (DEMONSTRATIONS,), cost=config.clone_structure.updates / 50)

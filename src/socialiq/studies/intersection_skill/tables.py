@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.experiments.intersection.rows import times
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results, from_csv
 from socialiq.social.estimate import resampled
 from socialiq.statistics.tests import holm, paired_difference
 from socialiq.storage import read_json
-from socialiq.studies.intersection.rows import times
 from socialiq.studies.intersection_skill.config import ALONE, CLONES, REFERENCES, Config
 from socialiq.studies.intersection_skill.driving import Driven, load
 from socialiq.studies.intersection_skill.inference import ANGLES

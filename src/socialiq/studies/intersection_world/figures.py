@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from socialiq.experiments.intersection.plots import OUTCOME_COLORS
 from socialiq.experiments.results import Results
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.pictures.render import filmstrip, picture
@@ -11,7 +12,6 @@ from socialiq.worlds.intersection.pictures.scenes import episode_scenes
 from socialiq.worlds.intersection.policies import policy
 
 EPISODE_SEED = 3
-OUTCOME_COLORS = {"arrival": "#4d9221", "collision": "#c51b7d", "timeout": "#bdbdbd"}
 DRIVERS = ("go", "random", "gap_2s", "gap_3s", "gap_4s", "stop_line", "wait")
 
 

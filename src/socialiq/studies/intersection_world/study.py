@@ -11,19 +11,17 @@ import numpy as np
 
 from socialiq.evaluation.play import Episodes, episodes_of
 from socialiq.experiments.gridworld_runs import StageCallback, silent
+from socialiq.experiments.intersection.rows import outcome_row, reward_row
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock
-from socialiq.statistics.tests import wilson
-from socialiq.types import Ending, Row
+from socialiq.types import Row
 from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import make
 
 STUDY = "intersection-world"
 BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
-KMH = 3.6  # km/h of a m/s
 
 POPULATIONS = ("highway_env", "thesis")
 DRIVERS = ("go", "idle", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "random")
@@ -45,7 +43,6 @@ READINGS: tuple[dict[str, Any], ...] = (
     {"canonical": True},
     {"population": "thesis"},
 )
-OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
 
 
 @dataclass(frozen=True)
@@ -142,50 +139,6 @@ def drive(
 
 def _name(reading: Mapping[str, Any]) -> str:
     return ", ".join(f"{name}={value}" for name, value in reading.items()) or "default"
-
-
-def outcome_row(episodes: Episodes) -> Row:
-    """Rates with Wilson intervals, who ran into whom, speeds."""
-    count = len(episodes.ending)
-    row: Row = {"episodes": count}
-    for name, kind in OUTCOMES.items():
-        share = wilson(int((episodes.ending == kind).sum()), count)
-        row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
-    length = episodes.length
-    return row | {
-        "ego_struck": float((episodes.contact == Contact.EGO_STRUCK).mean()),
-        "ego_was_struck": float((episodes.contact == Contact.EGO_WAS_STRUCK).mean()),
-        "neighbours_collided": float(episodes.neighbours_collided.mean()),
-        "length": float(length.mean()),
-        "speed_kmh": KMH * float(episodes.speed.mean()),
-        "speed_kmh_of_steps": KMH * float((episodes.speed * length).sum() / length.sum()),
-        "stopped": float(episodes.stopped.mean()),
-        "stopped_of_steps": float((episodes.stopped * length).sum() / length.sum()),
-    }
-
-
-def reward_row(episodes: Episodes) -> Row:
-    """Totals of an episode, and the share of decisions in which each signal is not 0."""
-    metrics, steps = episodes.metrics(), episodes.length.sum()
-    active = episodes.active.sum(axis=0) / steps
-    return {
-        "r_env": metrics.r_env,
-        "r_env_sd": float(episodes.totals.env.std()),
-        "r_social": metrics.r_social,
-        "r_social_sd": float(episodes.totals.social.std()),
-        "angle": metrics.angle,
-        "collision": metrics.collision,
-        "arrival": metrics.arrival,
-        "timeout": metrics.timeout,
-        **{
-            f"{name}_active": float(a)
-            for name, a in zip(episodes.signal_names, active, strict=True)
-        },
-        "classical_own": float(episodes.classical.env.mean()),
-        "classical_own_sd": float(episodes.classical.env.std()),
-        "classical_others": float(episodes.classical.social.mean()),
-        "classical_others_sd": float(episodes.classical.social.std()),
-    }
 
 
 def start_row(config: Config) -> Row:

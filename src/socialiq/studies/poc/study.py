@@ -8,13 +8,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
-from socialiq.experiments.gridworld_runs import Ground, Monitor, StageCallback, silent, train_runs
+from socialiq.experiments.gridworld_runs import (
+    Ground,
+    Monitor,
+    StageCallback,
+    sequence,
+    silent,
+    train_runs,
+)
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import StaticConfig
@@ -75,19 +81,6 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
         "agreement_by_updates": _by_updates(rows, config.updates),
     }
     return Results.of(STUDY, config, tables, _summary(tables))
-
-
-def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
-    """The actions of one greedy episode in the deterministic world, W for Wait and G for Go."""
-    mdp, letters = table.mdp, ""
-    state = int(mdp.initial.argmax())
-    for _ in range(table.world.horizon):
-        action = int(policy[state].argmax())
-        letters += table.world.actions[action][0]
-        if mdp.ending[state, action, 0]:
-            break
-        state = int(mdp.successor[state, action, 0])
-    return letters
 
 
 def _baseline_rows(

@@ -10,14 +10,13 @@ import numpy as np
 
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
-from socialiq.experiments.gridworld_runs import StageCallback, silent
+from socialiq.experiments.gridworld_runs import StageCallback, sequence, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn import presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.social.angle import angle_of, exact_weights, weights
 from socialiq.social.score import score
 from socialiq.statistics.separability import cohens_d
-from socialiq.studies.poc.study import sequence
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.experts import expert_policy

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from socialiq.evaluation.conflict_rates import rates
 from socialiq.evaluation.play import Episodes
+from socialiq.experiments.intersection.episodes import load_episodes
 from socialiq.experiments.jobs import RECORD, Job
 from socialiq.experiments.results import from_csv
 from socialiq.social.estimate import estimate_angle
+from socialiq.statistics.tests import wilson
 from socialiq.storage import read_json
-from socialiq.studies.intersection.config import Config
-from socialiq.studies.intersection.episodes import load_episodes
-from socialiq.studies.intersection_world.study import outcome_row, reward_row
-from socialiq.types import Row
+from socialiq.types import Ending, Row
+from socialiq.worlds.intersection.state import Contact
 
 _ANGLE_SEED = 0  # of the bootstrap
 _RATES = (
@@ -71,30 +69,6 @@ def policy_row(one: Played) -> Row:
         for name, value in exposed.items()
         if name not in row and name not in ("at_fault", "struck")
     }
-
-
-def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
-    """Standard deviation of each metric over groups of episodes, as over evaluation seeds."""
-    size = config.group_episodes
-    groups = [slice(i * size, (i + 1) * size) for i in range(config.evaluation_seeds)]
-    rows = [outcome_row(part(episodes, group)) for group in groups]
-    return {
-        name: float(np.std([row[name] for row in rows], ddof=1))
-        for name in ("collision", "arrival", "timeout", "speed_kmh", "stopped")
-    }
-
-
-def part(episodes: Episodes, which: slice) -> Episodes:
-    """Some of the episodes."""
-    kept: dict[str, Any] = {}
-    for name, value in episodes._asdict().items():
-        if name == "signal_names":
-            kept[name] = value
-        elif isinstance(value, tuple):
-            kept[name] = type(value)(*(column[which] for column in value))
-        else:
-            kept[name] = value[which]
-    return Episodes(**kept)
 
 
 def curves(jobs: Sequence[Job], work: Path) -> list[Row]:
@@ -154,3 +128,53 @@ def highway(jobs: Sequence[Job], work: Path) -> list[Row]:
                 | {name: max(row[name] for row in compared) for name in worst}
             )
     return rows
+
+
+KMH = 3.6  # km/h of a m/s
+
+
+OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
+
+
+def outcome_row(episodes: Episodes) -> Row:
+    """Rates with Wilson intervals, who ran into whom, speeds."""
+    count = len(episodes.ending)
+    row: Row = {"episodes": count}
+    for name, kind in OUTCOMES.items():
+        share = wilson(int((episodes.ending == kind).sum()), count)
+        row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
+    length = episodes.length
+    return row | {
+        "ego_struck": float((episodes.contact == Contact.EGO_STRUCK).mean()),
+        "ego_was_struck": float((episodes.contact == Contact.EGO_WAS_STRUCK).mean()),
+        "neighbours_collided": float(episodes.neighbours_collided.mean()),
+        "length": float(length.mean()),
+        "speed_kmh": KMH * float(episodes.speed.mean()),
+        "speed_kmh_of_steps": KMH * float((episodes.speed * length).sum() / length.sum()),
+        "stopped": float(episodes.stopped.mean()),
+        "stopped_of_steps": float((episodes.stopped * length).sum() / length.sum()),
+    }
+
+
+def reward_row(episodes: Episodes) -> Row:
+    """Totals of an episode, and the share of decisions in which each signal is not 0."""
+    metrics, steps = episodes.metrics(), episodes.length.sum()
+    active = episodes.active.sum(axis=0) / steps
+    return {
+        "r_env": metrics.r_env,
+        "r_env_sd": float(episodes.totals.env.std()),
+        "r_social": metrics.r_social,
+        "r_social_sd": float(episodes.totals.social.std()),
+        "angle": metrics.angle,
+        "collision": metrics.collision,
+        "arrival": metrics.arrival,
+        "timeout": metrics.timeout,
+        **{
+            f"{name}_active": float(a)
+            for name, a in zip(episodes.signal_names, active, strict=True)
+        },
+        "classical_own": float(episodes.classical.env.mean()),
+        "classical_own_sd": float(episodes.classical.env.std()),
+        "classical_others": float(episodes.classical.social.mean()),
+        "classical_others_sd": float(episodes.classical.social.std()),
+    }

@@ -11,17 +11,21 @@ import numpy as np
 from socialiq.demonstrations import files
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.record import record
+from socialiq.experiments.intersection.jobs import BATCH, BEST
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import save_arrays
-from socialiq.studies.intersection.jobs import BATCH, BEST
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
-POOLS = "demonstrations/experts"
+DEMONSTRATIONS = "demonstrations/experts"
 """Folder of the recordings, in every study."""
+RECORDED_EPISODES = 3000
+"""Episodes recorded of each expert."""
+MIXTURE, SIZE = "equal_transitions", 15_000
+"""The mixture that learners see: transitions of each expert (thesis 6.3)."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,7 @@ class Recording:
     """Episodes of the three experts."""
 
     file: str = BEST
-    episodes: int = 3000
+    episodes: int = RECORDED_EPISODES
     first_seed: int = 10_000_000
     options: Options = field(default_factory=Options)
 
@@ -58,7 +62,7 @@ def record_atlas(
     _record({mode: atlas.load(f"expert_{mode}") for mode in MODES}, config, folder, on_progress)
 
 
-def atlas_pools(episodes: int) -> Job:
+def atlas_demonstrations(episodes: int) -> Job:
     """Demonstrations for studies that train no experts of their own.
 
     Raises:
@@ -67,7 +71,7 @@ def atlas_pools(episodes: int) -> Job:
     entries = atlas.manifest()
     sha256 = tuple(entries[f"expert_{mode}"]["sha256"] for mode in MODES)
     run = AtlasRecording(episodes=episodes, sha256=sha256)
-    return Job(POOLS, record_atlas, run, cost=20.0)
+    return Job(DEMONSTRATIONS, record_atlas, run, cost=20.0)
 
 
 def _record(

@@ -22,6 +22,8 @@ from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.oracle_lookahead import with_foresight
 from socialiq.evaluation.play import episodes_of
+from socialiq.experiments.intersection.episodes import save_episodes
+from socialiq.experiments.intersection.monitor import Checks, Monitor, write_curve
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.experiments.results import as_csv
 from socialiq.learners.callbacks import Callbacks, Report
@@ -34,8 +36,6 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.state import History
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import write_atomically
-from socialiq.studies.intersection.episodes import save_episodes
-from socialiq.studies.intersection.monitor import Checks, Monitor, write_curve
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
@@ -47,6 +47,10 @@ BEST, LAST = "best.safetensors", "last.safetensors"
 CHECKPOINT = "checkpoint.safetensors"
 CHUNK = 200  # updates between two rounds of acting
 BATCH = 512  # episodes side by side in evaluation
+EPISODES, HIGHWAY_EPISODES = 2000, 200
+"""Evaluation episodes of a policy, on the core and on the real highway-env."""
+FIRST_EPISODE, FIRST_HIGHWAY_EPISODE = 20_000_000, 30_000_000
+"""Seeds of the first of them, the same for all policies."""
 
 
 @dataclass(frozen=True)
@@ -141,8 +145,8 @@ class Evaluation:
     driver: str = LAST
     """File in the input's folder, or the name of a driver by rule."""
     readouts: tuple[str, ...] = ("greedy", "soft")
-    episodes: int = 2000
-    first_seed: int = 20_000_000
+    episodes: int = EPISODES
+    first_seed: int = FIRST_EPISODE
     options: Options = field(default_factory=Options)
 
 
@@ -160,19 +164,19 @@ def evaluate(
 
 
 @dataclass(frozen=True)
-class ForesightRun:
+class LookaheadRun:
     """Episodes of one expert who knows what comes."""
 
     angle: float
     driver: str = BEST
     readouts: tuple[str, ...] = ("greedy",)
-    episodes: int = 2000
-    first_seed: int = 20_000_000
+    episodes: int = EPISODES
+    first_seed: int = FIRST_EPISODE
     options: Options = field(default_factory=Options)
 
 
-def foresee(
-    config: ForesightRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+def drive_with_lookahead(
+    config: LookaheadRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Drive with foresight; writes what became of every episode."""
     driver = driver_of(config.driver, inputs, config.first_seed)
@@ -187,8 +191,8 @@ class HighwayRun:
     """Episodes of one policy on the core and on the real highway-env."""
 
     driver: str = LAST
-    episodes: int = 200
-    first_seed: int = 30_000_000
+    episodes: int = HIGHWAY_EPISODES
+    first_seed: int = FIRST_HIGHWAY_EPISODE
     options: Options = field(default_factory=Options)
 
 

@@ -14,6 +14,18 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.play import episodes_of
+from socialiq.experiments.intersection.episodes import save_episodes
+from socialiq.experiments.intersection.jobs import (
+    BATCH,
+    CHECKPOINT,
+    CHUNK,
+    EPISODES,
+    FIRST_EPISODE,
+    LAST,
+    callbacks_of,
+    source_of,
+)
+from socialiq.experiments.intersection.monitor import Checks, write_curve
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners.collect import Collector
 from socialiq.learners.dial.acting import acting
@@ -21,21 +33,22 @@ from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import dial_of, train
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
-from socialiq.studies.intersection.episodes import save_episodes
-from socialiq.studies.intersection.jobs import (
-    BATCH,
-    CHECKPOINT,
-    CHUNK,
-    LAST,
-    callbacks_of,
-    source_of,
-)
-from socialiq.studies.intersection.monitor import Checks, write_curve
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
 DIAL = "dial.safetensors"
+
+STRUCTURE = StaticConfig(
+    view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
+)
+"""Of dials and agents, but for their ranges and updates: the network of the set experts."""
+
+
+NUMBERS = Hyperparameters(
+    temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
+)
+"""Rates of the set experts; an intersection has no clock, hence their discount."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +96,7 @@ def _looked(config: DialRun, learnt: Any) -> dict[str, np.ndarray]:
     done = math.ceil(int(learnt.adam.count[0]) / CHUNK)
     if not config.checks.due(done, math.ceil(config.structure.updates / CHUNK)):
         return {"total": np.array([np.nan])}
-    dial = dial_of(config.structure, config.numbers, network_of(learnt.slow, 0))
+    dial = dial_of(config.structure, config.numbers, network_of(learnt.target_network, 0))
     first, count = config.checks.first_seed, config.checks.episodes
     totals = [
         episodes_of(
@@ -101,8 +114,8 @@ class Turning:
     """Episodes of a dial at some angles, on seeds that all policies share."""
 
     angles: tuple[float, ...]
-    episodes: int = 2000
-    first_seed: int = 20_000_000
+    episodes: int = EPISODES
+    first_seed: int = FIRST_EPISODE
     options: Options = field(default_factory=Options)
 
 

@@ -1,0 +1,1 @@
+"""Jobs, tables and pictures that the studies of the intersection share."""
