@@ -18,7 +18,6 @@ from socialiq.studies.compare_priors.config import Config
 from socialiq.studies.compare_priors.gridworlds import effective_share
 from socialiq.studies.compare_priors.learners import Arena
 from socialiq.studies.compare_priors.methods import BY_NAME, IQ, LABELS, METHODS, nearest_mode
-from socialiq.studies.intersection import config as intersection_config
 
 TINY = Config(
     worlds=("crossing5",),
@@ -224,8 +223,8 @@ def test_the_plan_of_the_intersection_is_whole() -> None:
 
 
 def test_a_tiny_intersection_runs(monkeypatch, tmp_path) -> None:
-    tiny = intersection_config.Config(pool_episodes=12, size=60)
-    monkeypatch.setattr(intersection, "STUDY", tiny)
+    monkeypatch.setattr(study, "RECORDED_EPISODES", 12)
+    monkeypatch.setattr(intersection, "SIZE", 60)
     config = Config(
         worlds=("intersection",),
         methods=("instantaneous", "cql", "rl", "dial"),
