@@ -52,7 +52,7 @@ def batch(seed: int) -> Batch:
 
 
 class Problem:
-    """A random network with its slow copy, and random batches."""
+    """A random network with its target network, and random batches."""
 
     def __init__(self, seed: int) -> None:
         keys = jax.random.split(jax.random.key(seed))
@@ -266,7 +266,7 @@ def moved(network: QNetwork, direction: QNetwork, step: float) -> QNetwork:
 
 @both_sources
 def test_only_online_does_the_gradient_pass_through_the_next_value(next_value: str) -> None:
-    """Finite differences: with the slow copy held fixed, and with it moving along."""
+    """Finite differences: with the target network held fixed, and with it moving along."""
     with jax.enable_x64(True):
         problem, shape = Problem(0), static(next_value=next_value)
         network, way = jax.tree.map(

@@ -37,7 +37,7 @@ class PredictLambda:
     measure: Literal["occupancy", "rows"] = "occupancy"
     """Discounted occupancies, as in the theorems; or evenly drawn rows, as in batches."""
     next_value: Literal["online", "target"] = "online"
-    """Gradient through V(s') (online), or V(s') of a slow copy (target)."""
+    """Gradient through V(s') (online), or V(s') of a target network (target)."""
     json: bool = False
     """Print one JSON object."""
 

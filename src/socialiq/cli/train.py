@@ -83,7 +83,7 @@ class Train:
     chi2_on: str | None = None
     """expert or mixture."""
     next_value: str | None = None
-    """V(s') by a slow copy (target) or by the network with gradient (online)."""
+    """V(s') by a target network (target) or by the network with gradient (online)."""
     hidden: tuple[int, ...] | None = None
     """Widths of the hidden layers."""
     activation: str | None = None
@@ -191,7 +191,7 @@ class Train:
     def event_files(
         self, hyperparameters: list[Hyperparameters], stack: ExitStack
     ) -> list[EventFiles]:
-        """Event files of all lanes, if they are asked for; closed with the stack."""
+        """Event files of all runs, if they are asked for; closed with the stack."""
         if self.tensorboard is None:
             return []
         names = [
@@ -248,7 +248,7 @@ def _monitor(simulator: GridWorld | None, hyperparameters: list[Hyperparameters]
 
 
 def _history_rows(trained: Trained) -> list[Row]:
-    """One row for each recorded update and lane."""
+    """One row for each recorded update and run."""
     history = trained.history
     arrays = {name: history.array(name) for name in history.values}
     return [

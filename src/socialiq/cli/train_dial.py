@@ -200,7 +200,7 @@ class TrainDial:
 
 
 def _history_rows(trained: Trained) -> list[Row]:
-    """One row for each recorded update and lane."""
+    """One row for each recorded update and run."""
     history = trained.history
     arrays = {name: np.asarray(history.array(name)) for name in history.values}
     return [
@@ -212,7 +212,7 @@ def _history_rows(trained: Trained) -> list[Row]:
 
 
 def look_row(look: Look) -> dict[str, Any]:
-    """One step of dual ascent, of all lanes."""
+    """One step of dual ascent, of all runs."""
     return {
         "updates": look.updates,
         "regret": look.regret.tolist(),

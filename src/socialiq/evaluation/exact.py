@@ -84,11 +84,11 @@ def action_table(
 def exact_monitor(
     table: Table, temperatures: Sequence[float]
 ) -> Callable[[Any], dict[str, np.ndarray]]:
-    """A monitor for `learners.Outside`: every metric of every lane, greedy and soft.
+    """A monitor for `learners.callbacks.Callbacks`: every metric of every run, greedy and soft.
 
     Args:
         table: The world, or better its reachable part.
-        temperatures: τ of each lane.
+        temperatures: τ of each run.
     """
 
     def monitor(learnt: Any) -> dict[str, np.ndarray]:

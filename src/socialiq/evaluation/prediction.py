@@ -111,7 +111,7 @@ def lines_of(problem: Problem, next_value: NextValue) -> Lines:
 
     Args:
         problem: The problem.
-        next_value: "online" passes the gradient through V(s'), "target" doesn't (a slow copy).
+        next_value: "online" passes the gradient through V(s'), "target" doesn't (a target network).
     """
     one_of("next value", next_value, NEXT_VALUES)
     if next_value == "target":

@@ -1,4 +1,4 @@
-"""Train many lanes in an enumerable world and evaluate every one of them exactly."""
+"""Train many runs in an enumerable world and evaluate every one of them exactly."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ StageCallback = Callable[[str], Callable[[Report], None] | None]
 
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
-"""Given what all lanes have learnt, named values, each (lanes,)."""
+"""Given what all runs have learnt, named values, each (runs,)."""
 
 
 def silent(_stage: str) -> None:

@@ -105,7 +105,7 @@ class Cloned:
     history: History
 
     def policy(self, run: int) -> QPolicy:
-        """The clone of one lane; its soft policy at τ = 1 is the fitted distribution."""
+        """The clone of one run; its soft policy at τ = 1 is the fitted distribution."""
         record = {
             "learner": "behaviour_cloning",
             "structure": asdict(self.static),
@@ -121,12 +121,12 @@ def clone(
     callbacks: Callbacks | None = None,
     chunk: int = 500,
 ) -> Cloned:
-    """Clone one lane for each of `numbers`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
-        static: What the lanes share.
-        hyperparameters: What they differ in.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each lane's.
+        static: Shared by all runs.
+        hyperparameters: One entry for each run.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each run's.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside.
 

@@ -21,16 +21,16 @@ class Report(NamedTuple):
     """What a progress display is told after each chunk.
 
     Attributes:
-        done: Units of work done, of each lane.
+        done: Units of work done, of each run.
         total: Units to do.
-        rate: Units per second, summed over lanes, since this process started; per another time
+        rate: Units per second, summed over runs, since this process started; per another time
             if the unit names it.
         seconds_left: Estimated.
-        terms: Mean of each named term over the chunk and over sound lanes.
-        monitored: What the monitor returned, each (lanes,).
-        failures: One line for each lane that has stopped.
+        terms: Mean of each named term over the chunk and over sound runs.
+        monitored: What the monitor returned, each (runs,).
+        failures: One line for each run that has stopped.
         unit: What is counted, "updates", or "jobs/min" where the rate is not per second.
-        by_run: Mean of each named term over the chunk, each (lanes,); NaN where a lane broke.
+        by_run: Mean of each named term over the chunk, each (runs,); NaN where a run broke.
     """
 
     done: int
@@ -50,10 +50,10 @@ class Callbacks:
 
     Attributes:
         on_report: Called after each chunk.
-        monitor: Given the `learnt` of all lanes, returns named values, each (lanes,).
+        monitor: Given the `learnt` of all runs, returns named values, each (runs,).
         checkpoint: File of the resumable state; written when stopped and about once a minute.
         resume: Whether to go on from that file.
-        run_names: How failure messages call the lanes.
+        run_names: How failure messages call the runs.
     """
 
     on_report: Callable[[Report], None] | None = None

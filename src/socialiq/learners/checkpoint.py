@@ -1,4 +1,4 @@
-"""The resumable state of a run as one checked file: lanes, history, and the run's fingerprint."""
+"""The resumable state of a run as one checked file: runs, history, and the run's fingerprint."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def load(
     Args:
         path: The file.
         fingerprint: Of the run that wants to go on.
-        like: Freshly initialised lanes, for the tree's shape.
+        like: Freshly initialised runs, for the tree's shape.
 
     Returns:
-        The lanes, the updates done at each recorded chunk, and the recorded values.
+        The runs, the updates done at each recorded chunk, and the recorded values.
 
     Raises:
         UserError: If the file is missing or damaged, or belongs to another run.

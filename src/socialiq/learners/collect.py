@@ -27,21 +27,21 @@ Source = Callable[[Act, np.random.Generator], Batch]
 """Lets a driver act in an environment for a fixed number of steps."""
 
 Behaviour = Callable[[Any, int, int, np.random.Generator], Act]
-"""How a lane acts: given its network, of whichever kind its learner trains, its number, the updates
+"""How a run acts: given its network, of whichever kind its learner trains, its number, the updates
 done and its random numbers."""
 
 
 class Collector:
-    """Fills each lane's replay from a source of its own, chunk by chunk.
+    """Fills each run's replay from a source of its own, chunk by chunk.
 
     Pass it as `before_chunk` of a learner's `train`. Every chunk begins with a reset that is
-    seeded by the lane and the number of updates done, so a resumed run sees the same experience
+    seeded by the run and the number of updates done, so a resumed run sees the same experience
     as an uninterrupted one.
 
     Args:
-        sources: One for each lane.
-        seeds: One for each lane.
-        behaviour: How lanes act.
+        sources: One for each run.
+        seeds: One for each run.
+        behaviour: How runs act.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Collector:
         self._add = jax.jit(jax.vmap(replay.add_many))
 
     def __call__(self, runs: Runs, done: int) -> Runs:
-        """Let every lane act with its present network, and store what happens."""
+        """Let every run act with its present network, and store what happens."""
         batches = [
             self._collect(run, network_of(runs.learnt.network, run), done)
             for run in range(len(self.sources))
@@ -66,7 +66,7 @@ class Collector:
 
 
 def soft(temperatures: Sequence[float]) -> Behaviour:
-    """Act by softmax(Q/τ), with each lane's τ."""
+    """Act by softmax(Q/τ), with each run's τ."""
 
     def behaviour(network: QNetwork, run: int, _done: int, rng: np.random.Generator) -> Act:
         policy = QPolicy.of(network, temperatures[run], {}, rng)

@@ -82,7 +82,7 @@ class Hyperparameters:
     """γ."""
     learning_rate: float = 3e-4
     polyak: float = 0.005
-    """Share of the network mixed into its slow copy at each update."""
+    """Share of the network mixed into its target network at each update."""
     seed: int = 0
     dataset: int = 0
 
@@ -127,7 +127,7 @@ class Trained:
     failures: tuple[str, ...]
 
     def policy(self, run: int) -> QPolicy:
-        """The trained policy of one lane."""
+        """The trained policy of one run."""
         record = {
             "learner": "cql",
             "structure": dataclasses.asdict(self.static),
@@ -144,12 +144,12 @@ def train(
     callbacks: Callbacks | None = None,
     chunk: int = 500,
 ) -> Trained:
-    """Train one lane for each of `numbers`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
-        static: What the lanes share.
-        hyperparameters: What they differ in.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each lane's.
+        static: Shared by all runs.
+        hyperparameters: One entry for each run.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each run's.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside.
 
@@ -181,7 +181,7 @@ def train(
 
 
 def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
-    """Stack the lanes' numbers into arrays."""
+    """Stack the hyperparameters of the runs into arrays."""
     pairs = [exact_weights(one.angle) for one in hyperparameters]
     kinds: dict[str, Any] = {"seed": jnp.uint32, "dataset": jnp.int32}
     columns = {
@@ -204,8 +204,8 @@ def conservative_loss(
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """1/2 E[(Q(s, a) - λ R(α) - γ (1 - d) V(s'))²] + α_CQL E[V(s) - Q(s, a)], and its terms.
 
-    V(s) = τ log sum_a exp(Q(s, a) / τ); V(s') is the slow copy's, without gradient. Kumar et al.
-    2020, their Eq 4, with both expectations over the demonstrations.
+    V(s) = τ log sum_a exp(Q(s, a) / τ); V(s') is that of the target network, without gradient.
+    Kumar et al. 2020, their Eq 4, with both expectations over the demonstrations.
     """
     q = jax.vmap(network)(batch.observation)
     taken = jnp.take_along_axis(q, batch.action[:, None], axis=1)[:, 0]

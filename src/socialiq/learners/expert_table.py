@@ -39,7 +39,7 @@ the same size share one compiled program."""
 
 
 class ExpertTable(NamedTuple):
-    """One or more sets of demonstrations end to end; each lane samples from one of them.
+    """One or more sets of demonstrations end to end; each run samples from one of them.
 
     Attributes:
         columns: All transitions, and empty rows at the end.

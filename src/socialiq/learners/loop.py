@@ -1,11 +1,11 @@
-"""Many training runs ("lanes") in one compiled program: chunks, progress, stopping, resuming.
+"""Many training runs in one compiled program: chunks, progress, stopping, resuming.
 
 A learner is two pure functions: `initialise(numbers) -> (learnt, surroundings)` and
 `update(numbers, learnt, surroundings) -> (learnt, surroundings, terms)`. `terms` are named scalars.
-Arrays that all lanes share, such as demonstrations, are bound with `jax.tree_util.Partial`, so that
+Arrays that all runs share, such as demonstrations, are bound with `jax.tree_util.Partial`, so that
 they are the program's input: a constant of that size would be compiled into it, anew for each set.
-A lane whose terms or parameters are no longer finite keeps its last finite `learnt` and records
-which term broke; the other lanes go on.
+A run whose terms or parameters are no longer finite keeps its last finite `learnt` and records
+which term broke; the other runs go on.
 """
 
 from __future__ import annotations
@@ -46,21 +46,21 @@ def run(
     callbacks: Callbacks,
     before_chunk: Callable[[Runs, int], Runs] | None = None,
 ) -> tuple[Runs, History]:
-    """Train all lanes for `total` updates.
+    """Train all runs for `total` updates.
 
     Args:
-        initialise: Makes one lane's state of its numbers.
-        update: One gradient step of one lane.
-        hyperparameters: Pytree of the lanes' traced numbers, each with a leading lane axis.
-        total: Updates of each lane.
+        initialise: Makes one run's state of its numbers.
+        update: One gradient step of one run.
+        hyperparameters: Pytree of the runs' traced numbers, each with a leading run axis.
+        total: Updates of each run.
         chunk: Updates between two looks at the outside world.
         fingerprint: Names the run; a checkpoint of another fingerprint is refused.
         callbacks: Progress, monitor, checkpoint.
-        before_chunk: Called with the lanes and the number of updates done, to bring in outside
+        before_chunk: Called with the runs and the number of updates done, to bring in outside
             experience; must depend on nothing else, or a resumed run would differ.
 
     Returns:
-        The final lanes, and the history.
+        The final runs, and the history.
 
     Raises:
         Stopped: On Ctrl-C, after the chunk in progress.
@@ -104,14 +104,14 @@ def term_names(update: Callable[..., Any], hyperparameters: Any, runs: Runs) -> 
 def failure_lines(
     runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """One line for each lane that stopped: which, when, which term."""
+    """One line for each run that stopped: which, when, which term."""
     causes = (*names, "parameters")
     lines = []
     for run, (step, term) in enumerate(
         zip(np.asarray(runs.failed_at), np.asarray(runs.failed_term), strict=True)
     ):
         if step >= 0:
-            name = run_names[run] if run_names else f"lane {run}"
+            name = run_names[run] if run_names else f"run {run}"
             lines.append(
                 f"{name} stopped at update {step}: {causes[term]} not finite; "
                 "lower learning_rate, strength or prior_weight"
@@ -150,7 +150,7 @@ def _start_all(initialise: Partial, hyperparameters: Any) -> Runs:
 def _advance_all(
     update: Partial, hyperparameters: Any, runs: Runs, steps: int
 ) -> tuple[Runs, Array]:
-    """One chunk of all lanes."""
+    """One chunk of all runs."""
     one = partial(_advance, update, steps=steps)
     return jax.vmap(one)(hyperparameters, runs)
 
@@ -164,7 +164,7 @@ def _start(initialise: Callable[[Any], tuple[Any, Any]], hyperparameters: Any) -
 def _advance(
     update: Callable[..., Any], hyperparameters: Any, run: Runs, *, steps: int
 ) -> tuple[Runs, Array]:
-    """One chunk of one lane; returns the mean of each term, NaN once the lane has broken."""
+    """One chunk of one run; returns the mean of each term, NaN once the run has broken."""
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
         learnt, surroundings, terms = update(hyperparameters, run.learnt, run.surroundings)

@@ -1,4 +1,4 @@
-"""What a training run is made of while it runs: the lanes' state, and what was recorded."""
+"""What a training run is made of while it runs: the runs' state, and what was recorded."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from jaxtyping import Array, Int
 
 
 class Runs(NamedTuple):
-    """The state of all lanes; every array has a leading lane axis.
+    """The state of all runs; every array has a leading run axis.
 
     Attributes:
         learnt: What training changes and a non-finite loss must not touch.
         surroundings: Random key, replay, episode: whatever else an update carries along.
         updates: Number of updates done.
-        failed_at: Update at which the lane broke, -1 while it is sound.
+        failed_at: Update at which the run broke, -1 while it is sound.
         failed_term: Index of the first term that was not finite (in the order of their names).
     """
 
@@ -29,7 +29,7 @@ class Runs(NamedTuple):
 
 @dataclass
 class History:
-    """What was recorded at the end of each chunk; arrays are (chunks, lanes)."""
+    """What was recorded at the end of each chunk; arrays are (chunks, runs)."""
 
     updates: list[int] = field(default_factory=list)
     values: dict[str, list[np.ndarray]] = field(default_factory=dict)
@@ -41,5 +41,5 @@ class History:
             self.values.setdefault(name, []).append(np.asarray(values[name], np.float64))
 
     def array(self, name: str) -> np.ndarray:
-        """One recorded quantity, (chunks, lanes)."""
+        """One recorded quantity, (chunks, runs)."""
         return np.stack(self.values[name])

@@ -18,15 +18,15 @@ from socialiq.learners.callbacks import Report
 
 
 class EventFiles:
-    """One folder of events for each lane; a context, and an `Callbacks.on_report`.
+    """One folder of events for each run; a context, and an `Callbacks.on_report`.
 
     The tag of a number is its name in metrics.csv, its step the number of updates. What is not
     finite is written as it is: TensorBoard marks it.
 
     Args:
-        folder: Folder of all lanes; it is made. Events that are there stay, as TensorBoard wants
+        folder: Folder of all runs; it is made. Events that are there stay, as TensorBoard wants
             it of a run that goes on.
-        run_names: One folder name for each lane.
+        run_names: One folder name for each run.
 
     Raises:
         UserError: If the extra `tensorboard` is not installed, or the folder can't be written.
@@ -52,7 +52,7 @@ class EventFiles:
             writer.close()
 
     def __call__(self, report: Report) -> None:
-        """Write what a chunk told, on each lane's own."""
+        """Write what a chunk told, on each run's own."""
         from tensorboard.compat.proto.event_pb2 import Event  # pyright: ignore
         from tensorboard.compat.proto.summary_pb2 import Summary  # pyright: ignore
 

@@ -89,5 +89,5 @@ def through(
 
 
 def network_of(networks: Any, run: int) -> Any:
-    """One network of many whose arrays share a leading lane axis."""
+    """One network of many whose arrays share a leading run axis."""
     return jax.tree.map(lambda leaf: leaf[run], networks)

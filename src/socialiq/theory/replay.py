@@ -57,7 +57,7 @@ def equilibrium(
         problem: The problem for rows (`theory.rows`), of mass 1.
         mdp: The world in which the learner acts, without the rows' changes.
         horizon: Largest number of steps of an episode.
-        next_value: "online" passes the gradient through V(s'), "target" doesn't (a slow copy).
+        next_value: "online" passes the gradient through V(s'), "target" doesn't (a target network).
         start: Q of a similar problem on the same support.
 
     Returns:

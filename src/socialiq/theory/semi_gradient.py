@@ -1,4 +1,4 @@
-"""The analogue for V(s') of a slow copy, through which no gradient passes."""
+"""The analogue for V(s') of a target network, through which no gradient passes."""
 
 from __future__ import annotations
 

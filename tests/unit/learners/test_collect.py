@@ -28,7 +28,7 @@ def collector(steps: int = STEPS) -> Collector:
 
 
 @pytest.fixture(name="runs", scope="module")
-def fresh_lanes(demonstrations) -> Runs:
+def fresh_runs(demonstrations) -> Runs:
     table = ExpertTable.of([demonstrations()], "running", 0.99)
     start = jax.vmap(lambda one: initialise(STRUCTURE, None, (6, 3), table, one))
     zero = np.zeros(2, np.int32)
@@ -36,7 +36,7 @@ def fresh_lanes(demonstrations) -> Runs:
 
 
 @pytest.fixture(name="filled", scope="module")
-def filled_lanes(runs) -> Runs:
+def filled_runs(runs) -> Runs:
     return collector()(runs, 0)
 
 

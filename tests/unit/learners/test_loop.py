@@ -1,4 +1,4 @@
-"""The loop with a learner that can be worked out: x follows its lane's target, with noise."""
+"""The loop with a learner that can be worked out: x follows its run's target, with noise."""
 
 import dataclasses
 import signal
@@ -23,7 +23,7 @@ TOTAL, NEVER = 40, 10_000
 
 
 class Toy(NamedTuple):
-    """Numbers of a lane: where x goes, and when which of its values breaks."""
+    """Numbers of a run: where x goes, and when which of its values breaks."""
 
     target: Any
     breaks_at: Any
@@ -92,7 +92,7 @@ def assert_same_history(one: History, other: History) -> None:
         np.testing.assert_array_equal(one.array(name), other.array(name))
 
 
-def test_lanes_converge_to_their_own_targets(whole) -> None:
+def test_runs_converge_to_their_own_targets(whole) -> None:
     runs, history = whole
     np.testing.assert_allclose(runs.learnt["x"], [[1] * 3, [5] * 3], atol=0.01)
     assert runs.updates.tolist() == [TOTAL, TOTAL]
@@ -112,7 +112,7 @@ def test_the_size_of_chunks_changes_nothing(whole, assert_same, chunk: int) -> N
     assert_same(train(toys(1.0, 5.0), chunk=chunk)[0], whole[0])
 
 
-def test_a_lane_does_not_depend_on_its_neighbours(whole) -> None:
+def test_a_run_does_not_depend_on_its_neighbours(whole) -> None:
     alone, _ = train(toys(5.0))
     among, _ = train(toys(9.0, 5.0, 2.0, breaks_at=(3,)))
     for runs, run in ((alone, 0), (among, 1)):
@@ -120,7 +120,7 @@ def test_a_lane_does_not_depend_on_its_neighbours(whole) -> None:
 
 
 @pytest.mark.parametrize(("breaks", "term"), [(0, "noise"), (1, "square"), (2, "parameters")])
-def test_a_lane_that_breaks_keeps_its_last_sound_state(
+def test_a_run_that_breaks_keeps_its_last_sound_state(
     whole, assert_same, breaks: int, term: str
 ) -> None:
     reports: list[Report] = []
@@ -139,10 +139,10 @@ def test_a_lane_that_breaks_keeps_its_last_sound_state(
     )
 
 
-def test_a_lane_without_a_name_is_called_by_its_number() -> None:
+def test_a_run_without_a_name_is_called_by_its_number() -> None:
     reports: list[Report] = []
     train(toys(1.0, 5.0, breaks_at=(0, 0)), on_report=reports.append)
-    assert [line[:16] for line in reports[-1].failures] == ["lane 0 stopped a", "lane 1 stopped a"]
+    assert [line[:13] for line in reports[-1].failures] == ["run 0 stopped", "run 1 stopped"]
 
 
 def test_only_the_first_failure_is_told() -> None:
@@ -161,7 +161,7 @@ def test_only_the_first_failure_is_told() -> None:
     assert (always.failed_at.tolist(), always.failed_term.tolist()) == ([0], [0])
 
 
-def test_reports_and_history_leave_a_broken_lane_out() -> None:
+def test_reports_and_history_leave_a_broken_run_out() -> None:
     reports: list[Report] = []
     hyperparameters = toys(100.0, 5.0, breaks_at=(3,))
     _, history = train(hyperparameters, on_report=reports.append)
@@ -199,7 +199,7 @@ def test_the_rate_leaves_out_the_first_chunk_which_compiles(
         return {}
 
     train(toys(1.0, 5.0), on_report=reports.append, monitor=monitor)
-    assert [report.rate for report in reports] == [0.4, 10.0, 10.0, 10.0]  # of both lanes
+    assert [report.rate for report in reports] == [0.4, 10.0, 10.0, 10.0]  # of both runs
     assert [report.seconds_left for report in reports] == [150.0, 4.0, 2.0, 0.0]
 
 
@@ -221,7 +221,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
     assert_same_history(history, whole[1])
 
 
-def test_a_broken_lane_stays_broken_after_a_resume(assert_same, tmp_path: Path) -> None:
+def test_a_broken_run_stays_broken_after_a_resume(assert_same, tmp_path: Path) -> None:
     hyperparameters, path = toys(1.0, 5.0, breaks_at=(3,)), tmp_path / "state"
     with pytest.raises(Stopped):
         train(hyperparameters, on_report=interrupt_after(20), checkpoint=path)
@@ -231,7 +231,7 @@ def test_a_broken_lane_stays_broken_after_a_resume(assert_same, tmp_path: Path) 
     assert_same_history(history, whole_history)
 
 
-def test_before_chunk_is_told_the_updates_done_and_changes_the_lanes() -> None:
+def test_before_chunk_is_told_the_updates_done_and_changes_the_runs() -> None:
     told = []
 
     def reset(runs: Runs, done: int) -> Runs:

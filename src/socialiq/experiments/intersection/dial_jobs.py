@@ -71,7 +71,7 @@ class DialRun:
 def train_dial(
     config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Mix demonstrations, train on them and on the core, keep the slow copy and the curve."""
+    """Mix demonstrations, train on them and on the core, keep the target network and the curve."""
     structure, numbers, world = config.structure, config.numbers, Intersection(config.options)
     (pools,) = inputs.values()
     shown = {mode: files.load(pools / f"{mode}.safetensors") for mode in MODES}

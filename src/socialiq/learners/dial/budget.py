@@ -23,7 +23,7 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import network_of
 
 Regret = Callable[[DialNetwork, int, float], float]
-"""Of a network, its lane, and the multiplier that it was trained under."""
+"""Of a network, its run, and the multiplier that it was trained under."""
 
 
 class Look(NamedTuple):
@@ -31,8 +31,8 @@ class Look(NamedTuple):
 
     Attributes:
         updates: Gradient steps done.
-        regret: Of each lane.
-        multiplier: Of each lane, from here on.
+        regret: Of each run.
+        multiplier: Of each run, from here on.
     """
 
     updates: int
@@ -44,8 +44,8 @@ class Budget:
     """Dual ascent on the multiplier; pass it as `budget` of `train`.
 
     Args:
-        regret: Measures a lane's policy at the target angle.
-        budget: ε of each lane, in units of reward.
+        regret: Measures a run's policy at the target angle.
+        budget: ε of each run, in units of reward.
         step: How far log μ moves for a regret that is twice the budget.
         low: Smallest multiplier.
         high: Largest.
@@ -74,7 +74,7 @@ class Budget:
         self.path: list[Look] = []
 
     def __call__(self, runs: Runs, done: int) -> Runs:
-        """Measure every lane, and move its multiplier."""
+        """Measure every run, and move its multiplier."""
         before = np.asarray(runs.surroundings.multiplier, np.float64)
         if not done:
             return runs

@@ -127,7 +127,7 @@ class Hyperparameters:
     final_rate: float = 0.02
     """What is left of the learning rate at the end, as a share."""
     polyak: float = 0.01
-    """Share of the network mixed into its slow copy at each update."""
+    """Share of the network mixed into its target network at each update."""
     exploration: float = 0.1
     """Share of random actions while acting; the others are drawn from softmax(Q/τ)."""
     seed: int = 0

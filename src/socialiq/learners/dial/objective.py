@@ -120,7 +120,7 @@ def _skill_loss(
 
         E_i[ Σ_b π(b|s; a_i) f(s, b) - f(s, a) ] + c E_i[ f(s, a)² + ε Σ_b f(s, b)² ]
 
-    π is softmax(Q/τ) of the slow copy at the demonstrator's own angle a_i. In a state of the
+    π is softmax(Q/τ) of the target network at the demonstrator's own angle a_i. In a state of the
     demonstrations f therefore rises for actions that are taken more often than the policy of
     R(a_i) + f would, and falls for the others, until that policy acts as shown or c outweighs it.
     """

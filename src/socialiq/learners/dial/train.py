@@ -1,4 +1,4 @@
-"""Training of the dial: one network for a range of angles, many lanes in one compiled program."""
+"""Training of the dial: one network for a range of angles, many runs in one compiled program."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.types import Simulator, Transitions
 
 BeforeChunk = Callable[[Runs, int], Runs]
-"""Called with the lanes and the number of updates done, before each chunk."""
+"""Called with the runs and the number of updates done, before each chunk."""
 
 _ADAM = optax.scale_by_adam()  # the traced learning rate is applied by hand
 
@@ -65,13 +65,13 @@ class Trained:
     """The outcome of a training call.
 
     Attributes:
-        static: Of all lanes.
-        hyperparameters: Of each lane.
-        networks: The slow copies, arrays with a leading lane axis.
+        static: Of all runs.
+        hyperparameters: Of each run.
+        networks: The target networks, arrays with a leading run axis.
         skills: What the demonstrators share, f; None if no demonstrators are told.
-        multipliers: Of each lane at the end, 1 without a budget.
-        history: What was recorded, (chunks, lanes).
-        failures: One line for each lane that stopped early.
+        multipliers: Of each run at the end, 1 without a budget.
+        history: What was recorded, (chunks, runs).
+        failures: One line for each run that stopped early.
     """
 
     static: StaticConfig
@@ -83,7 +83,7 @@ class Trained:
     failures: tuple[str, ...]
 
     def dial(self, run: int) -> DialPolicy:
-        """The trained dial of one lane."""
+        """The trained dial of one run."""
         network = network_of(self.networks, run)
         return dial_of(self.static, self.hyperparameters[run], network, self.multipliers[run])
 
@@ -116,13 +116,13 @@ def train(
     before_chunk: BeforeChunk | None = None,
     budget: BeforeChunk | None = None,
 ) -> Trained:
-    """Train one lane for each of `numbers`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
-        static: What the lanes share.
-        hyperparameters: What they differ in.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each lane's. None without
-            demonstrations; with `StaticConfig.demonstrators` one set of each of them for a lane.
+        static: Shared by all runs.
+        hyperparameters: One entry for each run.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each run's. None without
+            demonstrations; with `StaticConfig.demonstrators` one set of each of them for a run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         sizes: Features of an observation and number of actions; needed only where neither
             demonstrations nor a simulator tell.
@@ -179,7 +179,7 @@ def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
 
 
 def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
-    """Stack the lanes' numbers into arrays."""
+    """Stack the hyperparameters of the runs into arrays."""
     kinds = {"seed": jnp.uint32, "dataset": jnp.int32}
     return Traced(
         *(
@@ -195,7 +195,7 @@ def initialise(
     sizes: tuple[int, int],
     hyperparameters: Traced,
 ) -> tuple[Learnt, Surroundings]:
-    """Draw a network and start episodes, from the lane's seed alone."""
+    """Draw a network and start episodes, from the run's seed alone."""
     key, for_network, for_acting = jax.random.split(jax.random.key(hyperparameters.seed), 3)
     n_features, n_actions = sizes
     network = DialNetwork.initialise(

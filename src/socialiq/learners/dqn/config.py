@@ -35,7 +35,7 @@ class StaticConfig:
     activation: str = "relu"
     """Between the layers."""
     double: bool = True
-    """Whether the network chooses the action that the slow copy values."""
+    """Whether the network chooses the action that the target network values."""
     through_timeouts: bool = False
     """Whether a timeout is bootstrapped through. That makes a wait that pays an income for ever,
     which an episode of 20 s doesn't give (docs/reproduction/intersection.md)."""
@@ -74,7 +74,7 @@ class Hyperparameters:
     final_learning_rate: float = 3e-4
     """Of Adam, at the end; in between it falls linearly."""
     polyak: float = 0.005
-    """Share of the network mixed into its slow copy at each update."""
+    """Share of the network mixed into its target network at each update."""
     exploration: float = 0.05
     """Share of random actions, after it has fallen from 1."""
     exploration_fall: float = 0.2

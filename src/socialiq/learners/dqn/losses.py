@@ -14,10 +14,10 @@ Scalar = Float[Array, ""]
 def next_value(
     target_network: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
 ) -> Float[Array, " batch"]:
-    """max_a Q(s', a) by the slow copy; "double" lets the network itself choose a.
+    """max_a Q(s', a) by the target network; "double" lets the network itself choose a.
 
     Args:
-        target_network: Q(s', ·) of the slow copy (Mnih et al. 2015).
+        target_network: Q(s', ·) of the target network (Mnih et al. 2015).
         fast: Q(s', ·) of the network (van Hasselt et al. 2016).
         double: Who chooses.
     """

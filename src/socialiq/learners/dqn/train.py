@@ -63,11 +63,11 @@ class Trained:
     """The outcome: one network for each of `numbers`.
 
     Attributes:
-        static: Of all lanes.
-        hyperparameters: Of each lane.
-        networks: The networks, arrays with a leading lane axis.
-        history: What was recorded, (chunks, lanes).
-        failures: One line for each lane that stopped early.
+        static: Of all runs.
+        hyperparameters: Of each run.
+        networks: The networks, arrays with a leading run axis.
+        history: What was recorded, (chunks, runs).
+        failures: One line for each run that stopped early.
     """
 
     static: StaticConfig
@@ -77,7 +77,7 @@ class Trained:
     failures: tuple[str, ...]
 
     def policy(self, run: int) -> QPolicy:
-        """The policy of one lane after the last update."""
+        """The policy of one run after the last update."""
         return policy_of(self.static, self.hyperparameters[run], network_of(self.networks, run))
 
 
@@ -99,12 +99,12 @@ def train(
     callbacks: Callbacks | None = None,
     chunk: int = 200,
 ) -> Trained:
-    """Train one lane for each of `numbers`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
-        static: What the lanes share.
-        hyperparameters: What they differ in.
-        sources: Where each lane acts; `learners.collect` makes them, for
+        static: Shared by all runs.
+        hyperparameters: One entry for each run.
+        sources: Where each run acts; `learners.collect` makes them, for
             `chunk * structure.steps_per_update` steps.
         sizes: Features of an observation, and number of actions.
         callbacks: Progress, monitor, checkpoint.
@@ -158,7 +158,7 @@ def acting(static: StaticConfig, hyperparameters: Sequence[Hyperparameters]) -> 
 
 
 def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
-    """Stack the lanes' numbers into arrays."""
+    """Stack the hyperparameters of the runs into arrays."""
     pairs = [exact_weights(one.angle) for one in hyperparameters]
 
     def column(values: Sequence[float | int], kind: Any = jnp.float32) -> Array:
@@ -175,7 +175,7 @@ def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
 def initialise(
     static: StaticConfig, sizes: tuple[int, int], hyperparameters: Traced
 ) -> tuple[Learnt, Surroundings]:
-    """Draw a network from the lane's seed, beside an empty replay."""
+    """Draw a network from the run's seed, beside an empty replay."""
     key, for_network = jax.random.split(jax.random.key(hyperparameters.seed))
     n_features, n_actions = sizes
     network = QNetwork.initialise(

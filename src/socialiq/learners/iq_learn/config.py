@@ -68,7 +68,7 @@ class StaticConfig:
     chi2_on: Literal["expert", "mixture"] = "expert"
     """Term 3 over demonstrations (Eq 2.7), or over demonstrations and replay."""
     next_value: Literal["target", "online"] = "target"
-    """V(s') by a slow copy without gradient, or by the network itself with gradient."""
+    """V(s') by a target network without gradient, or by the network itself with gradient."""
     shift_term_3: bool = False
     """With prior "bellman_shift": whether term 3 sees the shifted reward too (see App. B.1)."""
     endings: Endings = Endings()
@@ -147,7 +147,7 @@ class Hyperparameters:
     learning_rate: float = 3e-4
     """Of Adam."""
     polyak: float = 0.005
-    """τ_target, the share of the network mixed into its slow copy at each update."""
+    """τ_target, the share of the network mixed into its target network at each update."""
     reweight_temperature: float = 1.0
     """τ_w of Eq B.2."""
     seed: int = 0

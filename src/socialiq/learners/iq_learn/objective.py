@@ -89,7 +89,7 @@ def _continuation(
     hyperparameters: Traced,
     static: StaticConfig,
 ) -> Float[Array, " batch"]:
-    """(1 - d) V(s'), from the slow copy without gradient or from the network with gradient."""
+    """(1 - d) V(s'), from the target network without gradient or from the network with gradient."""
     source = target_network if static.next_value == "target" else network
     q_next = jax.vmap(source)(batch.next_observation)
     absorbing = losses.absorbing_value(

@@ -16,7 +16,7 @@ from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 TABLE_C1 = StaticConfig()
 TABLE_C1_NUMBERS = Hyperparameters()
 
-# Fig 6.1. The gradient flows through V(s'), as in the IQ-Learn paper; with a slow copy the 5x5
+# Fig 6.1. The gradient flows through V(s'), as in the IQ-Learn paper; with a target network the 5x5
 # baseline drifts from WWWWGGGG to WGGGG, a tie in the data. The number of updates was chosen on the
 # development seeds 0 to 9: the prosocial policy needs 8,000 (docs/reproduction/poc.md).
 POC = dataclasses.replace(TABLE_C1, target_kind="running", next_value="online", updates=8000)

@@ -62,11 +62,11 @@ class Trained:
     """The outcome of a training call.
 
     Attributes:
-        static: Of all lanes.
-        hyperparameters: Of each lane.
-        networks: The networks, arrays with a leading lane axis.
-        history: What was recorded, (chunks, lanes).
-        failures: One line for each lane that stopped early.
+        static: Of all runs.
+        hyperparameters: Of each run.
+        networks: The networks, arrays with a leading run axis.
+        history: What was recorded, (chunks, runs).
+        failures: One line for each run that stopped early.
     """
 
     static: StaticConfig
@@ -76,7 +76,7 @@ class Trained:
     failures: tuple[str, ...]
 
     def policy(self, run: int) -> QPolicy:
-        """The trained policy of one lane."""
+        """The trained policy of one run."""
         hyperparameters = self.hyperparameters[run]
         record = {
             "learner": "iq_learn",
@@ -95,12 +95,12 @@ def train(
     chunk: int = 500,
     before_chunk: Callable[[Runs, int], Runs] | None = None,
 ) -> Trained:
-    """Train one lane for each of `numbers`, all in one compiled program.
+    """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
-        static: What the lanes share.
-        hyperparameters: What they differ in.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each lane's.
+        static: Shared by all runs.
+        hyperparameters: One entry for each run.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each run's.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two looks at the outside.
@@ -141,7 +141,7 @@ def run_name(of: Hyperparameters) -> str:
 
 
 def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
-    """Stack the lanes' numbers into arrays."""
+    """Stack the hyperparameters of the runs into arrays."""
     pairs = [exact_weights(one.angle) for one in hyperparameters]
 
     def column(name: str, dtype: Any = jnp.float32) -> Array:
@@ -163,7 +163,7 @@ def initialise(
     table: ExpertTable,
     hyperparameters: Traced,
 ) -> tuple[Learnt, Surroundings]:
-    """Draw a network and start an episode, from the lane's seed alone."""
+    """Draw a network and start an episode, from the run's seed alone."""
     key, for_network, for_world = jax.random.split(jax.random.key(hyperparameters.seed), 3)
     n_features, n_actions = sizes
     network = QNetwork.initialise(
@@ -274,8 +274,8 @@ def check_fit(
     """Refuse runs whose settings, data and world don't fit together, before any work is done.
 
     Args:
-        static: What the lanes share.
-        hyperparameters: What they differ in.
+        static: Shared by all runs.
+        hyperparameters: One entry for each run.
         datasets: Sets of demonstrations.
         simulator: The world, if there is one.
         collects: Whether experience comes from outside JAX.

@@ -26,7 +26,7 @@ def test_a_multiplier_weighs_the_score_and_keeps_the_entropy() -> None:
 
 def test_the_multiplier_finds_the_budget(demonstrations) -> None:
     """A regret of 1/μ: budgets of 0.5 and 0.1 are met at μ = 2 and μ = 10."""
-    budget = Budget(lambda _network, _lane, mu: 1.0 / mu, np.array([0.5, 0.1]), step=0.5)
+    budget = Budget(lambda _network, _run, mu: 1.0 / mu, np.array([0.5, 0.1]), step=0.5)
     runs = [Hyperparameters(seed=0), Hyperparameters(seed=1)]
     trained = train(OFFLINE, runs, [demonstrations()], chunk=50, budget=budget)
     np.testing.assert_allclose(trained.multipliers, [2.0, 10.0], rtol=0.02)

@@ -30,7 +30,7 @@ def uninterrupted(data) -> Trained:
     return train(ONLINE, RUNS, [data], WORLD, chunk=20)
 
 
-def test_every_lane_trains_soundly(whole: Trained) -> None:
+def test_every_run_trains_soundly(whole: Trained) -> None:
     assert whole.failures == ()
     assert set(whole.history.values) == {"expert", "value", "prior", "multiplier", "max_q", "loss"}
     parts = [whole.history.array(name) for name in ("expert", "value", "prior")]

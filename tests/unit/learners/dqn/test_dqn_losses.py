@@ -14,7 +14,7 @@ def column(*values: float) -> jax.Array:
 
 @pytest.mark.parametrize(("double", "expected"), [(False, [3, 7]), (True, [1, 7])])
 def test_next_value_by_hand(double: bool, expected: list[float]) -> None:
-    """The network would take actions 0 and 1, the slow copy actions 2 and 1."""
+    """The network would take actions 0 and 1, the target network actions 2 and 1."""
     target_network, fast = jnp.array([[1.0, 2, 3], [6, 7, 5]]), jnp.array([[9.0, 8, 0], [0, 4, 3]])
     np.testing.assert_array_equal(losses.next_value(target_network, fast, double), expected)
 

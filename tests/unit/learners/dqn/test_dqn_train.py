@@ -125,7 +125,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not(
     assert (first != second).any()
 
 
-def test_a_lane_does_not_depend_on_its_neighbours(whole: Trained, assert_same) -> None:
+def test_a_run_does_not_depend_on_its_neighbours(whole: Trained, assert_same) -> None:
     found = learn(dataclasses.replace(RUNS[0], seed=9, discount=0.5), RUNS[1])
     assert_same(*(jax.tree.map(lambda leaf: leaf[1], one.networks) for one in (found, whole)))
 

@@ -37,7 +37,7 @@ def observations(data) -> np.ndarray:
     return data.observation[:10]
 
 
-def test_an_online_run_trains_every_lane_soundly(whole: Trained, data) -> None:
+def test_an_online_run_trains_every_run_soundly(whole: Trained, data) -> None:
     assert whole.failures == ()
     assert whole.history.updates == [20, 40, 60]
     terms = {"expert", "value", "chi2", "prior", "loss", "max_q", "expert_reward"}
@@ -84,7 +84,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
 @pytest.mark.parametrize(
     ("wild", "broken"), [({"learning_rate": 1e30}, "parameters"), ({"strength": 1e30}, "prior")]
 )
-def test_a_lane_that_diverges_stops_and_the_other_trains_on(
+def test_a_run_that_diverges_stops_and_the_other_trains_on(
     whole: Trained, assert_same, data, wild: dict[str, float], broken: str
 ) -> None:
     found = train(
@@ -98,7 +98,7 @@ def test_a_lane_that_diverges_stops_and_the_other_trains_on(
     assert np.isfinite(found.policy(1).weights[0]).all()
 
 
-def test_a_lane_does_not_depend_on_its_neighbours(whole: Trained, data) -> None:
+def test_a_run_does_not_depend_on_its_neighbours(whole: Trained, data) -> None:
     alone = train(ONLINE, RUNS[1:], [data], CROSSING7, chunk=60)
     found, expected = alone.policy(0), whole.policy(1)
     np.testing.assert_allclose(
@@ -115,7 +115,7 @@ def test_a_policy_carries_its_temperature_and_its_origin(whole: Trained) -> None
 
 
 def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data) -> None:
-    """Two lanes that never learn: one so hot that it acts evenly, one so cold that it is greedy."""
+    """Two runs that never learn: one so hot that it acts evenly, one so cold that it is greedy."""
     steps = 400
     static = dataclasses.replace(ONLINE, batch_size=1, replay_capacity=steps)
     table = ExpertTable.of([data], "running", 0.99)
