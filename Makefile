@@ -4,12 +4,14 @@ BIN := .venv/bin
 # One thread a library: the tests run side by side, and torch is slower with more.
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test check tests core install clean
+.PHONY: demo test check tests core docs install clean
 
 demo: .venv/installed  ## set up, train the 7x7 trio and the baseline, print and draw
 	$(BIN)/socialiq demo
 
-test: check tests  ## everything that a change must pass
+test:  ## what a change must pass: checks, then every test that is quick and needs no extra
+	$(MAKE) --jobs 2 check core
+	$(MAKE) tests
 
 check: .venv/installed-dev  ## lint, types, layers
 	$(BIN)/ruff check .
@@ -17,13 +19,16 @@ check: .venv/installed-dev  ## lint, types, layers
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 
-tests: core  ## the tests, shapes checked at run time, warnings as errors
-	$(BIN)/pytest -n 2 --dist loadscope
+tests: core  ## the quick tests, shapes checked at run time, warnings as errors
+	$(BIN)/pytest -n 2 --dist loadscope -m "not slow" --ignore tests/extras $(PYTEST)
 
 # Numba keeps the compiled intersection on disk. Without it there, both workers of pytest would
 # compile it at the same time, a minute each.
 core: .venv/installed-dev
 	$(BIN)/python -c "from socialiq.worlds import registry; registry.make('intersection').batch(1).reset(0)"
+
+docs: .venv/installed-docs  ## the documentation's site, in build/site; a warning is an error
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/site
 
 install: .venv/installed
 
@@ -37,6 +42,10 @@ install: .venv/installed
 
 .venv/installed-dev: .venv/bin/python pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@ .venv/installed
+
+.venv/installed-docs: .venv/bin/python pyproject.toml constraints.txt
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[docs]'
 	touch $@ .venv/installed
 
 clean:

@@ -1,6 +1,8 @@
 import os
+import re
 from collections.abc import Callable, Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -8,6 +10,55 @@ import pytest
 
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
+
+EXTRAS = Path(__file__).parent / "extras"
+EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows)")
+"""What no installation can mend. Any other reason to skip a test fails a run with --report-skips."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--report-skips",
+        metavar="FILE",
+        help="append skipped tests to FILE; fail if one needs neither another system nor a GPU",
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.is_relative_to(EXTRAS):
+            item.add_marker("extras")
+
+
+def skipped(config: pytest.Config) -> list[tuple[str, str]]:
+    """Each skipped test or module, and why."""
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    reports = reporter.stats.get("skipped", []) if reporter else []
+    return [(one.nodeid, one.longrepr[2].removeprefix("Skipped: ")) for one in reports]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Fail a run of --report-skips that left out what it could have run."""
+    file = session.config.getoption("--report-skips")
+    if file is None or "PYTEST_XDIST_WORKER" in os.environ:
+        return
+    found = skipped(session.config)
+    with Path(file).open("a") as lines:
+        lines.writelines(f"{name}: {reason}\n" for name, reason in found)
+    if exitstatus == pytest.ExitCode.OK and not all(EXCUSE.search(why) for _, why in found):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    if config.getoption("--report-skips") is None:
+        return
+    for name, reason in skipped(config):
+        if not EXCUSE.search(reason):
+            terminalreporter.write_line(f"SKIPPED WITHOUT NEED {name}: {reason}", red=True)
 
 
 @cache
@@ -32,7 +83,7 @@ def table7() -> Table:
 
 @pytest.fixture(scope="session", name="compiled", autouse=True)
 def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Of compiled programs: one for all workers, and for the processes of jobs (`workers`).
+    """Folder of compiled programs, for all workers and for the processes that tests start.
 
     Those compile fast rather than well, as `quick_compiler` does here.
     """
@@ -44,17 +95,19 @@ def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield folder
 
 
-@pytest.fixture(scope="module")
-def quick_compiler(compiled: str) -> Iterator[None]:
-    """Compile fast rather than well, and runs of one structure once.
+@pytest.fixture(scope="module", autouse=True)
+def quick_compiler(request: pytest.FixtureRequest, compiled: str) -> Iterator[None]:
+    """Compile fast rather than well, and each program once in the whole run.
 
     The learners build their programs anew each time, and compiling them is most of the tests' time.
+    A module whose training is long, or is compared with a committed one, sets
+    `FULL_COMPILER = True`.
     """
     settings = {
         "jax_compilation_cache_dir": compiled,
         "jax_persistent_cache_min_compile_time_secs": 0,
         "jax_persistent_cache_min_entry_size_bytes": -1,
-        "jax_disable_most_optimizations": True,
+        "jax_disable_most_optimizations": not getattr(request.module, "FULL_COMPILER", False),
     }
     before = {name: jax.config.values[name] for name in settings}
     for name, value in settings.items():

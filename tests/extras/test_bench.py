@@ -1,6 +1,8 @@
 """The benchmarks run to their end beside the real peers; their figures are not judged here."""
 
 import json
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -24,29 +26,37 @@ def test_bench_worlds_prints_one_json_object(capsys):
     assert found["steps_per_s_2_threads"] > 0
 
 
-@pytest.fixture
-def _small_experts(monkeypatch):
-    """Whole, it takes minutes: here both sides take a few steps, the peer in two processes."""
-    load = bench.load
+@pytest.fixture(name="smaller")
+def smaller_benchmarks(monkeypatch) -> Callable[..., None]:
+    """Constants of the next benchmark: whole, it takes minutes."""
 
-    def smaller(name):
-        module = load(name)
-        vars(module).update(ENVIRONMENTS=2, PEER_STEPS=24, OUR_STEPS=28_800)
-        return module
+    def change(**constants: Any) -> None:
+        load = bench.load
 
-    monkeypatch.setattr(bench, "load", smaller)
+        def loaded(name):
+            module = load(name)
+            assert set(constants) <= set(vars(module))
+            vars(module).update(constants)
+            return module
+
+        monkeypatch.setattr(bench, "load", loaded)
+
+    return change
 
 
-@pytest.mark.usefixtures("_small_experts")
-def test_bench_experts_prints_one_json_object(capsys):
+def test_bench_experts_prints_one_json_object(smaller, capsys):
     pytest.importorskip("stable_baselines3", reason="extra `sb3` is not installed")
+    # Both sides take a few steps, the peer in two processes.
+    smaller(ENVIRONMENTS=2, PEER_STEPS=24, OUR_STEPS=28_800)
     assert main(["bench", "experts", "--repeats", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["ratio"] > 0
     assert found["share_of_matrix_throughput"] > 0
 
 
-def test_bench_dial_prints_one_json_object(capsys):
+@pytest.mark.usefixtures("quick_compiler")
+def test_bench_dial_prints_one_json_object(smaller, capsys):
+    smaller(SHARE=1000, CHUNK=20, QUICK_SEEDS=(50,))
     assert main(["bench", "dial", "--repeats", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["intersection_thesis_updates"] == found["intersection_dial_updates"]
@@ -55,9 +65,10 @@ def test_bench_dial_prints_one_json_object(capsys):
     assert 0 <= found["crossing7_quick_regret"] <= found["crossing7_quick_worst_seed"]
 
 
-def test_bench_recordings_prints_one_json_object(capsys):
+def test_bench_recordings_prints_one_json_object(smaller, capsys):
+    smaller(N_TRACKS=20, N_FRAMES=200)
     assert main(["bench", "recordings", "--repeats", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     for layout in ("commonroad", "ind", "interaction", "ngsim"):
         assert found[f"{layout}_states_per_s"] > 0
-    assert found["bytes_per_state_60000"] < 1.2 * found["bytes_per_state_30000"]
+    assert found["bytes_per_state_8000"] < 1.2 * found["bytes_per_state_4000"]

@@ -77,11 +77,13 @@ def test_lanelets_are_those_of_commonroad_io(theirs, path):
         assert (None if line is None else line.tolist()) == their["stop_line"]
 
 
+@pytest.mark.recorded
 @needs_data
 def test_there_are_twelve_recorded_scenarios():
     assert len(RECORDED) == 12
 
 
+@pytest.mark.recorded
 @needs_data
 def test_recorded_tracks_pass_the_checks_but_one(tmp_path, capsys):
     folder = tmp_path / "out"

@@ -15,7 +15,10 @@ from socialiq.recordings.splits import recordings_of, split
 from socialiq.types import Ending
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
-pytestmark = pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder")
+pytestmark = [
+    pytest.mark.recorded,
+    pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder"),
+]
 
 
 @pytest.fixture(scope="module")

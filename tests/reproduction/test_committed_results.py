@@ -39,6 +39,8 @@ from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
+FULL_COMPILER = True
+
 
 @pytest.fixture(scope="module")
 def committed():
@@ -49,6 +51,7 @@ def committed():
     return {name: store.load(folder / name) for name in names}
 
 
+@pytest.mark.slow
 def test_exact_facts_are_equal(committed):
     again = worlds.run()
     for name in ("crossing5_readings", "crossing5_ties", "crossing7_readings", "crossing7_front"):
@@ -76,6 +79,7 @@ def test_the_theory_foretells_and_finds_the_same(committed):
     assert compared >= 4 + 4 + 2 * 11  # every slope twice, every flip twice
 
 
+@pytest.mark.slow
 def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
     config = grid.Config(
         seeds=(10, 11), target_kinds=("running",), strengths=(1.0,), comparisons=False
@@ -100,6 +104,7 @@ def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
     assert compared == 8  # two seeds; baseline and targets, each at 0 and 90 degrees
 
 
+@pytest.mark.slow
 def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
     again = poc.run(poc.Config(seeds=(20, 21), readings=False))
 
@@ -116,6 +121,7 @@ def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
     assert found == {key: theirs[key] for key in found}
 
 
+@pytest.mark.slow
 def test_the_ends_of_the_sweep_are_equal(committed):
     config = lambda_sweep.Config(
         seeds=(10,), strengths=(0.0, 5.0), target_kinds=("instantaneous",), checkpoint_every=3000
@@ -263,6 +269,7 @@ def test_the_dial_drives_as_before(committed, batch, angle):
         assert found[name] == pytest.approx(theirs[name], abs=0.02), name
 
 
+@pytest.mark.slow
 def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
     """From the atlas' experts to recordings, a mixture, a clone of one mode and its J(90)."""
     results, run = committed["compare-priors-intersection"], Run(90.0, 1.0, 10, 0)
@@ -286,6 +293,7 @@ def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
     assert again.metrics().arrival == pytest.approx(theirs["arrival"], abs=0.01)
 
 
+@pytest.mark.slow
 def test_audits_come_out_as_before(committed, tmp_path):
     """Of files whose bytes are the same everywhere, so that their episodes are too."""
     theirs = {(row["policy"], row["declared"]): row for row in committed["audits"].tables["audits"]}

@@ -32,6 +32,7 @@ def compared(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_a_folder_of_results_is_written(folder):
     results = store.load(folder)
     assert results.study == "compare-priors"
@@ -41,6 +42,7 @@ def test_a_folder_of_results_is_written(folder):
     assert (folder.with_name("found.work") / "priors" / "crossing5" / "fresh").is_dir()
 
 
+@pytest.mark.slow
 def test_results_are_shown_again(folder, capsys):
     assert main(["compare", "priors", "--from", str(folder)]) == 0
     shown = capsys.readouterr().out
@@ -48,6 +50,7 @@ def test_results_are_shown_again(folder, capsys):
     assert "BC, pooled" in shown and "90°" in shown
 
 
+@pytest.mark.slow
 def test_results_as_json(folder, capsys):
     assert main(["compare", "priors", "--from", str(folder), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -78,6 +81,7 @@ def test_mistakes_are_one_line_and_leave_nothing(arguments, mend, capsys, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.slow
 def test_a_folder_of_another_study_is_refused(capsys, tmp_path, folder):
     results = store.load(folder)
     other = store.Results("poc", results.config, results.tables, {}, results.versions)
@@ -86,6 +90,7 @@ def test_a_folder_of_another_study_is_refused(capsys, tmp_path, folder):
     assert "holds poc" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_existing_folder_is_kept(capsys, folder):
     assert main(["compare", "priors", "--out", str(folder)]) == 2
     assert "exists already" in capsys.readouterr().err

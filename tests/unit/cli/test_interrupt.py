@@ -16,8 +16,6 @@ SETTINGS = ["--world", "crossing7", "--seed", "1", "2", "--updates", "4000", "--
 
 def start(*arguments):
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    # It has to compute as this process does, to the last bit.
-    environment.pop("JAX_DISABLE_MOST_OPTIMIZATIONS", None)
     command = [sys.executable, "-c", "from socialiq.cli.main import main; raise SystemExit(main())"]
     return subprocess.Popen(
         [*command, *map(str, arguments)],
@@ -38,6 +36,7 @@ def wait_for_first_chunk(process):
     pytest.fail("no progress was shown")
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_a_run_that_resumes_to_the_same_bits(tmp_path):
     data = tmp_path / "mixed.safetensors"
     main(["collect", "crossing7", "--episodes", "2", "--out", str(data)])
