@@ -13,7 +13,7 @@ from socialiq.worlds.enumerate import Table, tabulate
 
 EXTRAS = Path(__file__).parent / "extras"
 EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows)")
-"""What no installation can mend. Any other reason to skip a test fails a run with --report-skips."""
+"""Reasons that no installation removes. Any other fails a run with --report-skips."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

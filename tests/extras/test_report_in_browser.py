@@ -7,7 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
+pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
+
+from playwright import sync_api
 
 from socialiq.audit.profile import Margin
 from socialiq.audit.template import new
