@@ -13,11 +13,12 @@ test:  ## what a change must pass: checks, then every test that is quick and nee
 	$(MAKE) --jobs 2 check core
 	$(MAKE) tests
 
-check: .venv/installed-dev  ## lint, types, layers
+check: .venv/installed-dev  ## lint, types, layers, spelling and plain words (docs/words.txt)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
+	$(BIN)/codespell src docs tests examples benchmarks *.md
 
 tests: core  ## the quick tests, shapes checked at run time, warnings as errors
 	$(BIN)/pytest -n 2 --dist loadscope -m "not slow" --ignore tests/extras $(PYTEST)
