@@ -10,7 +10,6 @@ from scipy.optimize import minimize
 from scipy.special import softmax
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.rollout import steps_of
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
@@ -18,7 +17,7 @@ from socialiq.learners.iq_learn.train import traced
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import exact_weights
 from socialiq.social.score import score
-from socialiq.types import Ending, RewardPair
+from socialiq.types import RewardPair
 
 N_STATES, N_ACTIONS = 4, 3
 NUMBERS = Hyperparameters(angle=30.0, strength=0.8, prior_weight=0.7, temperature=0.6, discount=0.9)
@@ -36,20 +35,14 @@ def wandering(seed: int, rows: int = 240) -> Demonstrations:
     episode = np.concatenate([[0], np.cumsum(ended)[:-1]]).astype(np.int32)
     after = np.where(ended, rng.integers(N_STATES, size=rows), np.roll(state, -1))
     one_hot = np.eye(N_STATES, dtype=np.float32)
-    return Demonstrations(
+    return Demonstrations.of(
         observation=one_hot[state],
-        action=action.astype(np.int32),
+        action=action,
         next_observation=one_hot[after],
-        terminated=ended & (ending != Ending.TIMEOUT),
-        truncated=ending == Ending.TIMEOUT,
         ending=ending,
         rewards=RewardPair(rng.normal(size=rows) + action, rng.normal(size=rows) - action),
-        mode=np.zeros(rows, np.int8),
         episode=episode,
-        step=steps_of(episode),
-        mode_names=("wandering",),
         n_actions=N_ACTIONS,
-        source={},
     )
 
 

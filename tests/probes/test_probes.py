@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 from scipy.special import expit
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.rollout import steps_of
 from socialiq.learners import cql
 from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import Trained, train
@@ -39,20 +38,14 @@ def table(
     )
     states = np.eye(n_states, dtype=np.float32)
     ended = ending != Ending.NONE
-    return Demonstrations(
+    return Demonstrations.of(
         observation=states[state],
-        action=action.astype(np.int32),
+        action=action,
         next_observation=states[after],
-        terminated=ended & (ending != Ending.TIMEOUT),
-        truncated=ending == Ending.TIMEOUT,
-        ending=ending.astype(np.int8),
-        rewards=RewardPair(env.astype(np.float64), social.astype(np.float64)),
-        mode=np.zeros(len(rows), np.int8),
-        episode=np.concatenate([[0], np.cumsum(ended)[:-1]]).astype(np.int32),
-        step=steps_of(np.concatenate([[0], np.cumsum(ended)[:-1]])),
-        mode_names=("probe",),
+        ending=ending,
+        rewards=RewardPair(env, social),
+        episode=np.concatenate([[0], np.cumsum(ended)[:-1]]),
         n_actions=n_actions,
-        source={},
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from socialiq.demonstrations.columns import flags_of, steps_of
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
@@ -73,7 +74,7 @@ def of_steps(
         **_endings(rows, terminated, truncated, kinds),
         "mode": np.zeros(rows, np.int8) if mode is None else whole_of("mode", mode).astype(np.int8),
         "episode": number,
-        "step": _steps(number),
+        "step": steps_of(number),
     }
     pair = pair_of(reward, social)
     arrays = {**columns, "r_env": pair.env, "r_social": pair.social}
@@ -205,13 +206,6 @@ def _episodes(rows: int, episode: Any, ends: Any) -> Int32[np.ndarray, " row"]:
     return np.cumsum(np.concatenate([[0], ends[:-1]]), dtype=np.int32)
 
 
-def _steps(episode: Int32[np.ndarray, " row"]) -> Int32[np.ndarray, " row"]:
-    """Number of each row within its run of equal episode numbers."""
-    begins = np.diff(episode, prepend=episode[:1] - 1) != 0
-    place = np.arange(len(episode))
-    return (place - np.maximum.accumulate(np.where(begins, place, 0))).astype(np.int32)
-
-
 def _endings(rows: int, terminated: Any, truncated: Any, kinds: Any) -> dict[str, np.ndarray]:
     """The flags and the kind of ending; whether they agree is the table's check."""
     no = np.zeros(rows, np.bool_)
@@ -221,8 +215,7 @@ def _endings(rows: int, terminated: Any, truncated: Any, kinds: Any) -> dict[str
             kinds[flag_of("truncated", truncated)] = Ending.TIMEOUT
         if terminated is not None:
             kinds[flag_of("terminated", terminated)] = Ending.OTHER
-    timeout = kinds == Ending.TIMEOUT
-    ended = (kinds != Ending.NONE) & ~timeout
+    ended, timeout = flags_of(kinds)
     return {
         "terminated": ended if terminated is None else flag_of("terminated", terminated),
         "truncated": timeout if truncated is None else flag_of("truncated", truncated),

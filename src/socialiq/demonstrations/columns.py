@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Int, Int32
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
@@ -51,6 +52,21 @@ def check(columns: Mapping[str, Any], n_actions: Any, mode_names: Any) -> None:
     _check_endings(columns)
     _check_within_episodes(columns)
     _check_steps(columns)
+
+
+def flags_of(
+    ending: Int[np.ndarray, " transition"],
+) -> tuple[Bool[np.ndarray, " transition"], Bool[np.ndarray, " transition"]]:
+    """Return (terminated, truncated) of each row, from its value of `types.Ending`."""
+    truncated = ending == Ending.TIMEOUT
+    return (ending != Ending.NONE) & ~truncated, truncated
+
+
+def steps_of(episode: Int[np.ndarray, " transition"]) -> Int32[np.ndarray, " transition"]:
+    """Number the rows of each episode from 0; rows of equal episode numbers are adjacent."""
+    begins = np.diff(episode, prepend=episode[:1] - 1) != 0
+    place = np.arange(len(episode))
+    return (place - np.maximum.accumulate(np.where(begins, place, 0))).astype(np.int32)
 
 
 def json_able(source: Any) -> dict[str, Any]:

@@ -77,6 +77,60 @@ class Demonstrations:
         object.__setattr__(self, "source", columns.json_able(self.source))
 
     @staticmethod
+    def of(
+        *,
+        observation: Any,
+        action: Any,
+        next_observation: Any,
+        ending: Any,
+        rewards: RewardPair,
+        episode: Any,
+        n_actions: int,
+        mode: Any = None,
+        mode_names: tuple[str, ...] = ("demonstrator",),
+        step: Any = None,
+        source: dict[str, Any] | None = None,
+    ) -> Demonstrations:
+        """Build a table from the columns that cannot be derived, converting their types.
+
+        `terminated` and `truncated` follow from `ending`; an ending that is both (a terminal state
+        reached as the clock runs out) needs the constructor.
+
+        Args:
+            observation: s, (transition, feature).
+            action: a, (transition,).
+            next_observation: s', (transition, feature).
+            ending: Values of `types.Ending`, (transition,).
+            rewards: (r_env, r_social), each (transition,).
+            episode: Number of the episode, (transition,), from 0 without gaps.
+            n_actions: Number of discrete actions of the world.
+            mode: Index into `mode_names`, (transition,); 0 in every row without it.
+            mode_names: Names of the demonstrators' modes.
+            step: Number of the step, (transition,); counted within the episode without it.
+            source: What made the data.
+
+        Raises:
+            UserError: If a column is wrong; the line names it and its first bad row.
+        """
+        kinds, number = np.asarray(ending, np.int8), np.asarray(episode, np.int32)
+        terminated, truncated = columns.flags_of(kinds)
+        return Demonstrations(
+            observation=np.asarray(observation, np.float32),
+            action=np.asarray(action, np.int32),
+            next_observation=np.asarray(next_observation, np.float32),
+            terminated=terminated,
+            truncated=truncated,
+            ending=kinds,
+            rewards=RewardPair(*(np.array(column, np.float64) for column in rewards)),
+            mode=np.zeros(len(number), np.int8) if mode is None else np.asarray(mode, np.int8),
+            episode=number,
+            step=columns.steps_of(number) if step is None else np.asarray(step, np.int32),
+            mode_names=mode_names,
+            n_actions=n_actions,
+            source=source or {},
+        )
+
+    @staticmethod
     def of_arrays(
         arrays: dict[str, np.ndarray],
         mode_names: tuple[str, ...],

@@ -9,8 +9,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.play import play
-from socialiq.evaluation.rollout import steps_of
-from socialiq.types import Ending, Policy, RewardPair
+from socialiq.types import Policy, RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.interface import ACTIONS
 
@@ -64,18 +63,13 @@ def record(
     joined = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     order = np.argsort(joined["episode"], kind="stable")
     kept = {name: column[order] for name, column in joined.items()}
-    ending = kept["ending"].astype(np.int8)
-    transitions = Demonstrations(
-        observation=kept["observation"].astype(np.float32),
-        action=kept["action"].astype(np.int32),
-        next_observation=kept["after"].astype(np.float32),
-        terminated=(ending != Ending.NONE) & (ending != Ending.TIMEOUT),
-        truncated=ending == Ending.TIMEOUT,
-        ending=ending,
-        rewards=RewardPair(kept["env"].astype(np.float64), kept["social"].astype(np.float64)),
-        mode=np.zeros(len(order), np.int8),
-        episode=kept["episode"].astype(np.int32),
-        step=steps_of(kept["episode"]),
+    transitions = Demonstrations.of(
+        observation=kept["observation"],
+        action=kept["action"],
+        next_observation=kept["after"],
+        ending=kept["ending"],
+        rewards=RewardPair(kept["env"], kept["social"]),
+        episode=kept["episode"],
         mode_names=(mode,),
         n_actions=len(ACTIONS),
         source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float, Int, Int32
+from jaxtyping import Float, Int
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -73,17 +73,14 @@ def rollout_table(
     """
     episode, step, state, action, after, ending = _steps(table, policy, episodes, seed)
     mdp = table.mdp
-    transitions = Demonstrations(
+    transitions = Demonstrations.of(
         observation=table.observe(state, step),
-        action=action.astype(np.int32),
+        action=action,
         next_observation=table.observe(after, step + 1),
-        terminated=(ending != Ending.NONE) & (ending != Ending.TIMEOUT),
-        truncated=ending == Ending.TIMEOUT,
-        ending=ending.astype(np.int8),
+        ending=ending,
         rewards=RewardPair(mdp.rewards.env[state, action], mdp.rewards.social[state, action]),
-        mode=np.zeros(len(action), np.int8),
-        episode=episode.astype(np.int32),
-        step=step.astype(np.int32),
+        episode=episode,
+        step=step,
         mode_names=(mode,),
         n_actions=mdp.n_actions,
         source={"world": table.world.name, "seed": seed, **(source or {})},
@@ -230,20 +227,14 @@ def steps(
 
 
 def _table(taken: list[Taken], n_actions: int, mode: str, source: dict[str, Any]) -> Rollout:
-    kinds = np.array([one.ending for one in taken], np.int8)
-    episode = np.array([one.episode for one in taken], np.int32)
     pairs = np.array([one.pair for one in taken], np.float64)
-    transitions = Demonstrations(
-        observation=np.array([np.ravel(one.observation) for one in taken], np.float32),
-        action=np.array([one.action for one in taken], np.int32),
-        next_observation=np.array([np.ravel(one.after) for one in taken], np.float32),
-        terminated=(kinds != Ending.NONE) & (kinds != Ending.TIMEOUT),
-        truncated=kinds == Ending.TIMEOUT,
-        ending=kinds,
-        rewards=RewardPair(*pairs.T.copy()),
-        mode=np.zeros(len(taken), np.int8),
-        episode=episode,
-        step=steps_of(episode),
+    transitions = Demonstrations.of(
+        observation=[np.ravel(one.observation) for one in taken],
+        action=[one.action for one in taken],
+        next_observation=[np.ravel(one.after) for one in taken],
+        ending=[one.ending for one in taken],
+        rewards=RewardPair(*pairs.T),
+        episode=[one.episode for one in taken],
         mode_names=(mode,),
         n_actions=n_actions,
         source=source,
@@ -254,9 +245,3 @@ def _table(taken: list[Taken], n_actions: int, mode: str, source: dict[str, Any]
 def _check_episodes(episodes: int) -> None:
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
-
-
-def steps_of(episode: Int[np.ndarray, " transition"]) -> Int32[np.ndarray, " transition"]:
-    """Number the rows of each episode from 0; its rows are adjacent and complete."""
-    starts = np.flatnonzero(np.diff(episode, prepend=-1))
-    return (np.arange(len(episode)) - starts[episode]).astype(np.int32)

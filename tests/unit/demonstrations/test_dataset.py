@@ -251,3 +251,44 @@ def test_returns_of_an_episode_that_lost_its_end_are_refused(make):
     assert headless.n_transitions == 1
     with pytest.raises(UserError, match="misses steps or its end"):
         headless.totals()
+
+
+def test_of_derives_flags_and_steps_from_the_endings():
+    table = Demonstrations.of(
+        observation=[[0], [1], [2], [0], [1]],
+        action=[0, 1, 0, 1, 0],
+        next_observation=[[1], [2], [3], [1], [2]],
+        ending=[0, 0, int(Ending.COLLISION), 0, int(Ending.TIMEOUT)],
+        rewards=RewardPair([1, 2, 3, 4, 5], [0.5, 0, 0, 0, -1]),
+        episode=[0, 0, 0, 1, 1],
+        n_actions=2,
+    )
+    assert table.terminated.tolist() == [False, False, True, False, False]
+    assert table.truncated.tolist() == [False, False, False, False, True]
+    assert table.step.tolist() == [0, 1, 2, 0, 1]
+    assert table.mode_names == ("demonstrator",) and not table.mode.any()
+    with pytest.raises(UserError, match="column ending, row 2: not a value"):
+        Demonstrations.of(
+            observation=table.observation,
+            action=table.action,
+            next_observation=table.next_observation,
+            ending=[0, 0, 7, 0, 3],
+            rewards=table.rewards,
+            episode=table.episode,
+            n_actions=2,
+        )
+
+
+def test_of_detaches_the_rewards_from_the_caller(make):
+    table, env = make([2]), np.array([1.0, 2.0])
+    again = Demonstrations.of(
+        observation=table.observation,
+        action=table.action,
+        next_observation=table.next_observation,
+        ending=table.ending,
+        rewards=RewardPair(env, table.rewards.social),
+        episode=table.episode,
+        n_actions=table.n_actions,
+    )
+    env[:] = 0.0
+    assert again.rewards.env.tolist() == [1.0, 2.0]

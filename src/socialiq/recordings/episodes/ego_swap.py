@@ -233,21 +233,14 @@ def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
             "no vehicle of these recordings meets a conflict: look at the counts for the reasons"
         )
     sizes = [len(one.action) for one in episodes]
-    ending = np.concatenate([one.ending for one in episodes])
     pairs = np.concatenate([one.pair for one in episodes])
-    truncated = ending == Ending.TIMEOUT
-    total = len(ending)
-    return Demonstrations(
+    return Demonstrations.of(
         observation=np.concatenate([one.observation[:-1] for one in episodes]),
         action=np.concatenate([one.action for one in episodes]),
         next_observation=np.concatenate([one.observation[1:] for one in episodes]),
-        terminated=(ending != Ending.NONE) & ~truncated,
-        truncated=truncated,
-        ending=ending,
-        rewards=RewardPair(pairs[:, 0].copy(), pairs[:, 1].copy()),
-        mode=np.zeros(total, np.int8),
-        episode=np.repeat(np.arange(len(sizes), dtype=np.int32), sizes),
-        step=np.concatenate([np.arange(size, dtype=np.int32) for size in sizes]),
+        ending=np.concatenate([one.ending for one in episodes]),
+        rewards=RewardPair(*pairs.T),
+        episode=np.repeat(np.arange(len(sizes)), sizes),
         mode_names=(HUMAN,),
         n_actions=len(ACTIONS),
         source=_source(swapped),
