@@ -1,4 +1,4 @@
-"""A world's options from keyword arguments, with complaints that a user can act on."""
+"""Build a world's options from keyword arguments and check their values."""
 
 from __future__ import annotations
 

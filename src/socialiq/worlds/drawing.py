@@ -1,4 +1,4 @@
-"""The few shapes that the gridworlds' pictures are made of."""
+"""Shapes of the gridworlds' pictures."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def vehicle(
         axes: Matplotlib axes.
         x: Column of the cell.
         y: Row of the cell, upwards.
-        heading: Where it drives.
+        heading: Driving direction.
         color: Fill colour.
-        speed: Speed level: so many chevrons, a bar for 0; nothing if None.
+        speed: Speed level, drawn as that many chevrons; a bar for 0, nothing for None.
     """
     from matplotlib.patches import FancyBboxPatch
 

@@ -1,4 +1,4 @@
-"""The exact transition table of a gridworld, from its rules."""
+"""Exact transition table of a gridworld, enumerated from its rules."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from socialiq.worlds.grid_world import GridWorld
 
 @dataclass(frozen=True)
 class Table:
-    """A world enumerated: its MDP, and what evaluation wants to know of each state and action.
+    """Enumerated world: its MDP, and the quantities of each state and action for evaluation.
 
     Attributes:
         world: The world.
@@ -34,12 +34,12 @@ class Table:
     def observe(
         self, state: Int[np.ndarray, " row"], time: Int[np.ndarray, " row"]
     ) -> Float32[np.ndarray, "row feature"]:
-        """What is observed in the states of these numbers, at these times."""
+        """Return the observations of the states with these indices at these times."""
         seen = self.states[state]
         return (np.column_stack([seen, time]) if self.world.clock else seen).astype(np.float32)
 
     def reachable_part(self) -> Table:
-        """The same table on the states that some policy can visit: small, and closed."""
+        """Return the table restricted to the states that some policy can reach."""
         part, kept = self.mdp.reachable_part()
         signals = {name: value[kept] for name, value in self.signals.items()}
         return Table(self.world, part, self.states[kept], self.speed[kept], signals)

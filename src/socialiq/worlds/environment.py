@@ -1,4 +1,4 @@
-"""Environments of anybody's as worlds: made by name, their code run only where that is allowed."""
+"""User-provided environments, made by name. Their code runs only where the caller allows it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MALFORMED = gymnasium.error.Error
 
 
 def is_environment(name: str) -> bool:
-    """Whether a name is one of an environment that is not built in."""
+    """Whether a name denotes an environment that is not built in."""
     return re.fullmatch(NAME_PATTERN, name) is not None
 
 
@@ -41,14 +41,14 @@ def make_environment(
             MODULE:FUNCTION, a function (or class) of the module that returns an environment.
             MODULE is a name that Python can import, or the path of a file that ends in .py.
         options: Keyword arguments of the environment or of the function.
-        allow_code: Whether a module may be imported: its author's code runs with your rights
-            then.
+        allow_code: Whether a module may be imported. Importing runs its author's code with the
+            rights of the user.
         needs_pair: Whether every step must have a reward pair; else the scalar reward is r_env
             where there is none.
 
     Raises:
-        UserError: If there is none of that name, its code may not run or fails, or its actions or
-            observations are of a kind that no policy here can drive.
+        UserError: If the name is unknown, its code may not run or fails, or its actions or
+            observations are of an unsupported kind.
     """
     env = _made(name, dict(options or {}), allow_code)
     if not isinstance(env, gymnasium.Env):
@@ -59,14 +59,14 @@ def make_environment(
 
 
 def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
-    """Length of an observation, and number of actions, of an environment made here."""
+    """Return the length of an observation and the number of actions of a made environment."""
     seen, actions = env.observation_space, env.action_space
     assert isinstance(seen, spaces.Box) and isinstance(actions, spaces.Discrete)
     return int(seen.shape[0]), int(actions.n)
 
 
 def paired(env: gymnasium.Env[Any, Any]) -> RewardPairWrapper | None:
-    """The wrapper that gives an environment's pairs, if it is one of ours that has a function."""
+    """Return the `RewardPairWrapper` with a reward function around an environment, or None."""
     while isinstance(env, gymnasium.Wrapper):
         if isinstance(env, RewardPairWrapper) and env.pair is not None:
             return env
@@ -90,7 +90,7 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
     except UserError:
         raise
     except gymnasium.error.Error as error:
-        # The mother of these errors is raised itself for an id that is malformed.
+        # Gymnasium raises the base class of these errors for a malformed id.
         if not isinstance(error, gymnasium.error.UnregisteredEnv) and type(error) is not _MALFORMED:
             raise failure(one_line(name), error) from error
         where = f"{one_line(place)} has no function and registers no" if place else "unknown world"
@@ -103,7 +103,7 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
 
 
 class _Guarded(gymnasium.Wrapper):
-    """Flat observations; what the environment's code does wrong is told in one line."""
+    """Flatten observations, and report failures of the environment's code as a `UserError`."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], name: str) -> None:
         super().__init__(env)

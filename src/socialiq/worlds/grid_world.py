@@ -1,4 +1,4 @@
-"""What a gridworld is: finite features, rules with a few chance outcomes, and named signals."""
+"""Gridworld type: finite features, rules with a few chance outcomes, and named signals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Signals = Mapping[str, Any]
 
 
 class Feature(NamedTuple):
-    """One integer coordinate of a state: its name, smallest value and number of values."""
+    """Integer coordinate of a state: its name, smallest value and number of values."""
 
     name: str
     low: int
@@ -26,7 +26,7 @@ class Feature(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What one action and one chance outcome lead to.
+    """Result of one action and one chance outcome.
 
     Attributes:
         state: Next state, int (features,).
@@ -58,7 +58,7 @@ class GridWorld:
 
     Attributes:
         name: Name in the registry.
-        options: The chosen readings of the thesis, a frozen dataclass.
+        options: Options of the world, a frozen dataclass.
         features: Coordinates of a state; the observation is the state itself as float32.
         actions: Names of the actions, in the order of their numbers.
         start: Initial states with their probabilities.
@@ -70,7 +70,7 @@ class GridWorld:
         social_weights: Weight of each signal in r_social.
         draw: (axes, world, state) -> None; draws one state with matplotlib.
         clock: Whether the time is observed too, as a last feature. The thesis' agents don't see
-            it; what it is worth is told in docs/dial.md.
+            it; docs/dial.md gives its effect.
     """
 
     name: str
@@ -94,7 +94,7 @@ class GridWorld:
 
     @property
     def observed(self) -> tuple[Feature, ...]:
-        """What an observation holds: the state, and the time where there is a clock."""
+        """Features of an observation: those of the state, and the time if there is a clock."""
         return (
             (*self.features, Feature("time", 0, self.horizon + 1)) if self.clock else self.features
         )
@@ -106,11 +106,11 @@ class GridWorld:
 
     @property
     def description(self) -> str:
-        """The world's name, its readings of the thesis, and its clock."""
+        """Name of the world, its options, and its clock."""
         return f"{self.name} {self.options}" + (" with clock" if self.clock else "")
 
     def with_clock(self) -> GridWorld:
-        """The same world whose observations end with the time."""
+        """Return the same world with the time as last feature of its observations."""
         return dataclasses.replace(self, clock=True)
 
     @property
@@ -124,17 +124,17 @@ class GridWorld:
         return (*self.env_weights, *self.social_weights)
 
     def index(self, state: Any) -> Any:
-        """Number of a state, or of states along the last axis, in C order of the features."""
+        """Return the index of a state, or of states along the last axis, in C order of features."""
         values = np.asarray(state) - np.array([feature.low for feature in self.features])
         return np.ravel_multi_index(tuple(np.moveaxis(values, -1, 0)), self.shape)
 
     def states(self) -> Int[np.ndarray, "state feature"]:
-        """All states in the order of their numbers."""
+        """Return all states in the order of their indices."""
         values = np.indices(self.shape).reshape(len(self.features), -1).T
         return (values + np.array([feature.low for feature in self.features])).astype(np.int32)
 
     def rewards(self, signals: Signals) -> RewardPair:
-        """The reward pair (thesis 4.1): each side a weighted sum of its signals."""
+        """Return the reward pair (thesis 4.1), each component a weighted sum of its signals."""
         return RewardPair(
             env=sum(weight * signals[name] for name, weight in self.env_weights.items()),
             social=sum(weight * signals[name] for name, weight in self.social_weights.items()),
@@ -148,7 +148,7 @@ class GridWorld:
         return episode, self._observation(episode)
 
     def advance(self, key: Any, episode: Episode, action: Any) -> tuple[Episode, Step]:
-        """Take one step; an episode that reaches the horizon ends by TIMEOUT."""
+        """Take one step; an episode that reaches the horizon ends with TIMEOUT."""
         outcome = self.rules(episode.state, action, _draw(key, self.chance))
         time = episode.time + 1
         out_of_time = (outcome.ending == Ending.NONE) & (time >= self.horizon)
@@ -163,7 +163,7 @@ class GridWorld:
 
 
 def _draw(key: Any, probabilities: Sequence[float]) -> Any:
-    """Draw an index; what is certain costs no random number, which also compiles faster."""
+    """Draw an index; a certain outcome draws no random number, which also compiles faster."""
     if len(probabilities) == 1:
         return 0
     bounds = jnp.cumsum(jnp.array(probabilities))[:-1]

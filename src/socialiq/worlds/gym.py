@@ -1,4 +1,4 @@
-"""The gridworlds as Gymnasium environments; `worlds.ids` has their names."""
+"""Gridworlds as Gymnasium environments; `worlds.ids` has their ids."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from socialiq.worlds.pictures import picture, pixels
 
 
 class GridWorldEnv(gymnasium.Env):
-    """A gridworld with the usual interface; every number comes from the world's own rules.
+    """Gridworld with the Gymnasium interface; every number comes from the world's rules.
 
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
     (r_env, r_social), `signals` (every named signal), `ending` (its name) and the ego's `speed`.
 
     Args:
         world: Name of the world.
-        angle: Social angle in degrees that makes one reward of the pair.
+        angle: Social angle α in degrees of the scalar reward R(α).
         render_mode: "rgb_array" or None.
         clock: Whether observations end with the time.
-        options: Readings of the thesis, as for `worlds.registry.make`.
+        options: Options of the world, as for `worlds.registry.make`.
 
     Raises:
-        UserError: If the world, an option or the angle is not known.
+        UserError: If the world or an option is unknown, or the angle is invalid.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  Gymnasium's own way
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012  as in Gymnasium
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class GridWorldEnv(gymnasium.Env):
         return self._observation(), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take one step; the horizon truncates, every other ending terminates."""
+        """Take one step. The horizon truncates; every other ending terminates."""
         chance = self.np_random.choice(len(self.world.chance), p=self.world.chance)
         outcome = self._rules(self._state, int(action), int(chance))
         self._state = np.asarray(outcome.state)
@@ -101,7 +101,7 @@ class GridWorldEnv(gymnasium.Env):
         return seen.astype(np.float32)
 
     def render(self) -> np.ndarray | None:
-        """Picture of the present state, uint8 (height, width, 3)."""
+        """Return a picture of the current state, uint8 (height, width, 3)."""
         if self.render_mode != "rgb_array":
             return None
         return pixels(picture(self.world, self._state.tolist()))

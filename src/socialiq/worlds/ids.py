@@ -1,4 +1,4 @@
-"""Every world's Gymnasium id; the environments load when they are made."""
+"""Gymnasium ids of the worlds. An environment's module loads when the environment is made."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _INTERSECTIONS = "socialiq.worlds.intersection.gym:IntersectionVectorEnv"
 
 
 def register() -> None:
-    """Register every world with Gymnasium; importing `socialiq` does it."""
+    """Register every world with Gymnasium. Importing `socialiq` calls this function."""
     for world, name in IDS.items():
         if name in gymnasium.registry:
             continue

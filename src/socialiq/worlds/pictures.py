@@ -1,4 +1,4 @@
-"""The renderer: a picture of a state, and a filmstrip of an episode."""
+"""Pictures of gridworlds: one state, or a filmstrip of an episode."""
 
 from __future__ import annotations
 

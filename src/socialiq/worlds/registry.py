@@ -1,4 +1,4 @@
-"""Worlds by name."""
+"""Registry of worlds by name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GRIDWORLDS = ("crossing5", "crossing7")
 
 
 def make(name: str, **options: Any) -> GridWorld | Intersection:
-    """Build a world by name, with its readings as keyword arguments.
+    """Build a world by name, with its options as keyword arguments.
 
     Args:
         name: One of `WORLDS`.
@@ -30,10 +30,10 @@ def make(name: str, **options: Any) -> GridWorld | Intersection:
 
 
 def make_grid(name: str, **options: Any) -> GridWorld:
-    """Build a gridworld: a world whose states can all be listed.
+    """Build a gridworld: a world whose states can be enumerated.
 
     Raises:
-        UserError: As `make`, and if the world is none.
+        UserError: As `make`, and if the world is not a gridworld.
     """
     if name in WORLDS and name not in GRIDWORLDS:
         raise UserError(

@@ -1,4 +1,4 @@
-"""A policy given by a table: one distribution over actions for each state of a gridworld."""
+"""Policy given by a table: one distribution over actions for each state of a gridworld."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class TabularPolicy:
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions: the likeliest (the first of equals), or drawn from the table."""
+        """Choose actions: the most probable (the first of equals), or drawn from the table."""
         batch = np.atleast_2d(np.rint(observation).astype(np.int64))
         chances = self.probabilities[self.world.index(batch)]
         actions = chances.argmax(axis=1) if deterministic else draw_actions(chances, self.rng)

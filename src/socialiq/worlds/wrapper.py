@@ -1,4 +1,4 @@
-"""A pair of rewards for any Gymnasium environment with discrete actions."""
+"""Reward pairs for any Gymnasium environment with discrete actions."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from socialiq.types import Ending, RewardPair
 
 
 class Transition(NamedTuple):
-    """One step of an environment, as the function of a `RewardPairWrapper` sees it.
+    """Step of an environment: the argument of a `RewardPairWrapper`'s functions.
 
     Attributes:
         observation: Before the step, as the environment gives it, not flattened.
-        action: That was taken.
+        action: The action taken.
         next_observation: After the step.
-        reward: The environment's own.
+        reward: The environment's scalar reward.
         terminated: Whether a terminal state was reached.
         truncated: Whether a clock cut the episode.
-        info: The environment's own.
+        info: The environment's `info`.
         env: The wrapped environment; `env.unwrapped` has its state after the step.
     """
 
@@ -41,7 +41,7 @@ class Transition(NamedTuple):
 
 
 class RewardPairWrapper(gymnasium.Wrapper):
-    """Makes an environment one that can be collected in, trained in, evaluated in and audited in.
+    """Environment with a reward pair, for collection, training, evaluation and audits.
 
     `info["reward_pair"]` of every step is (r_env, r_social), and the scalar reward is R(α) of it
     (Eq 4.3). Observations come flat, as float32.
@@ -52,14 +52,14 @@ class RewardPairWrapper(gymnasium.Wrapper):
             `info["reward_pair"]` itself.
         ending: From a transition that reached a terminal state to the kind of ending, an `Ending`
             or its name: arrival, collision or other. Without it `info["ending"]` is what the
-            environment says; if it says nothing the kind is other. What a time limit cuts is
-            truncated and counts as a timeout, whatever this says.
-        angle: Social angle in degrees that makes one reward of the pair.
+            environment reports; if it reports nothing the kind is other. An episode cut by a time
+            limit is truncated and counts as a timeout, whatever this function returns.
+        angle: Social angle α in degrees of the scalar reward R(α).
 
     Raises:
-        UserError: If actions or observations are of another kind, or the angle is none. In a step:
-            if there is no pair of finite numbers, the ending is of no known kind, or one of the
-            functions fails.
+        UserError: If actions or observations are of another kind, or the angle is invalid. In a
+            step: if there is no pair of finite numbers, the kind of ending is unknown, or one of
+            the functions fails.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class RewardPairWrapper(gymnasium.Wrapper):
         return flat(self._seen), info
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take one step, and give it its pair."""
+        """Take one step and add its reward pair."""
         after, reward, terminated, truncated, told = self.env.step(action)
         moment = Transition(
             self._seen,
@@ -118,10 +118,10 @@ class RewardPairWrapper(gymnasium.Wrapper):
 
 
 def check_spaces(env: gymnasium.Env[Any, Any]) -> None:
-    """Refuse an environment that no policy here can drive in.
+    """Raise an error for an environment that policies cannot drive in.
 
     Raises:
-        UserError: If its actions are not discrete from 0, or its observations are no arrays.
+        UserError: If its actions are not discrete from 0, or its observations are not arrays.
     """
     actions, seen = env.action_space, env.observation_space
     if not isinstance(actions, spaces.Discrete):
@@ -139,19 +139,19 @@ def check_spaces(env: gymnasium.Env[Any, Any]) -> None:
 
 
 def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:
-    """The space of flattened observations, float32.
+    """Return the space of flattened observations, float32.
 
     Raises:
-        UserError: If it is no `Box`.
+        UserError: If it is not a `Box`.
     """
     if not isinstance(space, spaces.Box):
         raise UserError("only observations of kind Box can be flattened")
-    with np.errstate(over="ignore"):  # a bound beyond float32 is none
+    with np.errstate(over="ignore"):  # a bound beyond float32 is no bound
         return spaces.Box(flat(space.low), flat(space.high), dtype=np.float32)
 
 
 def flat(observation: Any) -> np.ndarray:
-    """An observation as policies see it: one float32 vector."""
+    """Return an observation flattened to one float32 vector."""
     return np.ravel(np.asarray(observation, np.float32))
 
 

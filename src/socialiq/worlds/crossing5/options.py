@@ -1,4 +1,4 @@
-"""The readings of thesis 5.1.1 that the text leaves open, each with its default and its reason."""
+"""Options for what thesis 5.1.1 leaves open, each with its default and the reason for it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Options:
-    """Readings of the 5x5 world. The defaults give the thesis' three expert sequences."""
+    """Options of the 5x5 world. The defaults give the thesis' three expert sequences."""
 
     ends_on: Literal["ego_arrival", "both_arrived", "time_limit"] = "ego_arrival"
-    """What ends an episode before its 20 steps. The thesis names only the cap. With
+    """Event that ends an episode before its 20 steps. The thesis names only the cap. With
     `ego_arrival` value iteration gives the published sequences GGGG, WGGGG and WWWWGGGG;
-    with `both_arrived` the egoist takes a fifth, meaningless step."""
+    with `both_arrived` the egoist takes a fifth step that has no effect."""
 
     social_cost: Literal["until_other_arrives", "always"] = "until_other_arrives"
-    """When r_social's -1 per step is charged. Charged for ever, the altruist would hurry to
+    """Steps in which r_social's -1 is charged. If it never stopped, the altruist would hurry to
     end the episode (WGGGG), so the published WWWWGGGG needs the cost to stop."""
 
     arrival: Literal["added", "override"] = "added"

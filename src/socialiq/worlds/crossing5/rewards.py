@@ -14,9 +14,9 @@ SOCIAL_WEIGHTS = {"other_step": -1.0, "other_arrival": 10.0}
 
 
 def signals(moved: Move, options: Options) -> dict[str, Any]:
-    """Each signal is 0 or 1: under way, arrived; the same for the other road user.
+    """Return the signals of a move, each 0 or 1: under way and arrived, for ego and other.
 
-    `step` stops once the ego has arrived, which matters only if the episode goes on after that.
+    `step` stops once the ego has arrived. This matters only if the episode continues after that.
     """
     under_way, other_under_way = moved.ego < LAST, moved.other < LAST
     arrival = under_way & (moved.ego_after == LAST)

@@ -1,4 +1,4 @@
-"""How the 5x5 world moves: the ego goes or waits, the other drives on unless blocked."""
+"""Transition rules of the 5x5 world: the ego goes or waits, the other drives unless blocked."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def move(ego: Any, other: Any, action: Any) -> Move:
 
 
 def ending(moved: Move, options: Options) -> Any:
-    """The kind of ending, 0 while the episode goes on. There are no collisions by rule."""
+    """Return the kind of ending, 0 while the episode continues. The rules exclude collisions."""
     ego_there, other_there = moved.ego_after == LAST, moved.other_after == LAST
     over = {
         "ego_arrival": ego_there,

@@ -1,4 +1,4 @@
-"""The 5x5 world put together."""
+"""Factory of the 5x5 world."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from socialiq.worlds.grid_world import Feature, GridWorld, Outcome
 
 
 def make(options: Options | None = None) -> GridWorld:
-    """Build the 5x5 world under the given readings of the thesis."""
+    """Build the 5x5 world with the given options."""
     chosen = options or Options()
     return GridWorld(
         name="crossing5",

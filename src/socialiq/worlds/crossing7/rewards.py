@@ -16,10 +16,10 @@ FULL_STOP = 1.5  # speed levels that a forced complete stop counts for
 
 
 def yielding(moved: Move, options: Options) -> Any:
-    """(1 - v/v_max) for each vehicle approaching, while the ego holds back from the conflict.
+    """Return (1 - v/v_max) times the approaching vehicles while the ego is in the influence zone.
 
-    The influence zone of 5.1.2; "approaching" is a vehicle on the road south of the conflict cell
-    before the step.
+    The zone is that of thesis 5.1.2. A vehicle approaches if it is on the road south of the
+    conflict cell before the step.
     """
     holds_back = (moved.ego == CONFLICT - 1) & (moved.ego_after < CONFLICT)
     if options.yield_zone == "with_conflict":
@@ -35,7 +35,7 @@ def yielding(moved: Move, options: Options) -> Any:
 
 
 def levels_lost(before: Vehicle, after: Vehicle, options: Options) -> Any:
-    """Speed levels that a vehicle was forced to give up, a complete stop weighted by FULL_STOP."""
+    """Return the speed levels a vehicle was forced to lose; a full stop counts as FULL_STOP."""
     levels = jnp.maximum(before.v - after.v, 0).astype(jnp.float32)
     stopped = (levels > 0) & (after.v == STOP)
     charge = FULL_STOP if options.full_stop == "flat" else jnp.maximum(levels, FULL_STOP)
@@ -43,7 +43,7 @@ def levels_lost(before: Vehicle, after: Vehicle, options: Options) -> Any:
 
 
 def signals(moved: Move, ending: Any, options: Options) -> dict[str, Any]:
-    """Every signal of the transition; under `arrival="override"` an end silences speed and step."""
+    """Return all signals. With `arrival="override"` speed and step are 0 at a terminal step."""
     arrived = ending == Ending.ARRIVAL
     struck = ending == Ending.COLLISION
     counts = ~struck if options.arrival == "added" else ~(struck | arrived)

@@ -1,4 +1,4 @@
-"""How the 7x7 world moves: the ego picks a speed, vehicles drive FAST and brake for the ego."""
+"""Transition rules of the 7x7 world: the ego picks a speed, vehicles brake for the ego."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def occupies_conflict(before: Any, after: Any, options: Options) -> Any:
 def drive(vehicle: Vehicle, ego_in_conflict: Any, options: Options) -> Vehicle:
     """Move one vehicle: FAST, but it brakes so as not to enter a conflict cell the ego occupies.
 
-    Vehicles don't see each other (5.1.2 gives them a reaction to the ego only), and one that is
-    already in the conflict cell drives on.
+    Vehicles don't react to each other: 5.1.2 gives them a reaction to the ego only. A vehicle that
+    is already in the conflict cell continues.
     """
     would_enter = occupies_conflict(vehicle.y, vehicle.y + FAST, options)
     safe = jnp.maximum(CONFLICT - 1 - vehicle.y, STOP)
@@ -71,7 +71,7 @@ def move(state: Any, action: Any, options: Options) -> Move:
 def collided(moved: Move, options: Options) -> Any:
     """Whether the ego and a vehicle occupied the conflict cell in the same step.
 
-    It can't happen while vehicles brake at once; it can under `braking="one_level"`.
+    This is impossible with `braking="at_once"` and possible with `braking="one_level"`.
     """
     ego_there = occupies_conflict(moved.ego, moved.ego_after, options)
     pairs = zip(moved.vehicles, moved.vehicles_after, strict=True)
@@ -83,18 +83,18 @@ def collided(moved: Move, options: Options) -> Any:
 
 
 def ending(moved: Move, options: Options) -> Any:
-    """The kind of ending, 0 while the episode goes on; a collision outweighs an arrival."""
+    """Return the kind of ending, 0 while the episode continues; a collision precedes an arrival."""
     arrived = jnp.where(moved.ego_after == LAST, int(Ending.ARRIVAL), int(Ending.NONE))
     return jnp.where(collided(moved, options), int(Ending.COLLISION), arrived)
 
 
 def refill(moved: Move, spawns: Any, options: Options) -> tuple[Vehicle, Vehicle]:
-    """Take vehicles that have left off the road and fill the slots.
+    """Remove the vehicles that have left the road and fill the slots.
 
     Args:
         moved: The step's movements.
         spawns: The chance outcome: whether the second slot spawns if it may.
-        options: The chosen readings.
+        options: Options of the world.
     """
     first, second = moved.vehicles_after
     first_left, second_left = first.y > LAST, second.y > LAST

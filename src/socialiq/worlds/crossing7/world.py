@@ -1,4 +1,4 @@
-"""The 7x7 world put together."""
+"""Factory of the 7x7 world."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _FILLED = (0, rules.STOP, 0, rules.FAST, 0, rules.FAST)
 
 
 def make(options: Options | None = None) -> GridWorld:
-    """Build the 7x7 world under the given readings of the thesis.
+    """Build the 7x7 world with the given options.
 
     Raises:
-        UserError: If the spawn probability is not one.
+        UserError: If the spawn probability is not in [0, 1].
     """
     chosen = options or Options()
     p = chosen.spawn_probability

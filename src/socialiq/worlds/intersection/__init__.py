@@ -1,4 +1,4 @@
-"""highway-env's unsignalised crossing (thesis 5.1.3): the same episodes, compiled."""
+"""highway-env's unsignalised crossing (thesis 5.1.3), compiled, with identical episodes."""
 
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import make

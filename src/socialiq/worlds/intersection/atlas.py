@@ -1,6 +1,6 @@
-"""The atlas: trained intersection policies that come with the package, and how each was made.
+"""Atlas: trained intersection policies shipped with the package, and how each was made.
 
-They lie beside the committed results of the studies that made them.
+They are stored beside the committed results of the studies that made them.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from socialiq.storage import packaged_results, read_json
 FOLDER = "atlas"
 MANIFEST = "manifest.json"
 STUDIES = ("intersection", "intersection-networks")
-"""Whose results hold a part of it."""
+"""Studies whose results contain policies of the atlas."""
 
 
 def manifest() -> dict[str, Any]:
-    """Every policy by name: file, SHA-256, how it was made, what it does.
+    """Return every policy by name: file, SHA-256, provenance, measured behaviour.
 
     Raises:
-        UserError: If the atlas did not come with the package.
+        UserError: If the package was installed without the atlas.
     """
     return {name: entry for _, part in _parts() for name, entry in part.items()}
 
 
 def names() -> tuple[str, ...]:
-    """Names of the policies; none where the atlas did not come with the package."""
+    """Return the names of the policies; empty if the package was installed without the atlas."""
     try:
         return tuple(manifest())
     except UserError:
@@ -36,10 +36,10 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str) -> QPolicy:
-    """A policy of the atlas.
+    """Load a policy of the atlas.
 
     Raises:
-        UserError: If the name is unknown, or the file is not the one of the manifest.
+        UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
     """
     path = path_of(name)
     policy = QPolicy.load(path)
@@ -49,7 +49,7 @@ def load(name: str) -> QPolicy:
 
 
 def path_of(name: str) -> Path:
-    """Where a policy's file lies.
+    """Return the path of a policy's file.
 
     Raises:
         UserError: If the name is unknown.
@@ -60,7 +60,7 @@ def path_of(name: str) -> Path:
 
 
 def _parts() -> list[tuple[Path, dict[str, Any]]]:
-    """Each study's folder of policies, and their entries."""
+    """Return each study's folder of policies and their manifest entries."""
     folders = [packaged_results() / study / FOLDER for study in STUDIES]
     folders = [folder for folder in folders if folder.is_dir()] or folders[:1]
     return [(folder, read_json(folder / MANIFEST)["policies"]) for folder in folders]

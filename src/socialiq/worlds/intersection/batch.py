@@ -26,7 +26,7 @@ BACK_ENDS = ("core", "highway_env")
 
 
 class Decisions(NamedTuple):
-    """What one decision of every episode led to.
+    """Results of one decision in every episode.
 
     Attributes:
         observation: Of the state reached, before any reset, (batch, features).
@@ -34,8 +34,8 @@ class Decisions(NamedTuple):
         ending: Values of `types.Ending`, (batch,).
         signals: Every named signal, unweighted, each (batch,).
         speed: The ego's speed, m/s, (batch,).
-        contact: Values of `Contact`: who ran into whom, where the ego collided, (batch,).
-        neighbours_collided: How many other vehicles ran into one another, (batch,).
+        contact: Values of `Contact`: which vehicle struck, if the ego collided, (batch,).
+        neighbours_collided: Number of other vehicles that collided with each other, (batch,).
         classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
     """
 
@@ -50,13 +50,13 @@ class Decisions(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything that the future of some episodes depends on, as plain arrays.
+    """Complete state of some episodes, as plain arrays.
 
     Attributes:
         episodes: EPISODE records, (rows,).
         vehicles: VEHICLE records, (rows, capacity).
         observation: (rows, vehicles seen, 7).
-        waiting: Whether they have ended and wait for a reset, (rows,).
+        waiting: Whether the episodes have ended and need a reset, (rows,).
     """
 
     episodes: np.ndarray
@@ -65,13 +65,13 @@ class State(NamedTuple):
     waiting: np.ndarray
 
     def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
-        """The state of some of the episodes, also repeated."""
+        """Return the state of the chosen episodes; indices may repeat."""
         return State(*(column[np.asarray(chosen)] for column in self))
 
 
 @runtime_checkable
 class Engine(Protocol):
-    """What moves the episodes: the compiled core, or the real highway-env."""
+    """Back end that advances the episodes: the compiled core, or the real highway-env."""
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         """Carry out one command for each episode; see `step.run`."""
@@ -79,10 +79,10 @@ class Engine(Protocol):
 
 
 class Core:
-    """The compiled core as an engine."""
+    """Compiled core as an engine."""
 
     def __init__(self, options: Options, buffers: Buffers, threads: int) -> None:
-        from socialiq.worlds.intersection.core import step  # Numba loads when it is needed
+        from socialiq.worlds.intersection.core import step  # import Numba only when it is needed
 
         self._step = step
         self._buffers, self._threads = buffers, threads
@@ -98,23 +98,23 @@ class Core:
 class Batch:
     """Episodes of one scenario side by side.
 
-    Every episode has its own random stream, so nothing depends on the batch's size or the number
-    of threads. An episode that ends is reset by `step` unless told otherwise, and goes on with its
-    stream, as highway-env does after a `reset()` without seed.
+    Every episode has its own random stream, so results don't depend on the batch's size or the
+    number of threads. By default `step` resets an episode that ends. The new episode continues the
+    stream, as in highway-env after a `reset()` without seed.
 
     Args:
-        options: The scenario and the readings of the reward.
-        size: How many episodes.
-        threads: Threads that share them. One is best for small batches.
-        back_end: "core", or "highway_env" for the real one, which is hundreds of times slower.
-        traced: Keep the vehicles of every sub-step in `buffers.trace`, for films.
+        options: Scenario and reward options.
+        size: Number of episodes.
+        threads: Number of threads. A single thread is best for small batches.
+        back_end: "core", or "highway_env" for the real environment, hundreds of times slower.
+        traced: Record the vehicles of every sub-step in `buffers.trace`, for films.
 
     Attributes:
-        buffers: What the engine reads and writes.
+        buffers: Arrays that the engine reads and writes.
         begun: Rows whose random stream has begun, bool (batch,).
 
     Raises:
-        UserError: If a number is not positive, or highway-env is wanted and not installed.
+        UserError: If a number is not positive, or highway-env is requested and not installed.
     """
 
     def __init__(
@@ -146,24 +146,24 @@ class Batch:
 
     @property
     def observation(self) -> Float32[np.ndarray, "batch feature"]:
-        """What the ego of every episode sees now."""
+        """Current observation of every episode, (batch, features)."""
         return self.buffers.observation.reshape(self.size, -1).copy()
 
     def reset(
         self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
     ) -> Float32[np.ndarray, "batch feature"]:
-        """Begin new episodes.
+        """Start new episodes.
 
         Args:
-            seeds: One for each row, or one number: row i gets seed + i. None goes on with the
+            seeds: A seed for each row, or one number: row i gets seed + i. None continues the
                 rows' streams.
-            rows: Which ones, as an index or a mask; all by default.
+            rows: Rows to reset, as an index or a mask; all by default.
 
         Returns:
             The observation of all rows.
 
         Raises:
-            UserError: If a seed is negative, or a stream that goes on was never begun.
+            UserError: If a seed is negative, or a stream to continue was never seeded.
         """
         chosen = self._chosen(rows)
         seeded = chosen & (seeds is not None)
@@ -182,11 +182,11 @@ class Batch:
         """Take one decision in every episode, or in some.
 
         Args:
-            actions: One for each episode: 0 slower, 1 idle, 2 faster.
-            auto_reset: Begin a new episode where one ended; `observation` then belongs to it.
+            actions: An action for each episode: 0 slower, 1 idle, 2 faster.
+            auto_reset: Start a new episode where one ended; `observation` then belongs to it.
                 Otherwise episodes that ended must be reset before the next step.
-            rows: Which ones decide, as an index or a mask; all by default. What is returned of
-                the others is what their last decision led to.
+            rows: Episodes to advance, as an index or a mask; all by default. The results of the
+                others are those of their last decision.
 
         Raises:
             UserError: If an action is not one of the three, or an episode has not begun or has
@@ -228,10 +228,10 @@ class Batch:
         )
 
     def save(self) -> State:
-        """Copy the state of every episode.
+        """Return a copy of the state of every episode.
 
         Raises:
-            UserError: On the back end highway_env, whose state lies in Python objects.
+            UserError: On the back end highway_env, whose state is held in Python objects.
         """
         self._check_core("saved")
         made = self.buffers
@@ -239,14 +239,14 @@ class Batch:
         return State(*(column.copy() for column in kept))
 
     def restore(self, state: State) -> None:
-        """Continue from a saved state, to the same bits.
+        """Restore a saved state. Episodes continue from it with identical bits.
 
         Args:
-            state: As many rows as the batch has episodes, saved under the same options;
+            state: State with as many rows as the batch, saved with the same options;
                 `State.rows` repeats or picks rows, for branching.
 
         Raises:
-            UserError: If it doesn't fit, or on the back end highway_env.
+            UserError: If the shapes differ, or on the back end highway_env.
         """
         self._check_core("restored")
         made = self.buffers

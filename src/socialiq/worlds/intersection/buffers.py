@@ -1,4 +1,4 @@
-"""What the core and the reference share with Python: one row of every array for an episode."""
+"""Arrays shared by Python, the core and the reference: one row for each episode."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.state import EPISODE, VEHICLE
 
 RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
-"""What to do with an episode. Annotating computes what a decision would, from given snapshots."""
+"""Commands for an episode. ANNOTATE computes a decision's results from given snapshots."""
 
 
 class Buffers(NamedTuple):
-    """Everything that an engine reads and writes, each with one row for an episode.
+    """Arrays that an engine reads and writes, each with one row for an episode.
 
     Attributes:
         episodes: EPISODE records, shape (batch,).
-        vehicles: VEHICLE records now, (batch, capacity).
+        vehicles: Current VEHICLE records, (batch, capacity).
         before: Vehicles at the last decision, (batch, capacity).
-        after: The same when its sub-steps were over, (batch, capacity).
-        present: How many there were in `before` and `after`, and the ego's slot, (batch, 2).
+        after: Vehicles after the sub-steps of that decision, (batch, capacity).
+        present: Number of vehicles in `before` and `after`, and the ego's slot, (batch, 2).
         reached: Observation of the state that the decision led to, float32.
-        observation: Observation of the state now; another one if the episode was reset.
+        observation: Observation of the current state, which differs after a reset.
         signals: In the order of `SIGNALS`, unweighted.
         rewards: r_env and r_social, (batch, 2).
         classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
         speed: The ego's, m/s.
         ending: Values of `Ending`, int8.
-        contact: Values of `Contact`, int8: who ran into whom, if the ego collided.
-        neighbours_collided: Vehicles that crashed into one another.
+        contact: Values of `Contact`, int8: which vehicle struck, if the ego collided.
+        neighbours_collided: Number of other vehicles that collided with each other.
         braking: Whether a vehicle's braking was charged to the ego, (batch, capacity).
-        trace: Vehicles after each sub-step, (batch, frames, capacity), or no row at all.
+        trace: Vehicles after each sub-step, (batch, frames, capacity); empty if not traced.
     """
 
     episodes: np.ndarray
@@ -56,7 +56,7 @@ class Buffers(NamedTuple):
 
     @staticmethod
     def of(options: Options, size: int, traced: bool = False) -> Buffers:
-        """Empty buffers for so many episodes, with room for every sub-step if traced."""
+        """Return empty buffers for `size` episodes, with space for every sub-step if traced."""
         rows, capacity = (size,), (size, options.capacity)
         seen = (size, options.observed_vehicles, len(FEATURES))
         frames = (size if traced else 0, options.frames, options.capacity)

@@ -1,4 +1,4 @@
-"""The intersection as a Gymnasium environment, one episode or many side by side."""
+"""Intersection as a Gymnasium environment and as a vector environment."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ def _spaces(world: Intersection) -> tuple[spaces.Box, spaces.Discrete]:
 
 
 class IntersectionEnv(gymnasium.Env):
-    """The intersection with the usual interface.
+    """Intersection with the Gymnasium interface.
 
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
     (r_env, r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's
-    `speed` in m/s, `contact` (who ran into whom, if the ego collided), `neighbours_collided` and
+    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided` and
     `classical` (the ego's own reward and its neighbours' mean, thesis A.1).
 
     Args:
-        angle: Social angle in degrees that makes one reward of the pair.
+        angle: Social angle α in degrees of the scalar reward R(α).
         render_mode: "rgb_array" or None.
         back_end: "core" or "highway_env".
         options: Fields of `Options`.
 
     Raises:
-        UserError: If an option or the angle is not known, or highway-env is not installed.
+        UserError: If an option is unknown, the angle is invalid, or highway-env is not installed.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium's way
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  as in Gymnasium
 
     def __init__(
         self,
@@ -64,14 +64,14 @@ class IntersectionEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the episode that highway-env starts with this seed, or go on with the stream."""
+        """Start the episode that highway-env starts with this seed, or continue the stream."""
         super().reset(seed=seed, options=options)
         if seed is None and not self.batch.begun.all():
             seed = int(self.np_random.integers(2**31))
         return self.batch.reset(None if seed is None else [seed])[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take one decision; a timeout truncates, every other ending terminates."""
+        """Take one decision. A timeout truncates; every other ending terminates."""
         made = self.batch.step(np.array([int(action)]), auto_reset=False)
         ending = int(made.ending[0])
         info = {
@@ -88,7 +88,7 @@ class IntersectionEnv(gymnasium.Env):
         return made.observation[0], reward, terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
-        """Picture of the present state, uint8 (height, width, 3)."""
+        """Return a picture of the current state, uint8 (height, width, 3)."""
         if self.render_mode != "rgb_array":
             return None
         from socialiq.worlds.intersection.pictures.render import picture
@@ -99,22 +99,22 @@ class IntersectionEnv(gymnasium.Env):
 
 
 class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
-    """Many episodes behind Gymnasium's vector interface, on as many threads as wanted.
+    """Many episodes with Gymnasium's vector interface, on several threads.
 
     `info` has the quantities of `IntersectionEnv` as arrays, `ending` and `contact` as the numbers
-    of `types.Ending` and `Contact`, always those of the decision, also where it was followed by a
+    of `types.Ending` and `Contact`. They belong to the decision, also where it was followed by a
     reset. With `AutoresetMode.SAME_STEP`, `final_obs` has the observations of the states reached.
 
     Args:
-        num_envs: How many episodes.
-        angle: Social angle in degrees that makes one reward of the pair.
+        num_envs: Number of episodes.
+        angle: Social angle α in degrees of the scalar reward R(α).
         threads: Threads that share the episodes.
         back_end: "core" or "highway_env".
         autoreset_mode: Gymnasium's, NEXT_STEP by default.
         options: Fields of `Options`.
 
     Raises:
-        UserError: If an option, a number or the angle is not known.
+        UserError: If an option is unknown, or a number or the angle is invalid.
     """
 
     def __init__(
@@ -140,11 +140,11 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start episodes: row i with seed + i, or with its own of a list.
+        """Start episodes: row i with seed + i, or with its own seed from a list.
 
         Args:
-            seed: One number, a list with one for each row, or None to go on with the streams.
-            options: `reset_mask`, a Boolean for each row, chooses which ones.
+            seed: One number, a list with a seed for each row, or None to continue the streams.
+            options: `reset_mask`, a Boolean for each row, selects the rows.
         """
         mask = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:
@@ -160,7 +160,7 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
     def step(
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Take one decision in every episode, resetting as the autoreset mode says."""
+        """Take one decision in every episode, with resets by the autoreset mode."""
         same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
         resetting = self._ended.copy()
         if resetting.any():

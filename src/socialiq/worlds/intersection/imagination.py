@@ -1,4 +1,4 @@
-"""States of the intersection that fit what an ego sees, so that a driver can think ahead."""
+"""States consistent with an ego's observation, for online planning."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ def imagined(
     observations: Float32[np.ndarray, "row feature"],
     entropy: UInt64[np.ndarray, " row"],
 ) -> State:
-    """One state for each observation, drawn among those that would be seen so.
+    """Draw one state for each observation, consistent with it.
 
-    Drawn are where the others go, their parameters and the traffic to come. What else isn't seen
-    is taken for the likeliest: nobody is beyond the rows of the observation, nobody has crashed,
-    the ego wants the speed nearest to its own, and there is time enough.
+    The destinations and parameters of the other vehicles and the later traffic are drawn. Other
+    unobserved quantities take their most likely value: there is no vehicle beyond the rows of the
+    observation, no vehicle has crashed, the ego's target speed is the nearest to its speed, and
+    the time limit is not reached.
 
     Args:
-        options: The scenario that the driver believes to be in.
-        observations: What it sees, `observed_vehicles` rows of seven numbers, flat.
-        entropy: Seed of each draw: the same seed and observation give the same state.
+        options: Scenario that the driver assumes.
+        observations: Observations, `observed_vehicles` rows of seven numbers, flat.
+        entropy: Seed of each draw. The same seed and observation give the same state.
     """
-    from socialiq.worlds.intersection.core import imagine  # Numba loads when it is needed
+    from socialiq.worlds.intersection.core import imagine  # import Numba only when it is needed
 
     rows = len(observations)
     seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))

@@ -1,9 +1,9 @@
-"""What a driver sees and may do: the observation's rows and the three actions."""
+"""Interface of a driver: the observation's rows and the three actions."""
 
 from __future__ import annotations
 
 ACTIONS = ("slower", "idle", "faster")
-"""One target speed down, keep, one up, counted from the present speed."""
+"""Actions: one target speed down, keep, one up, counted from the present speed."""
 
 SLOWER, IDLE, FASTER = range(len(ACTIONS))
 

@@ -1,4 +1,4 @@
-"""Everything about the intersection that can be chosen, and the numbers that the core reads."""
+"""Options of the intersection, and the numbers that the core reads."""
 
 from __future__ import annotations
 
@@ -22,30 +22,29 @@ MOST_SPEEDS = 8
 
 @dataclass(frozen=True)
 class Options:
-    """The scenario as thesis 5.1.3 configures it, and the readings of its reward (4.1).
+    """Scenario as configured in thesis 5.1.3, and options of its reward (4.1).
 
     Attributes:
         simulation_frequency: Sub-steps of the physics per second.
         policy_frequency: Decisions per second; divides the simulation frequency.
         duration: Seconds after which an episode times out.
-        initial_vehicle_count: highway-env's number: one less is how many spawns are tried at the
+        initial_vehicle_count: highway-env's number: one spawn less than this is tried at the
             start, each with probability 0.6.
-        spawn_probability: Chance that a vehicle is tried after each decision.
-        destination: Where the ego goes; "left" is highway-env's o1. "random" draws one of the
+        spawn_probability: Probability of a spawn attempt after each decision.
+        destination: Destination of the ego; "left" is highway-env's o1. "random" draws one of the
             three.
         target_speeds: Speeds in m/s, equally spaced, that the ego's speed control steps through.
         observed_vehicles: Rows of the observation, the ego's included.
-        connected_lanes: Whether drivers look for leaders beyond the end of their lane, as
+        connected_lanes: Whether drivers search for leaders beyond the end of their lane, as
             in intersection-v2.
-        population: How the other drivers' parameters are drawn; a name of `POPULATIONS`.
+        population: Distribution of the other drivers' parameters; a name of `POPULATIONS`.
         canonical: Break exact ties by the order of vehicles and lanes, not by rounding.
         progress_unit: Metres of advance that count as 1.
-        zone: Where the ego influences others. "beyond_8_m" reads the thesis' 8 m as lane
-            coordinate, "travelled_8_m" as way since the start; the others measure from the
-            junction.
+        zone: Influence zone of the ego. "beyond_8_m" takes the thesis' 8 m as lane coordinate,
+            "travelled_8_m" as distance since the start; the others measure from the junction.
         counted: Which neighbours within the conflict distance count: all, those that come from
             another arm and haven't left the junction, or of these only those on an approach.
-        disruption: Eq 4.2's loss of speed with a dead zone, as its text has it, or as printed,
+        disruption: Eq 4.2's loss of speed with a dead zone, as in the text, or as printed,
             which charges every neighbour at least the threshold.
         crash: Whether the ego's collision replaces r_social or is added to it.
         conflict_distance: Metres within which a neighbour counts.
@@ -57,12 +56,12 @@ class Options:
         timeout_weight: w_t.
         yielding_weight: w_y.
         disruption_weight: w_d.
-        neighbour_collision_weight: Of r_social, when the ego collides.
+        neighbour_collision_weight: Weight in r_social of the ego's collision.
         speed_threshold: v_thresh of Eq 4.2, m/s.
         speed_cap: v_cap of Eq 4.2, m/s.
 
     Raises:
-        UserError: If a value is not supported; the line says what is.
+        UserError: If a value is not supported.
     """
 
     simulation_frequency: int = 10
@@ -155,7 +154,7 @@ class Options:
 
     @property
     def max_speed(self) -> float:
-        """v_max: the fastest target speed, m/s."""
+        """Fastest target speed v_max, m/s."""
         return float(self.target_speeds[-1])
 
     @property
@@ -165,6 +164,6 @@ class Options:
 
     @property
     def capacity(self) -> int:
-        """Most vehicles that an episode can hold: every spawn that is tried, and the ego."""
+        """Largest number of vehicles of an episode: every spawn attempt, and the ego."""
         decisions = math.ceil(self.duration * self.policy_frequency) + 1
         return self.initial_vehicle_count + 1 + decisions

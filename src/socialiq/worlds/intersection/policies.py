@@ -1,6 +1,6 @@
-"""Drivers by rule: reference policies that read the observation and nothing else.
+"""Rule-based drivers: reference policies that read the observation only.
 
-They answer like any `types.Policy`, so they drive the core, the real highway-env, or an audit.
+They implement `types.Policy`, so they can drive the core and the real highway-env, and be audited.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CONFLICT_REACH = 9.0  # m around the centre that a crossing vehicle must have le
 SAME_LANE = 1.0  # m to the side of the ego within which a vehicle is on its lane
 
 IDM = POPULATIONS["highway_env"]
-IDM_EXPONENT = 4.0  # highway-env draws around it
+IDM_EXPONENT = 4.0  # m/s; highway-env draws speeds around it
 IDM_GAP = 3.0  # s
 IDM_STEP = 1.0  # s between decisions
 IDM_CONE = 0.17  # of the way ahead, to either side: 10 degrees
@@ -43,10 +43,10 @@ Rule = Callable[[Seen], Int64[np.ndarray, " batch"]]
 
 
 class RulePolicy:
-    """A rule as a policy.
+    """Policy defined by a rule.
 
     Args:
-        rule: From what is seen, shape (batch, vehicles, 7), in m and m/s, to actions.
+        rule: Function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions.
     """
 
     def __init__(self, rule: Rule) -> None:
@@ -69,12 +69,12 @@ class RulePolicy:
 
 
 def go(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Always faster."""
+    """Always choose FASTER."""
     return np.full(len(seen), FASTER)
 
 
 def wait(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """Always slower."""
+    """Always choose SLOWER."""
     return np.full(len(seen), SLOWER)
 
 
@@ -89,22 +89,22 @@ def stop_line(seen: Seen) -> Int64[np.ndarray, " batch"]:
 
 
 def gap(seconds: float) -> Rule:
-    """Accept a gap: enter when nobody who crosses is within so many seconds of the junction.
+    """Return a rule that enters when no crossing vehicle is within some seconds of the junction.
 
     Args:
-        seconds: The gap that is asked for.
+        seconds: Smallest accepted gap.
     """
     return lambda seen: np.where(_gives_way(seen, seconds), SLOWER, FASTER)
 
 
 def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
-    """The Intelligent Driver Model, which the other drivers follow, at the ego's seat.
+    """Follow the Intelligent Driver Model, as the other drivers do.
 
-    Where it gives way, it sees a vehicle that stands with its rear on the stop line, as users of
-    the model do at a red light. It takes the ego's target speeds to be the default ones, and the
-    one nearest to the present speed to be the one that IDLE keeps. Of the three that it is offered
-    it chooses the one nearest to the speed that the model has a second later, but goes faster only
-    if the model does: a step of 4.5 m/s that is rounded up leaves no room to stop behind a wreck.
+    To give way, the rule adds a standing vehicle with its rear on the stop line, as is usual for
+    this model at a red light. It assumes the default target speeds, and that IDLE keeps the target
+    speed nearest to the present speed. It chooses the action whose target speed is nearest to the
+    speed of the model a second later, but FASTER only if the model accelerates: a step of 4.5 m/s
+    that is rounded up leaves no space to stop behind a crashed vehicle.
     """
     speed = np.hypot(seen[:, 0, 3], seen[:, 0, 4])
     acceleration = _idm_acceleration(speed, *_leader(seen))
@@ -120,17 +120,17 @@ def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
 
 
 def random(seed: int) -> Rule:
-    """Any action, drawn anew at each call."""
+    """Return a rule that draws a uniform action at each call."""
     rng = np.random.default_rng(seed)
     return lambda seen: rng.integers(len(ACTIONS), size=len(seen))
 
 
 def policy(name: str, seed: int = 0) -> RulePolicy:
-    """A reference policy by name.
+    """Return a reference policy by name.
 
     Args:
         name: One of `NAMES`.
-        seed: Of the random one.
+        seed: Seed of the random policy.
 
     Raises:
         UserError: If the name is unknown.
@@ -153,12 +153,12 @@ NAMES = (*_RULES, "random")
 
 
 def _to_stop_line(seen: Seen) -> Float[np.ndarray, " batch"]:
-    """Metres that the ego has before its stop line; negative beyond."""
+    """Return the metres from the ego to its stop line; negative beyond it."""
     return seen[:, 0, 2] - STOP_LINE
 
 
 def conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
-    """Which vehicles are in the junction, or will be there within some seconds at their speed."""
+    """Whether each vehicle is in the junction, or reaches it within `seconds` at its speed."""
     x, y, vx, vy = (seen[:, 1:, number] for number in range(1, 5))
     there = seen[:, 1:, 0] > 0
     away = np.maximum(np.maximum(np.abs(x), np.abs(y)) - CONFLICT_REACH, 0.0)
@@ -170,14 +170,14 @@ def conflict(seen: Seen, seconds: float) -> Bool[np.ndarray, "batch other"]:
 
 
 def _gives_way(seen: Seen, seconds: float) -> Bool[np.ndarray, " batch"]:
-    """Whether the ego is on the last metres of its approach and somebody conflicts."""
+    """Whether the ego is on the last metres of its approach and a vehicle conflicts."""
     distance = _to_stop_line(seen)
     judging = (distance > 0) & (distance <= LOOK_FROM)
     return judging & conflict(seen, seconds).any(axis=1)
 
 
 def _leader(seen: Seen) -> tuple[Float[np.ndarray, " batch"], Float[np.ndarray, " batch"]]:
-    """How far ahead the nearest leader is, infinite without one, and how fast it comes closer.
+    """Return the distance of the nearest leader, infinite if none, and the closing speed.
 
     On the approach a leader is on the ego's lane before the junction; later on, in a narrow cone
     of the ego's heading and not heading against it.
@@ -202,7 +202,7 @@ def _idm_acceleration(
     gap: Float[np.ndarray, " batch"],
     closing: Float[np.ndarray, " batch"],
 ) -> Float[np.ndarray, " batch"]:
-    """`core.traffic.idm_acceleration` in m/s²; gaps in m between centres, closing in m/s."""
+    """Return `core.traffic.idm_acceleration` in m/s²; gaps in m between centres, closing in m/s."""
     strongest, comfortable = IDM.max_acceleration.mean, IDM.comfort_deceleration.mean
     kept = IDM.jam_distance.mean + speed * IDM.time_headway.mean
     desired = kept + speed * closing / (2 * np.sqrt(strongest * comfortable))

@@ -1,4 +1,4 @@
-"""How the other drivers differ: named populations of Intelligent Driver Model parameters."""
+"""Named populations of Intelligent Driver Model parameters of the other drivers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Normal(NamedTuple):
-    """A normal distribution whose draws are clipped to an interval."""
+    """Normal distribution whose draws are clipped to an interval."""
 
     mean: float
     deviation: float
@@ -15,10 +15,10 @@ class Normal(NamedTuple):
 
 
 class Population(NamedTuple):
-    """What a driver draws when it enters, in the order of the fields.
+    """Distributions that a driver draws from when it enters, in the order of the fields.
 
     The exponent of the free-road term is always drawn first, uniformly from 3.5 to 4.5, as
-    highway-env does. A field without deviation draws nothing.
+    highway-env does. A field with deviation 0 draws nothing.
 
     Attributes:
         desired_speed: m/s. Infinite: the driver starts with the speed it enters at, and takes the
@@ -56,8 +56,8 @@ POPULATIONS = {
         comfort_deceleration=Normal(3.0, 0.5, 1.5, 4.5),
     ),
 }
-"""`highway_env` is the real environment's own; `thesis` varies what thesis 5.1.3 says varies.
+"""Populations: `highway_env` as in the real environment, `thesis` as described in 5.1.3.
 
-The thesis prints no distribution. These are centred on highway-env's values for this scenario, with
-spreads of the size that calibrations of the model report, and clipped to stay physical.
+The thesis prints no distribution. Those of `thesis` are centred on highway-env's values, with
+spreads of the size that calibrations of the model report, and clipped to physical values.
 """

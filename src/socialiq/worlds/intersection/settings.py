@@ -1,4 +1,4 @@
-"""The options as the compiled core reads them: one record of numbers."""
+"""Options as the compiled core reads them: one record of numbers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from socialiq.worlds.intersection.options import (
 from socialiq.worlds.intersection.population import POPULATIONS
 
 TIE = 1e-9
-"""What counts as equal in canonical mode, m."""
+"""Largest difference that counts as equal in canonical mode, m."""
 
 SIGNALS = (
     "progress",
@@ -31,7 +31,7 @@ SIGNALS = (
     "disruption",
     "neighbour_collision",
 )
-"""Every signal, those of r_env first; its weight is the option of that name."""
+"""All signals, those of r_env first; a signal's weight is the option of that name."""
 
 ENV_SIGNALS = SIGNALS[:6]
 SOCIAL_SIGNALS = SIGNALS[6:]
@@ -65,11 +65,11 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )
-"""One set of options."""
+"""Record of one set of options."""
 
 
 def settings_of(options: Options) -> np.ndarray:
-    """The record, as an array of one."""
+    """Return the record as an array of one element."""
     record = np.zeros(1, SETTINGS)
     for name in SETTINGS.names or ():
         if hasattr(options, name):

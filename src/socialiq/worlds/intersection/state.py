@@ -1,8 +1,8 @@
-"""The state of the intersection: a record for every vehicle and one for every episode.
+"""State of the intersection: a record for every vehicle and one for every episode.
 
-Vehicles of an episode lie in one row in highway-env's list order: those that were there before the
-ego, the ego, those that came later. A state is two arrays and nothing else, so copying them
-saves it, and copying them back restores it to the last bit, random stream included.
+The vehicles of an episode are one row in highway-env's list order: those that entered before the
+ego, the ego, those that entered later. A state is two arrays, so copying them saves it, and copying
+them back restores it to the last bit, random stream included.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 
 class Contact(enum.IntEnum):
-    """Who ran into whom, by whose motion closed the gap: the ego's or the other's."""
+    """Vehicle that struck the other, by whose motion closed the gap: the ego's or the other's."""
 
     NONE = 0
     EGO_STRUCK = 1
@@ -37,21 +37,21 @@ VEHICLE = np.dtype(
         ("max_acceleration", np.float64),  # m/s²
         ("comfort_deceleration", np.float64),  # m/s², positive
         ("exponent", np.float64),  # of the free-road term
-        ("push_x", np.float64),  # m; what a collision will move it by in the next sub-step
+        ("push_x", np.float64),  # m; displacement by a collision in the next sub-step
         ("push_y", np.float64),
         ("identity", np.int32),  # unique in its episode
         ("lane", np.int8),  # closest lane, 0 to 19
         ("target_lane", np.int8),  # lane it steers along
         ("origin", np.int8),  # arm it comes from, 0 to 3
         ("destination", np.int8),  # arm it leaves by
-        ("leg", np.int8),  # legs of its route that are behind: 0 to 3
+        ("leg", np.int8),  # completed legs of its route: 0 to 3
         ("yielding", np.bool_),
         ("crashed", np.bool_),
-        ("pushed", np.bool_),  # push_x and push_y are waiting
+        ("pushed", np.bool_),  # push_x and push_y are pending
     ],
     align=True,
 )
-"""One vehicle."""
+"""Vehicle record."""
 
 EPISODE = np.dtype(
     [
@@ -62,14 +62,14 @@ EPISODE = np.dtype(
         ("half_word", np.uint64),  # the 32 bits that a bounded draw left over
         ("has_half_word", np.bool_),
         ("time", np.float64),  # s since the reset
-        ("sub_steps", np.int64),  # of the road, warm-up included; rules go by it
+        ("sub_steps", np.int64),  # of the road, warm-up included; schedules the rules
         ("vehicles", np.int64),  # slots in use
         ("ego", np.int64),  # the ego's slot
         ("start", np.float64),  # route coordinate at which the ego began, m
         ("next_identity", np.int32),
-        ("contact", np.int8),  # a Contact: who ran into whom when the ego was last touched
+        ("contact", np.int8),  # last Contact of the ego: which vehicle struck
         ("touched", np.int32),  # identity of the vehicle that it touched, -1 if none
     ],
     align=True,
 )
-"""One episode."""
+"""Episode record."""

@@ -1,4 +1,4 @@
-"""The intersection as a world by name."""
+"""Intersection as a world of the registry."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Intersection:
     """highway-env's unsignalised crossing with the thesis' reward pair (5.1.3).
 
     Attributes:
-        options: The scenario and the readings of the reward.
+        options: Scenario and reward options.
         name: Name in the registry.
     """
 
@@ -44,13 +44,13 @@ class Intersection:
 
     @property
     def description(self) -> str:
-        """The world's name and its options."""
+        """Name of the world and its options."""
         return f"{self.name} {self.options}"
 
     def batch(
         self, size: int, threads: int = 1, back_end: BackEnd = "core", traced: bool = False
     ) -> Batch:
-        """Episodes side by side; see `Batch`."""
+        """Return episodes side by side; see `Batch`."""
         return Batch(self.options, size, threads, back_end, traced)
 
 

@@ -1,1 +1,1 @@
-"""The compiled core: highway-env's model of the crossing, kernel by kernel."""
+"""Compiled core: highway-env's model of the crossing, kernel by kernel."""

@@ -1,6 +1,6 @@
-"""Angles: wrapping, and functions that are quick where the answer is their argument.
+"""Angles: wrapping, and trigonometric functions with a fast path for tiny arguments.
 
-Most vehicles drive straight on the middle of a lane, so most angles are rounding errors. Below
+Most vehicles drive straight along the centre of a lane, so most angles are rounding errors. Below
 1e-9 the sine, tangent and their inverses round to the argument itself, in libm too.
 """
 
@@ -15,7 +15,7 @@ _SMALL = 1e-9
 
 @kernel
 def wrap_to_pi(angle):
-    """The same direction, from -π up to π."""
+    """Return the same direction in [-π, π)."""
     turned = angle + math.pi
     if 0.0 <= turned < 2 * math.pi:
         return turned - math.pi
@@ -24,23 +24,23 @@ def wrap_to_pi(angle):
 
 @kernel
 def sin(angle):
-    """Sine."""
+    """Return the sine of an angle in rad."""
     return angle if abs(angle) < _SMALL else math.sin(angle)
 
 
 @kernel
 def tan(angle):
-    """Tangent."""
+    """Return the tangent of an angle in rad."""
     return angle if abs(angle) < _SMALL else math.tan(angle)
 
 
 @kernel
 def asin(value):
-    """Angle whose sine this is."""
+    """Return the arcsine in rad."""
     return value if abs(value) < _SMALL else math.asin(value)
 
 
 @kernel
 def atan(value):
-    """Angle whose tangent this is."""
+    """Return the arctangent in rad."""
     return value if abs(value) < _SMALL else math.atan(value)

@@ -1,4 +1,4 @@
-"""The simulator's observation and reward kernels, applied to traffic that was recorded."""
+"""Observation and reward kernels of the simulator, applied to recorded traffic."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ SNAPSHOT = np.dtype(
         ("advance", np.float64),  # metres along the route since the snapshot before
         ("travelled", np.float64),  # since the episode began
         ("on_road", np.bool_),
-        ("ending", np.int64),  # value of `Ending`, as far as it is rewarded
+        ("ending", np.int64),  # value of `Ending`, for the rewards
     ],
     align=True,
 )
-"""What the road says about the ego of a snapshot."""
+"""Road-dependent quantities of the ego in a snapshot."""
 
 
 def _entry(sources: int):
@@ -65,7 +65,7 @@ def _entry(sources: int):
                 speed, within, counted, lost, here.ending, chosen, written, braking
             )
             pairs[row, 0], pairs[row, 1] = rewards.pair(written, chosen)
-        return sources  # so that the cache knows the sources; see `compile.fingerprint`
+        return sources  # so that the cache depends on the sources; see `compile.fingerprint`
 
     return run
 
@@ -78,6 +78,6 @@ Args:
     vehicles: SEEN records, (snapshot, most vehicles).
     settings: SETTINGS record in an array of one.
     observation: (snapshot, vehicles seen, 7), float32, overwritten.
-    signals: (snapshot, signals), overwritten; those of an episode's first snapshot mean nothing.
+    signals: (snapshot, signals), overwritten; undefined for an episode's first snapshot.
     pairs: r_env and r_social, (snapshot, 2), overwritten.
 """

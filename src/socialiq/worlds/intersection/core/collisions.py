@@ -23,13 +23,13 @@ _ACROSS = np.array([-VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, -V
 
 @kernel
 def collide(vehicles, count, ego, dt, tie, contact, touched):
-    """Crash vehicles that overlap, and push apart those that overlap or will.
+    """Mark vehicles that overlap as crashed, and push apart those that overlap or will.
 
-    A push is carried out, and crashes the vehicle, in the next sub-step. When several pairs push
-    the same vehicle, the last one counts.
+    A push takes effect, and marks the crash, in the next sub-step. If several pairs push
+    the same vehicle, the last push counts.
 
     Returns:
-        The ego's `Contact` and the identity of what it touched; those given if nothing new did.
+        The ego's `Contact` and the identity of the vehicle that it touched; unchanged if none.
     """
     intact = ego >= 0 and not vehicles[ego].crashed
     for first in range(count - 1):
@@ -54,7 +54,7 @@ def collide(vehicles, count, ego, dt, tie, contact, touched):
 
 @kernel
 def contact_of(vehicles, ego, dt, contact, touched):
-    """The ego's contact after a sub-step's movement, in the order of `collide`'s pairs."""
+    """Return the ego's contact after a sub-step, with pairs in the order of `collide`."""
     for slot in range(len(vehicles)):
         if slot == ego:
             continue
@@ -69,7 +69,7 @@ def contact_of(vehicles, ego, dt, contact, touched):
 
 @kernel
 def who_struck(ego, other):
-    """Whose motion closed the gap along the line between the two centres."""
+    """Return the `Contact` by which vehicle's motion closed the gap between the centres."""
     dx, dy = other.x - ego.x, other.y - ego.y
     mine = ego.speed * (ego.along_x * dx + ego.along_y * dy)
     theirs = -other.speed * (other.along_x * dx + other.along_y * dy)
@@ -82,7 +82,7 @@ def separate(one, other, dt, tie):
 
     Returns:
         Whether they overlap, whether they will within `dt` at their speeds, and the shortest
-        displacement (x, y) of the first that would part them then.
+        displacement (x, y) of the first that would separate them then.
     """
     mine, theirs = np.empty((4, 2)), np.empty((4, 2))
     _corners(one, mine)
@@ -149,7 +149,7 @@ def _project(corners, normal_x, normal_y):
 
 @kernel
 def _gap(low, high, other_low, other_high):
-    """Distance of two intervals, negative when they overlap."""
+    """Return the distance of two intervals, negative if they overlap."""
     if low < other_low:
         return other_low - high
     return low - other_high

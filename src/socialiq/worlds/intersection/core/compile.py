@@ -1,4 +1,4 @@
-"""How the core is compiled: strict float64, no fused operations, one cache that notices edits."""
+"""Compilation of the core: strict float64, no fused operations, a cache that detects edits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     Division follows IEEE 754 instead of raising, and no rewriting of arithmetic is allowed:
     the order of operations is that of highway-env, so the last bit is too.
     """
-    # Tests wrap functions in run-time type checks, which Numba can't read through.
+    # Tests wrap functions in run-time type checks, which Numba can't compile.
     return numba.njit(inspect.unwrap(function), error_model="numpy", nogil=True)
 
 
@@ -28,10 +28,10 @@ def entry_point(function: Callable[..., Any]) -> Any:
 
 
 def fingerprint() -> int:
-    """A number that changes whenever a source that the compiled code depends on does.
+    """Return a number that changes with any source file that the compiled code depends on.
 
-    Numba's cache looks at the file of the entry point only; an edit to a kernel that the entry
-    point calls would go unnoticed. The entry point closes over this number instead.
+    Numba's cache checks the file of the entry point only; it would miss an edit to a kernel that
+    the entry point calls. The entry point therefore closes over this number.
     """
     digest = hashlib.sha256()
     here = Path(__file__).parent

@@ -1,4 +1,4 @@
-"""The ego: a stepped speed control on top of the same steering, and when it has arrived."""
+"""Ego vehicle: stepped speed control, steering as for the others, and arrival."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from socialiq.worlds.intersection.core.traffic import clip, follow_road, steerin
 from socialiq.worlds.intersection.interface import FASTER, IDLE
 
 SPEED_GAIN = 1 / 0.6  # 1/s
-EXIT_DISTANCE = 25.0  # m along an exit that count as arrived
+EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
 
 
 @kernel
 def speed_index(speed, settings):
-    """Number of the target speed nearest to a speed."""
+    """Return the index of the target speed nearest to a speed."""
     last = settings.n_speeds - 1
     lowest = settings.target_speeds[0]
     share = (speed - lowest) / (settings.target_speeds[last] - lowest)
@@ -24,7 +24,7 @@ def speed_index(speed, settings):
 
 @kernel
 def choose(vehicle, action, settings):
-    """Set the target speed that an action asks for; IDLE keeps the one there is."""
+    """Set the target speed that an action selects; IDLE keeps the current target speed."""
     follow_road(vehicle)
     if action != IDLE:
         change = 1 if action == FASTER else -1
@@ -34,7 +34,7 @@ def choose(vehicle, action, settings):
 
 @kernel
 def control(vehicle):
-    """Hold steering and a proportional acceleration, without bound, for a sub-step."""
+    """Set steering and an unbounded proportional acceleration for a sub-step."""
     follow_road(vehicle)
     vehicle.steering = steering(vehicle)
     vehicle.acceleration = SPEED_GAIN * (vehicle.target_speed - vehicle.speed)
@@ -42,7 +42,7 @@ def control(vehicle):
 
 @kernel
 def arrived(vehicle):
-    """Whether a vehicle is 25 m down an exit, whichever that is."""
+    """Whether a vehicle is 25 m along any exit."""
     if vehicle.lane % 5 != EXIT:
         return False
     return longitudinal(LANES[vehicle.lane], vehicle.x, vehicle.y) >= EXIT_DISTANCE
@@ -50,7 +50,7 @@ def arrived(vehicle):
 
 @kernel
 def route_coordinate(vehicle):
-    """Metres from the start of the approach along the vehicle's planned route."""
+    """Return the metres from the start of the approach along the vehicle's planned route."""
     passed = 0.0
     for leg in range(2):
         lane = LANES[ROUTES[vehicle.origin, vehicle.destination, leg]]

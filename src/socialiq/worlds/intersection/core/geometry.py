@@ -1,4 +1,4 @@
-"""The road: twenty lanes of a four-armed crossing, and coordinates along them.
+"""Road: twenty lanes of a four-armed crossing, and coordinates along them.
 
 Arms are numbered south 0, west 1, north 2, east 3. Each corner of highway-env's building loop makes
 five lanes: the approach, the right turn, the left turn, the way straight on, and the exit of the
@@ -42,7 +42,7 @@ LANE = np.dtype(
     ],
     align=True,
 )
-"""One lane: a straight line or an arc of a circle."""
+"""Lane record: a straight line or an arc of a circle."""
 
 
 def _lanes() -> np.ndarray:
@@ -96,16 +96,16 @@ def _arc(
 
 
 LANES: Any = _lanes()
-"""The lanes in highway-env's order, which decides between equally close ones."""
+"""Lanes in highway-env's order, which decides between equally close lanes."""
 
 
 def turn(origin: int, destination: int) -> int:
-    """Number of the lane across the junction from one arm to another."""
+    """Return the number of the lane across the junction from one arm to another."""
     return 5 * origin + {3: RIGHT, 1: LEFT, 2: STRAIGHT}[(destination - origin) % 4]
 
 
 def exit_of(arm: int) -> int:
-    """Number of the lane that leaves the junction by an arm."""
+    """Return the number of the lane that leaves the junction by an arm."""
     return 5 * ((arm + 1) % 4) + EXIT
 
 
@@ -120,7 +120,7 @@ def _routes() -> np.ndarray:
 
 
 ROUTES = _routes()
-"""The three lanes of a route, by the arm it comes from and the arm it leaves by."""
+"""Three lanes of a route, by the arm of origin and the arm of exit."""
 
 
 def _connected() -> tuple[np.ndarray, np.ndarray]:
@@ -150,23 +150,23 @@ def _preceding(lane: int) -> list[int]:
 
 
 CONNECTED, CONNECTED_OFFSETS = _connected()
-"""Lanes on which a driver with connected lanes looks for a leader, in the order of looking."""
+"""Lanes on which a driver with connected lanes searches for a leader, in search order."""
 
 
-_CLOSE = 1.0  # so near to a lane that no other can be, on an arm
+_CLOSE = 1.0  # m; on an arm, no other lane is closer than this
 _OUTSIDE = 15.0  # m from the centre; the junction's own lanes reach 11 m
 
 
 @kernel
 def distance(x, y, other_x, other_y):
-    """Euclidean distance of two points, m."""
+    """Return the Euclidean distance of two points, m."""
     dx, dy = x - other_x, y - other_y
     return math.sqrt(dx * dx + dy * dy)
 
 
 @kernel
 def lateral(lane, x, y):
-    """How far a point lies to the right of a lane's centre line, m."""
+    """Return the distance of a point to the right of a lane's centre line, m."""
     dx, dy = x - lane.x, y - lane.y
     if lane.straight:
         return dx * lane.across_x + dy * lane.across_y
@@ -175,7 +175,7 @@ def lateral(lane, x, y):
 
 @kernel
 def longitudinal(lane, x, y):
-    """How far along a lane a point lies, m; negative before its start."""
+    """Return a point's coordinate along a lane, m; negative before its start."""
     dx, dy = x - lane.x, y - lane.y
     if lane.straight:
         return dx * lane.along_x + dy * lane.along_y
@@ -185,7 +185,7 @@ def longitudinal(lane, x, y):
 
 @kernel
 def position(lane, along):
-    """The point of a lane's centre line at a coordinate along it."""
+    """Return the point of a lane's centre line at a coordinate along it."""
     if lane.straight:
         return lane.x + along * lane.along_x, lane.y + along * lane.along_y
     phase = lane.sense * along / lane.radius + lane.phase
@@ -194,7 +194,7 @@ def position(lane, along):
 
 @kernel
 def heading_at(lane, along):
-    """The direction of a lane at a coordinate along it, rad."""
+    """Return the direction of a lane at a coordinate along it, rad."""
     if lane.straight:
         return lane.heading
     return lane.sense * along / lane.radius + lane.phase + math.pi / 2 * lane.sense
@@ -211,10 +211,10 @@ def on_lane(lane, x, y, margin):
 
 @kernel
 def closest_lane(x, y, heading, guess, tie):
-    """The lane that a vehicle is on: closest in metres sideways, beyond the ends, and radians.
+    """Return the lane of least misfit: metres sideways and beyond the ends plus heading in rad.
 
-    The guess only saves time: lanes that are too far sideways are not looked at further, and on an
-    arm of the road, where the next lane is 3 m away or more, none is. Of lanes that are
+    The guess only saves time: lanes that are too far sideways are not examined further, and on an
+    arm of the road, where the next lane is at least 3 m away, no other lane is. Of lanes that are
     equally close, within `tie`, the first counts.
     """
     best = guess
@@ -232,7 +232,7 @@ def closest_lane(x, y, heading, guess, tie):
 
 @kernel
 def _misfit(number, x, y, heading, enough):
-    """Distance to a lane; infinity as soon as it exceeds `enough`."""
+    """Return the distance to a lane; infinity as soon as it exceeds `enough`."""
     lane = LANES[number]
     found = abs(lateral(lane, x, y))
     if found > enough:

@@ -1,4 +1,4 @@
-"""A state that fits what the ego sees, with what it doesn't see drawn at random."""
+"""Draw states that are consistent with the ego's observation."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _NO_CONTACT = int(Contact.NONE)
 
 @kernel
 def imagine(observation, episode, vehicles, settings):
-    """Write a state that would be seen so.
+    """Write a state with the given observation.
 
-    Drawn are the others' destinations and parameters, and the random numbers to come. Nobody is
-    imagined who isn't seen, nobody has crashed, and nobody's clock runs out.
+    The destinations and parameters of the other vehicles and the later random numbers are drawn.
+    The state has no vehicle beyond those observed, no crashed vehicle, and time left.
 
     Args:
         observation: Rows of seven, the ego first.
-        episode: EPISODE record, its stream begun; the rest is overwritten.
+        episode: EPISODE record with a seeded stream; the rest is overwritten.
         vehicles: VEHICLE records, overwritten as far as there are rows with a vehicle.
         settings: SETTINGS record.
     """
@@ -60,7 +60,7 @@ def imagine(observation, episode, vehicles, settings):
             vehicles[row].target_speed = settings.target_speeds[speed_index(speed, settings)]
         else:
             draw_driver(episode, vehicles[row], settings)
-            _wish(episode, vehicles[row])
+            _draw_target_speed(episode, vehicles[row])
         follow_road(vehicles[row])
         count += 1
     episode.time = 0.0
@@ -75,10 +75,10 @@ def imagine(observation, episode, vehicles, settings):
 
 
 @kernel
-def _wish(episode, vehicle):
-    """Set the target speed: that of who rolls is what it drives, that of who is held is drawn.
+def _draw_target_speed(episode, vehicle):
+    """Set the target speed: the present speed of a moving vehicle, a drawn speed of a held one.
 
-    Who hasn't yielded yet wants the speed it entered at; who has, wants the limit.
+    A vehicle that has not yielded yet aims for its entry speed, a vehicle that has for the limit.
     """
     if vehicle.speed > HELD_BELOW:
         vehicle.target_speed = min(vehicle.speed, SPEED_LIMIT)
@@ -91,7 +91,7 @@ def _wish(episode, vehicle):
 
 @kernel
 def _place(row, vehicle, tie):
-    """Put a vehicle where it is seen, as nobody in particular."""
+    """Set a vehicle's observed pose and speed, and neutral values for everything else."""
     vehicle.x, vehicle.y = row[1] * POSITION_RANGE, row[2] * POSITION_RANGE
     vehicle.heading = math.atan2(row[6], row[5])
     vehicle.along_x, vehicle.along_y = math.cos(vehicle.heading), math.sin(vehicle.heading)
@@ -110,7 +110,7 @@ def _place(row, vehicle, tie):
 
 @kernel
 def _route(episode, vehicle, destination):
-    """Set origin, destination and leg by the lane; a destination that is open (0) is drawn."""
+    """Set origin, destination and leg by the lane; destination 0 is drawn."""
     corner, kind = vehicle.lane // 5, vehicle.lane % 5
     vehicle.target_lane = vehicle.lane
     if kind == EXIT:
@@ -129,7 +129,7 @@ def _route(episode, vehicle, destination):
 
 @kernel
 def _turn(episode, vehicle, corner, kind):
-    """Draw where a vehicle goes: 1 left, 2 straight on, 3 right, as arms are numbered."""
+    """Draw a vehicle's direction: 1 left, 2 straight on, 3 right, in the order of the arms."""
     weights = np.ones(3)
     if kind != APPROACH:
         for place in range(3):

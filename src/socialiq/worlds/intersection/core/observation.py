@@ -1,4 +1,4 @@
-"""What the ego sees: the nearest vehicles along its lane, as rows of seven numbers (5.1.3)."""
+"""Ego's observation: the nearest vehicles along its lane, rows of seven numbers (5.1.3)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ PERCEPTION = 200.0  # m
 def observe(vehicles, count, ego, along, tie, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
 
-    Vehicles more than 10 m behind are not seen. Vehicles on a crossing lane share one coordinate
-    on the ego's lane, so their order is often decided by rounding; `tie` lets the list's order
+    Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
+    on the ego's lane, so rounding often decides their order; `tie` makes the list's order
     decide.
 
     Args:
         vehicles: VEHICLE records.
-        count: How many are there.
+        count: Number of vehicles.
         ego: The ego's slot.
         along: By slot, the coordinate along the ego's lane, m.
         tie: Distances closer than this are equal, m.

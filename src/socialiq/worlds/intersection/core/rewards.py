@@ -1,8 +1,8 @@
-"""The reward pair of thesis 4.1: named signals of a decision, weighted and summed.
+"""Reward pair of thesis 4.1: named signals of a decision, weighted and summed.
 
-Nothing here knows a road. What depends on one (the advance along the route, the zone, which
-neighbours count) is handed in: by `surroundings` for the simulator, by `recordings` for traffic
-that was recorded. So both are judged by the same code.
+Nothing here depends on a road. Road-dependent quantities (the advance along the route, the zone,
+which neighbours count) are arguments: `road_context` computes them for the simulator, `recordings`
+for recorded traffic. The same code therefore rewards both.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT = (
 
 @kernel
 def ending_of(crashed, arrived, out_of_time):
-    """How the episode ends with this snapshot; a collision comes before an arrival."""
+    """Return the ending of the episode at this snapshot; a collision precedes an arrival."""
     if crashed:
         return _COLLIDED
     if arrived:
@@ -49,10 +49,10 @@ def ending_of(crashed, arrived, out_of_time):
 def env_signals(advance, on_road, speed, ending, settings, signals):
     """Write the signals of r_env (Eq 4.1).
 
-    Collision and arrival replace what was earned on the way; a timeout comes on top of it.
+    Collision and arrival replace the other signals of the step; a timeout adds to them.
 
     Args:
-        advance: Metres that the ego came forward along its route.
+        advance: Metres that the ego advanced along its route.
         on_road: Whether it is on the road after the decision.
         speed: Its speed then, m/s.
         ending: Value of `Ending`.
@@ -80,8 +80,8 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
     Args:
         speed: The ego's speed after the decision, m/s.
         within: Whether the ego is in the influence zone then.
-        counted: By slot, which vehicles are neighbours that count.
-        lost: By slot, how much speed each lost, m/s.
+        counted: By slot, whether the vehicle is a neighbour that counts.
+        lost: By slot, loss of speed, m/s.
         ending: Value of `Ending`.
         settings: SETTINGS record.
         signals: All signals in the order of `SIGNALS`, overwritten from `YIELDING` on.
@@ -107,13 +107,13 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
 
 @kernel
 def yielding(speed, neighbours, settings):
-    """First term of Eq 4.2: (1 - v_ratio) n."""
+    """Return the first term of Eq 4.2: (1 - v_ratio) n."""
     return (1.0 - clip(speed / settings.max_speed, 0.0, 1.0)) * neighbours
 
 
 @kernel
 def disruption(lost, settings):
-    """A neighbour's share in the second term of Eq 4.2.
+    """Return a neighbour's contribution to the second term of Eq 4.2.
 
     Args:
         lost: Its loss of speed between two decisions, m/s.
@@ -128,7 +128,7 @@ def disruption(lost, settings):
 
 @kernel
 def pair(signals, settings):
-    """The reward pair: r_env and r_social, each the weighted sum of its signals."""
+    """Return r_env and r_social, each the weighted sum of its signals."""
     r_env, r_social = 0.0, 0.0
     for number in range(_N_ENV):
         r_env += settings.weights[number] * signals[number]
@@ -139,12 +139,11 @@ def pair(signals, settings):
 
 @kernel
 def classical(before, after, on_road, count, ego, settings):
-    """The classical formulation (thesis A.1): the ego's own reward and its neighbours' mean.
+    """Return the rewards of the classical formulation (thesis A.1): ego and neighbours' mean.
 
-    Everybody is paid by Eq 4.1 without arrival and timeout, a fresh collision replacing the step.
-    A snapshot is the vehicles at a decision (before) or when its sub-steps are over (after),
-    before anyone is cleared or spawned; nobody comes or goes in between, so a vehicle has the
-    same slot in both.
+    Each vehicle is rewarded by Eq 4.1 without arrival and timeout; a new collision replaces the
+    step's reward. A snapshot has the vehicles at a decision (before) or after its sub-steps
+    (after), before clearing and spawning, so a vehicle has the same slot in both.
     """
     own, others = 0.0, 0.0
     for slot in range(count):
@@ -171,7 +170,7 @@ def _paid(before, after, on_road, settings):
 
 @kernel
 def neighbours_collided(before, after, count, ego, touched):
-    """How many vehicles crashed since the decision, without the ego and the one that it touched."""
+    """Count vehicles that crashed in this decision, except the ego and the vehicle it touched."""
     crashed = 0
     for slot in range(count):
         fresh = after[slot].crashed and not before[slot].crashed

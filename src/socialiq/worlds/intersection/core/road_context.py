@@ -1,4 +1,4 @@
-"""What the annotator asks of the road, answered for the simulator's twenty lanes."""
+"""Road-dependent quantities of the rewards for the simulator's twenty lanes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from socialiq.worlds.intersection.core.observation import observe
 
 @kernel
 def see(vehicles, count, ego, tie, observation):
-    """Write the observation, everybody measured along the lane that the ego is on."""
+    """Write the observation; coordinates are measured along the ego's lane."""
     lane = LANES[vehicles[ego].lane]
     along = np.empty(count)
     for slot in range(count):
@@ -23,7 +23,7 @@ def see(vehicles, count, ego, tie, observation):
 
 @kernel
 def ending_of(ego, out_of_time):
-    """How the episode ends with this snapshot of the ego."""
+    """Return the ending of the episode at this snapshot of the ego."""
     return rewards.ending_of(ego.crashed, arrived(ego), out_of_time)
 
 
@@ -33,8 +33,8 @@ def write_signals(before, after, count, ego, start, ending, settings, signals, b
 
     Args:
         before: VEHICLE records at the decision.
-        after: The same vehicles, in the same slots, when the sub-steps are over.
-        count: How many there are.
+        after: The same vehicles in the same slots after the sub-steps.
+        count: Number of vehicles.
         ego: The ego's slot.
         start: Route coordinate at which the ego began, m.
         ending: Value of `Ending`.
@@ -61,7 +61,7 @@ def write_signals(before, after, count, ego, start, ending, settings, signals, b
 
 @kernel
 def classical(before, after, count, ego, settings):
-    """The classical formulation (thesis A.1): the ego's own reward and its neighbours' mean."""
+    """Return the rewards of the classical formulation (thesis A.1): ego and neighbours' mean."""
     on_road = np.empty(count, np.bool_)
     for slot in range(count):
         on_road[slot] = _on_road(after[slot])

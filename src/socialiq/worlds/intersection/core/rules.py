@@ -1,4 +1,4 @@
-"""Road rules: who must yield, decided twice a second from predictions at constant speed."""
+"""Road rules: right of way, decided twice a second from predictions at constant speed."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _SURELY_APART = VEHICLE_LENGTH * VEHICLE_LENGTH * (1 + 1e-9)
 
 @kernel
 def enforce(vehicles, count, ego, tie):
-    """Release everybody, then stop the yielder of every pair whose predictions meet.
+    """Release all vehicles, then stop the yielding vehicle of every pair whose predictions meet.
 
-    The ego never yields, and when it would be its turn, nobody does.
+    The ego never yields: where it would have to, neither vehicle does.
     """
     for slot in range(count):
         if vehicles[slot].yielding:
@@ -51,7 +51,7 @@ def enforce(vehicles, count, ego, tie):
 
 @kernel
 def yielder(vehicles, first, second, tie):
-    """Slot of the one of two that must yield: lower priority, else further from the other."""
+    """Return the slot of the vehicle that must yield: lower priority, else further away."""
     one, other = vehicles[first], vehicles[second]
     mine, theirs = LANES[one.lane].priority, LANES[other.lane].priority
     if mine != theirs:
@@ -62,14 +62,14 @@ def yielder(vehicles, first, second, tie):
 
 @kernel
 def _ahead(vehicle, other):
-    """How far ahead another vehicle is, m."""
+    """Return the distance of another vehicle ahead, m."""
     dx, dy = other.x - vehicle.x, other.y - vehicle.y
     return vehicle.along_x * dx + vehicle.along_y * dy
 
 
 @kernel
 def _predict(vehicle, predictions):
-    """Positions and headings along the rest of the route at the present speed.
+    """Write positions and headings along the rest of the route at the present speed.
 
     The coordinate is that of the closest lane, but the walk begins at the route's first lane that
     is not behind. Where these differ, in the last 2.5 m of a lane, the prediction is far ahead of

@@ -1,4 +1,4 @@
-"""How vehicles enter and leave: the start of an episode, spawns, the ego, clearing."""
+"""Entry and removal of vehicles: start of an episode, spawns, the ego, clearing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from socialiq.worlds.intersection.state import Contact
 INITIAL_PROBABILITY = 0.6  # of each spawn before the episode, whatever spawn_probability is
 ENTRY_SPEED = 8.0  # m/s, mean
 SPAWN_DISTANCE = 15.0  # m that must be free
-EGO_DISTANCE = 20.0  # m that are made free around the ego
+EGO_DISTANCE = 20.0  # m cleared around the ego
 CHALLENGER_AT = 60.0  # m along its approach, as for the ego
 
 _NO_CONTACT = int(Contact.NONE)
@@ -31,7 +31,7 @@ _NO_CONTACT = int(Contact.NONE)
 
 @kernel
 def spawn(episode, vehicles, along, position_spread, speed_spread, probability, straight, settings):
-    """Perhaps let one vehicle enter; draws in highway-env's order, also what is not used.
+    """Spawn a vehicle with a probability. Draws in highway-env's order, also unused values.
 
     Args:
         episode: EPISODE record; its stream, its count of vehicles and identities change.
@@ -39,8 +39,8 @@ def spawn(episode, vehicles, along, position_spread, speed_spread, probability, 
         along: Metres along the approach, before 5 m and the spread are added.
         position_spread: Standard deviation of the place, m.
         speed_spread: Standard deviation of the speed, m/s.
-        probability: Of trying at all.
-        straight: Whether it must go straight on.
+        probability: Probability of an attempt.
+        straight: Whether the vehicle must go straight on.
         settings: SETTINGS record.
     """
     if stream.uniform(episode) > probability:
@@ -93,7 +93,7 @@ def _enter(episode, vehicles, x, y, heading, speed, origin, destination, tie):
 
 @kernel
 def draw_driver(episode, vehicle, settings):
-    """Draw the parameters that the population varies, in its fields' order."""
+    """Draw the parameters that the population varies, in the order of its fields."""
     vehicle.exponent = 3.5 + 1.0 * stream.uniform(episode)
     vehicle.desired_speed = _draw(episode, settings.population[0])
     vehicle.time_headway = _draw(episode, settings.population[1])
@@ -115,7 +115,7 @@ def _draw(episode, field):
 
 @kernel
 def fill(episode, vehicles, settings):
-    """The vehicles that are tried before the warm-up, spread over 80 m of the approaches."""
+    """Try to spawn the initial vehicles before the warm-up, along 80 m of the approaches."""
     tries = settings.initial_vehicle_count - 1
     for number in range(tries):
         along = number * (80.0 / tries)
@@ -124,7 +124,7 @@ def fill(episode, vehicles, settings):
 
 @kernel
 def enter_ego(episode, vehicles, settings):
-    """After the warm-up: a challenger near the junction, the ego, and room around it."""
+    """After the warm-up, add a vehicle near the junction and the ego, and clear space around it."""
     spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
     destination = settings.destination
     if destination == 0:

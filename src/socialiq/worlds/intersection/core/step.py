@@ -24,7 +24,7 @@ _NO_CONTACT = int(Contact.NONE)
 
 @kernel
 def sub_step(episode, vehicles, settings):
-    """Everybody decides, rules apply if it is their turn, everybody moves, then collisions."""
+    """Advance by a sub-step: decisions, road rules if due, motion, then collisions."""
     count, ego = episode.vehicles, episode.ego
     for slot in range(count):
         if slot == ego:
@@ -43,7 +43,7 @@ def sub_step(episode, vehicles, settings):
 
 @kernel
 def reset(episode, vehicles, settings):
-    """Begin an episode with the stream as it is."""
+    """Start an episode from the current state of the stream."""
     episode.time = 0.0
     episode.sub_steps = 0
     episode.vehicles = 0
@@ -60,7 +60,7 @@ def reset(episode, vehicles, settings):
 
 @kernel
 def decide(episode, vehicles, action, settings, before, after, present, trace):
-    """The sub-steps of one decision, with snapshots before and after them."""
+    """Run the sub-steps of one decision and write snapshots before and after them."""
     _copy(vehicles, episode.vehicles, before)
     episode.time += settings.decision
     choose(vehicles[episode.ego], action, settings)
@@ -80,7 +80,7 @@ def _copy(vehicles, count, target):
 
 @kernel
 def annotate(buffers, row, settings):
-    """Observation, ending, signals and rewards of a decision, from its two snapshots."""
+    """Write observation, ending, signals and rewards of a decision from its two snapshots."""
     before, after = buffers.before[row], buffers.after[row]
     count, ego = buffers.present[row]
     episode = buffers.episodes[row]
@@ -133,7 +133,7 @@ def _entry(sources: int):
             if seeded[row]:
                 stream.seed(buffers.episodes[row], entropy[row])
             _one(buffers, row, commands[row], actions[row], settings[0])
-        return sources  # so that the cache knows the sources; see `compile.fingerprint`
+        return sources  # so that the cache depends on the sources; see `compile.fingerprint`
 
     return run
 
@@ -142,7 +142,7 @@ run = _entry(fingerprint())
 """Carry out a command for every episode of a batch.
 
 Args:
-    buffers: What is read and written, `buffers.Buffers`.
+    buffers: Arrays read and written, `buffers.Buffers`.
     commands: One of `buffers`' commands for each episode, int8.
     entropy: Seed of each episode's stream, uint64.
     seeded: Whether to begin the stream from that seed, bool.
@@ -152,7 +152,7 @@ Args:
 
 
 def on_threads(threads: int, *arguments: Any) -> None:
-    """Call `run` on so many threads; others' setting is put back."""
+    """Call `run` with a number of threads, then restore Numba's previous setting."""
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(threads)

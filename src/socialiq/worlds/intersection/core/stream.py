@@ -1,8 +1,8 @@
-"""numpy's random stream inside compiled code: the same seed gives the same draws.
+"""NumPy's random stream in compiled code: the same seed gives the same draws.
 
 PCG64 (O'Neill 2014, XSL-RR output) seeded through numpy's SeedSequence; normal numbers by the
 ziggurat method (Marsaglia and Tsang 2000) with numpy's tables; bounded integers by Lemire's method
-(2019) on half words, the unused half kept for the next. The state lives in the EPISODE record.
+(2019) on half words, the unused half kept for the next. The EPISODE record holds the state.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _POOL = 4  # words of SeedSequence's pool
 
 @kernel
 def seed(episode, entropy):
-    """Begin the stream that `numpy.random.default_rng(entropy)` begins; entropy is a uint64."""
+    """Seed the stream as `numpy.random.default_rng(entropy)` does; entropy is a uint64."""
     words = _seed_words(_seed_pool(entropy))
     high, low = words[0] | words[1] << _WORD, words[2] | words[3] << _WORD
     episode.state_high = _ZERO
@@ -81,7 +81,7 @@ def _mix(left, right):
 
 @kernel
 def _seed_words(pool):
-    """Eight words of 32 bits: the 128-bit state's, high half first, then the increment's."""
+    """Return eight words of 32 bits: the 128-bit state, high half first, then the increment."""
     words = np.zeros(8, np.uint64)
     constant = np.uint64(0x8B51F9DD)
     for number in range(8):
@@ -102,7 +102,7 @@ def _add(episode, high, low):
 
 @kernel
 def _high_product(left, right):
-    """Upper 64 bits of a 128-bit product."""
+    """Return the upper 64 bits of a 128-bit product."""
     left_low, left_high = left & _LOW_32, left >> _WORD
     right_low, right_high = right & _LOW_32, right >> _WORD
     low = left_low * right_low
@@ -113,7 +113,7 @@ def _high_product(left, right):
 
 @kernel
 def _advance(episode):
-    """One step of the generator: multiply and add, modulo 2^128."""
+    """Advance the generator: multiply and add, modulo 2^128."""
     high, low = episode.state_high, episode.state_low
     episode.state_high = (
         high * _MULTIPLIER_LOW + low * _MULTIPLIER_HIGH + _high_product(low, _MULTIPLIER_LOW)
@@ -124,7 +124,7 @@ def _advance(episode):
 
 @kernel
 def _next_word(episode):
-    """64 random bits."""
+    """Return 64 random bits."""
     _advance(episode)
     turn = episode.state_high >> np.uint64(58)
     mixed = episode.state_high ^ episode.state_low
@@ -133,7 +133,7 @@ def _next_word(episode):
 
 @kernel
 def _next_half_word(episode):
-    """32 random bits; the upper half of a word waits for the next call."""
+    """Return 32 random bits; the next call returns the upper half of the word."""
     if episode.has_half_word:
         episode.has_half_word = False
         return episode.half_word
@@ -145,13 +145,13 @@ def _next_half_word(episode):
 
 @kernel
 def uniform(episode):
-    """A float in [0, 1): `Generator.uniform()`."""
+    """Return a float in [0, 1), as `Generator.uniform()`."""
     return np.float64(_next_word(episode) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
 @kernel
 def normal(episode):
-    """A standard normal number: `Generator.normal()`."""
+    """Return a standard normal number, as `Generator.normal()`."""
     while True:
         word = _next_word(episode)
         layer = np.int64(word & np.uint64(0xFF))
@@ -180,7 +180,7 @@ def _tail(episode, negative):
 
 @kernel
 def up_to(episode, largest):
-    """A whole number from 0 to `largest`, each equally likely: Generator's bounded draw."""
+    """Return a uniform integer from 0 to `largest`, as NumPy's bounded draw."""
     if largest == 0:
         return 0
     count = np.uint64(largest) + _ONE
@@ -194,7 +194,7 @@ def up_to(episode, largest):
 
 @kernel
 def two_of_four(episode):
-    """Two different numbers below 4 in random order: `Generator.choice(4, 2, replace=False)`."""
+    """Return two different integers below 4, as `Generator.choice(4, 2, replace=False)`."""
     first = up_to(episode, 2)
     second = up_to(episode, 3)
     if second == first:

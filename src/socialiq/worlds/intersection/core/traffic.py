@@ -1,4 +1,4 @@
-"""How vehicles drive: steering along a lane, the Intelligent Driver Model, a bicycle's motion."""
+"""Vehicle models: lane steering, Intelligent Driver Model, kinematic bicycle."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LEG_COUNT = 3
 
 @kernel
 def not_zero(value):
-    """Keep a divisor at least 0.01 away from zero, on its own side."""
+    """Return the divisor, at least 0.01 away from zero, with its sign."""
     if abs(value) > 1e-2:
         return value
     return 1e-2 if value >= 0 else -1e-2
@@ -39,15 +39,15 @@ def not_zero(value):
 
 @kernel
 def clip(value, low, high):
-    """The nearest number within an interval."""
+    """Return the nearest number within an interval."""
     return min(max(value, low), high)
 
 
 @kernel
 def follow_road(vehicle):
-    """Steer for the route's next lane from 2.5 m before the end of the present one.
+    """Select the route's next lane from 2.5 m before the end of the current lane.
 
-    An exit has no next lane: vehicles are cleared long before its end.
+    An exit has no next lane: vehicles are removed before its end.
     """
     lane = LANES[vehicle.target_lane]
     if longitudinal(lane, vehicle.x, vehicle.y) <= lane.length - VEHICLE_LENGTH / 2:
@@ -61,10 +61,10 @@ def follow_road(vehicle):
 
 @kernel
 def steering(vehicle):
-    """Front wheel angle in rad that brings the vehicle to its target lane's centre.
+    """Return the front wheel angle in rad that steers to the target lane's centre.
 
-    Lateral offset asks for a lateral speed, that for a heading, that for a turning rate, and
-    that for an angle of the wheels.
+    The lateral offset gives a lateral speed, this a heading, this a turning rate, and this an angle
+    of the wheels.
     """
     lane = LANES[vehicle.target_lane]
     speed = not_zero(vehicle.speed)
@@ -79,7 +79,7 @@ def steering(vehicle):
 
 @kernel
 def leader(vehicles, count, me, lane_number, settings):
-    """Slot of the nearest vehicle ahead on a lane, -1 if none; of equally near ones the last."""
+    """Return the slot of the nearest vehicle ahead on a lane, -1 if none; the last of equals."""
     lane = LANES[lane_number]
     mine = longitudinal(lane, vehicles[me].x, vehicles[me].y)
     looked_at = CONNECTED.shape[1] if settings.connected_lanes else 1
@@ -107,10 +107,10 @@ def leader(vehicles, count, me, lane_number, settings):
 
 @kernel
 def idm_acceleration(vehicles, me, front):
-    """Acceleration in m/s² by the Intelligent Driver Model (Treiber, Hennecke, Helbing 2000).
+    """Return the acceleration in m/s² of the Intelligent Driver Model (Treiber et al. 2000).
 
-    The gap is measured along the closest lane, also to a leader on the target lane. The wanted
-    gap may be negative when the leader draws away, as in highway-env.
+    The gap is measured along the closest lane, also to a leader on the target lane. The desired
+    gap may be negative if the leader is faster, as in highway-env.
     """
     vehicle = vehicles[me]
     target = abs(not_zero(clip(vehicle.target_speed, 0.0, SPEED_LIMIT)))
@@ -142,7 +142,7 @@ def _desired_gap(vehicle, other):
 
 @kernel
 def drive(vehicles, count, me, settings):
-    """A traffic driver's decision: hold this steering and acceleration for a sub-step."""
+    """Set a traffic driver's steering and acceleration for a sub-step."""
     vehicle = vehicles[me]
     if vehicle.crashed:
         return
@@ -158,7 +158,7 @@ def drive(vehicles, count, me, settings):
 
 @kernel
 def turned(vehicle, heading):
-    """Point a vehicle somewhere; its unit vector is kept, because everybody asks for it."""
+    """Set a vehicle's heading and cache its unit vector, which many kernels read."""
     if heading != vehicle.heading:
         vehicle.heading = heading
         vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
@@ -166,7 +166,7 @@ def turned(vehicle, heading):
 
 @kernel
 def move(vehicle, dt, tie):
-    """One sub-step of the kinematic bicycle model; a waiting push moves and crashes the vehicle."""
+    """Advance the kinematic bicycle model; a pending push moves the vehicle and marks a crash."""
     if vehicle.crashed:
         vehicle.steering = 0.0
         vehicle.acceleration = -1.0 * vehicle.speed

@@ -1,4 +1,4 @@
-"""Where the ego influences others, and which of them count (thesis 4.1, 5.1.3)."""
+"""Influence zone of the ego, and the neighbours that count (thesis 4.1, 5.1.3)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def in_zone(kind, along, length, travelled, settings):
     """Whether the ego is in the influence zone: the end of its approach, or the junction.
 
     Args:
-        kind: Of the lane it is on: APPROACH, EXIT, or another.
-        along: How far it is along that lane, m.
-        length: Of that lane, m.
+        kind: Kind of the ego's lane: APPROACH, EXIT, or another.
+        along: Coordinate along that lane, m.
+        length: Length of that lane, m.
         travelled: Metres along its route since the episode began.
         settings: SETTINGS record.
     """
@@ -41,9 +41,9 @@ def counts(apart, same_origin, kind, settings):
     """Whether a neighbour is within the conflict distance and of the kind that counts.
 
     Args:
-        apart: Its distance from the ego, m.
-        same_origin: Whether it came by the ego's approach.
-        kind: Of the lane that it steers along: APPROACH, EXIT, or another.
+        apart: Distance from the ego, m.
+        same_origin: Whether the neighbour entered by the ego's approach.
+        kind: Kind of the neighbour's target lane: APPROACH, EXIT, or another.
         settings: SETTINGS record.
     """
     if apart > settings.conflict_distance:

@@ -1,4 +1,4 @@
-"""Films as bytes: a GIF with one palette, or an MP4 if ffmpeg is there."""
+"""Encode films: a GIF with one palette, or an MP4 if ffmpeg is installed."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LAST_FRAME = 1500  # ms
-_CANDIDATES = 1000  # colours that may enter a palette
-_APART = 12  # levels between those that do
+_CANDIDATES = 1000  # number of colours considered for a palette
+_APART = 12  # levels between colours considered
 
 
 def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]) -> bytes:
-    """Encode figures as a GIF that plays for ever and rests on its last frame.
+    """Encode figures as a GIF that repeats and pauses on its last frame.
 
     Args:
-        figures: One a frame; may be the same one, changed.
-        frames_per_second: Playing speed.
-        colors: Colours that must come out exactly, however rare.
+        figures: A figure for each frame; may be the same figure, changed.
+        frames_per_second: Frame rate.
+        colors: Colours to reproduce exactly, however rare.
     """
     from PIL import Image
 
@@ -43,7 +43,7 @@ def gif(figures: Iterator[Figure], frames_per_second: int, colors: Sequence[str]
 
 
 def _palette(frames: Sequence[Any], colors: Sequence[str]) -> Any:
-    """The given colours, and then the most frequent ones of the film that differ from those."""
+    """Return the given colours, then the film's most frequent other colours."""
     from matplotlib.colors import to_rgb
     from PIL import Image
 
@@ -53,7 +53,7 @@ def _palette(frames: Sequence[Any], colors: Sequence[str]) -> Any:
     frequent = found[np.argsort(-counts, kind="stable")[:_CANDIDATES]]
     chosen = np.rint(255 * np.array([to_rgb(color) for color in colors])).astype(np.int32)
     for color in np.stack([frequent >> 16, frequent >> 8 & 255, frequent & 255], axis=-1):
-        # Pillow looks colours up in steps: of two alike, it may take the wrong one.
+        # Pillow quantises its colour lookup: of two similar colours it may take the wrong one.
         if len(chosen) < 256 and abs(chosen - color).max(axis=1).min() >= _APART:
             chosen = np.concatenate([chosen, color[None]])
     palette = Image.new("P", (1, 1))
@@ -65,8 +65,8 @@ def mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
     """Encode figures as an MP4.
 
     Args:
-        figures: One a frame; always the same one, changed.
-        frames_per_second: Playing speed.
+        figures: A figure for each frame; always the same figure, changed.
+        frames_per_second: Frame rate.
 
     Raises:
         UserError: If ffmpeg is missing or fails.
@@ -85,4 +85,4 @@ def mp4(figures: Iterator[Figure], frames_per_second: int) -> bytes:
                     writer.grab_frame()
             return film.read_bytes()
         except (OSError, subprocess.CalledProcessError) as error:
-            raise UserError("ffmpeg failed: choose a .gif, or mend ffmpeg") from error
+            raise UserError("ffmpeg failed: choose a .gif, or repair ffmpeg") from error

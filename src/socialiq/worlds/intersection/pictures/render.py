@@ -27,12 +27,12 @@ _INCHES = 6.0  # width of a picture
 
 
 class Scene(NamedTuple):
-    """What one picture shows.
+    """Content of one picture.
 
     Attributes:
         vehicles: The vehicles present, records of `state.VEHICLE`.
-        ego: Which of them is the ego.
-        braking: Which of them brake because of the ego, bool, as long as `vehicles`.
+        ego: Index of the ego.
+        braking: Whether each vehicle brakes because of the ego, bool, (vehicles,).
         signals: Weighted contributions to the rewards of the decision so far, by name; those of
             `SOCIAL_SIGNALS` belong to r_social, all others to r_env.
         rewards: The rewards of the decision so far.
@@ -55,8 +55,8 @@ def draw(axes: Any, scene: Scene, reach: float = REACH) -> None:
     Args:
         axes: Matplotlib axes.
         scene: What to draw.
-        reach: Metres in sight to the west and east of the centre; a little less to the north,
-            a little more to the south, where the ego comes from.
+        reach: Visible metres to the west and east of the centre; slightly fewer to the north,
+            slightly more to the south, where the ego starts.
     """
     _ground(axes, reach)
     _traffic(axes, scene)
@@ -99,7 +99,7 @@ def _vehicle(axes: Any, record: np.void, is_ego: bool, brakes: bool) -> None:
 
 
 def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
-    """Write on a car's right, about as tall as the car is wide."""
+    """Write a label to the right of a car, about as tall as the car is wide."""
     per_metre = _per_metre(axes)
     size = max(5.5, 1.9 * per_metre)
     tall = size / per_metre
@@ -109,7 +109,7 @@ def _label(axes: Any, pose: shapes.Pose, text: str) -> None:
 
 
 def _per_metre(axes: Any) -> float:
-    """Points on paper per metre of the world."""
+    """Return points on paper per metre of the world."""
     place = axes.get_position(original=True)
     paper = axes.figure.get_size_inches() * (place.width, place.height)
     metres = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
@@ -117,7 +117,7 @@ def _per_metre(axes: Any) -> float:
 
 
 class _Sheet:
-    """A figure that shows one scene after the other: the road, a legend, the rewards under it."""
+    """Figure that shows a sequence of scenes: the road, a legend, and the rewards below."""
 
     def __init__(self, scenes: Sequence[Scene], inches: float) -> None:
         from matplotlib.figure import Figure
@@ -127,7 +127,7 @@ class _Sheet:
         _ground(self.road, REACH)
         _legend(self.road, 8 * inches / 6)
         self.kept = set(self.road.get_children())
-        # Not the axes' titles: those are placed anew, slowly, whenever they are drawn.
+        # Not the axes' titles: matplotlib repositions those, slowly, at every draw.
         size = 10 * inches / 6
         self.caption = self.figure.text(0.01, 0.981, "", fontsize=size)
         self.time = self.figure.text(0.99, 0.981, "", fontsize=size, ha="right")
@@ -143,7 +143,7 @@ class _Sheet:
         self.social = _Panel(self.figure, 0.68, size, social, drawing.OTHER)
 
     def show(self, scene: Scene) -> None:
-        """Replace what is shown."""
+        """Show another scene."""
         for artist in self.road.get_children():
             if artist not in self.kept:
                 artist.remove()
@@ -155,7 +155,7 @@ class _Sheet:
 
 
 class _Panel:
-    """Bars of what each signal adds to one reward, with the total over them."""
+    """Bars of each signal's contribution to one reward, with the total above."""
 
     def __init__(
         self,
@@ -195,7 +195,7 @@ def _signed(value: float) -> str:
 
 
 def _legend(axes: Any, size: float) -> None:
-    """Explain the marks in the north-eastern corner, each drawn as it is on the road."""
+    """Draw the legend in the north-eastern corner, each mark as it appears on the road."""
     rows = [shapes.Pose(18.0, -39.0 + 4.0 * row, 0.0) for row in range(7)]
     ego, other, yields, brakes, crashed, zone, way = rows
     words = ("ego", "other driver", "gives way", "brakes for the ego", "has crashed")
@@ -212,7 +212,7 @@ def _legend(axes: Any, size: float) -> None:
 
 
 def picture(scene: Scene, inches: float = _INCHES) -> Figure:
-    """Draw one scene with a legend, and under it what each signal adds to the two rewards.
+    """Draw one scene with a legend, and below it each signal's contribution to the two rewards.
 
     Args:
         scene: What to draw.
@@ -231,7 +231,7 @@ def filmstrip(
     Args:
         scenes: The scenes in order.
         captions: A title for each picture; by default its time.
-        reach: Metres in sight, as for `draw`, but for a quarter less to the west and east.
+        reach: Visible metres, as for `draw`, but a quarter less to the west and east.
     """
     from matplotlib.figure import Figure
 
@@ -249,7 +249,7 @@ def filmstrip(
 
 
 def _shown(scenes: Sequence[Scene]) -> Iterator[Figure]:
-    """One figure, again and again, with the next scene on it as `picture` draws it."""
+    """Yield one figure repeatedly, each time with the next scene, as drawn by `picture`."""
     sheet = _Sheet(scenes, _INCHES)
     for scene in scenes:
         sheet.show(scene)
@@ -265,7 +265,7 @@ def save(path: Path, scenes: Sequence[Scene], frames_per_second: int = 10) -> No
         frames_per_second: 1 to 50.
 
     Raises:
-        UserError: If there is nothing to show, the suffix is another, ffmpeg is missing or fails,
+        UserError: If there is no scene, the suffix is not supported, ffmpeg is missing or fails,
             the rate is out of range, or the file can't be written.
     """
     if path.suffix not in (".gif", ".mp4"):

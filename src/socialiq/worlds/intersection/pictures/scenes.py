@@ -14,11 +14,11 @@ from socialiq.worlds.intersection.settings import SIGNALS
 
 
 def present_scene(batch: Batch, row: int = 0) -> Scene:
-    """What one episode looks like now, with the rewards of its last decision.
+    """Return the current scene of one episode, with the rewards of its last decision.
 
     Args:
         batch: The episodes.
-        row: Which one.
+        row: Index of the episode.
     """
     made = batch.buffers
     count, ego = int(made.episodes[row]["vehicles"]), int(made.episodes[row]["ego"])
@@ -30,11 +30,11 @@ def present_scene(batch: Batch, row: int = 0) -> Scene:
 
 
 def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
-    """The sub-steps of an episode's last decision; the batch must be `traced`.
+    """Return the sub-steps of an episode's last decision; the batch must be `traced`.
 
     Args:
         batch: The episodes.
-        row: Which one.
+        row: Index of the episode.
     """
     made = batch.buffers
     count, ego = int(made.present[row, 0]), int(made.present[row, 1])
@@ -47,12 +47,12 @@ def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
 
 
 def episode_scenes(options: Options, policy: Policy, seed: int) -> list[Scene]:
-    """One episode: its first state, then every sub-step.
+    """Run one episode and return its first state and every sub-step.
 
     Args:
         options: The scenario.
-        policy: Who drives.
-        seed: Of the episode.
+        policy: Policy of the ego.
+        seed: Seed of the episode.
     """
     batch = Batch(options, 1, traced=True)
     batch.reset([seed])
@@ -74,5 +74,5 @@ def _rewards(batch: Batch, row: int, begun: bool) -> tuple[dict[str, float], Rew
 
 
 def weight_of(options: Options, signal: str) -> float:
-    """A signal's weight in its reward."""
+    """Return a signal's weight in its reward."""
     return float(getattr(options, f"{signal}_weight"))

@@ -1,4 +1,4 @@
-"""What the intersection's pictures are made of: road, vehicles and their marks, all in metres.
+"""Shapes of the intersection's pictures: road, vehicles and their marks, in metres.
 
 Axes must have y growing downwards, as it does in the world.
 """
@@ -41,14 +41,14 @@ ZONE_APPROACH = 20.0  # m of the ego's approach that belong to its influence zon
 
 
 class Pose(NamedTuple):
-    """Where something stands and looks: centre in m, heading in rad, clockwise from east."""
+    """Pose of an object: centre in m, heading in rad, clockwise from east."""
 
     x: float
     y: float
     heading: float
 
     def place(self, points: Sequence[tuple[float, float]]) -> np.ndarray:
-        """Points given as (metres ahead, metres to the right), as (x, y), shape (points, 2)."""
+        """Convert points (metres ahead, metres to the right) to (x, y), shape (points, 2)."""
         ahead, right = np.array(points, np.float64).T
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         return np.stack(
@@ -57,12 +57,12 @@ class Pose(NamedTuple):
 
 
 def way(lane: int, start: float = 0.0, end: float = math.inf) -> np.ndarray:
-    """The centre line of a lane.
+    """Return the centre line of a lane.
 
     Args:
         lane: Its number.
-        start: Lane coordinate to begin at, m.
-        end: Lane coordinate to end at, m, or the lane's length if that is less.
+        start: Lane coordinate of the first point, m.
+        end: Lane coordinate of the last point, m, at most the lane's length.
 
     Returns:
         Points (x, y) at most half a metre apart, shape (points, 2).
@@ -81,11 +81,11 @@ def way(lane: int, start: float = 0.0, end: float = math.inf) -> np.ndarray:
 
 
 def road(axes: Any, reach: float) -> None:
-    """Draw the empty crossing: asphalt, centre lines, stop lines, and who must give way.
+    """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks.
 
     Args:
         axes: Matplotlib axes.
-        reach: Metres from the centre up to which there is road.
+        reach: Metres from the centre to the end of the road.
     """
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.patches import Polygon, Rectangle
@@ -106,7 +106,7 @@ def road(axes: Any, reach: float) -> None:
 
 
 def _kerb(angle: float, reach: float) -> np.ndarray:
-    """One quarter of the kerb: in along an arm, round the corner, out along the next."""
+    """Return one quarter of the kerb: in along an arm, round the corner, out along the next."""
     bend = np.linspace(math.pi, 1.5 * math.pi, 12)
     x = [LANE_WIDTH, *(JUNCTION + _CORNER * np.cos(bend)), reach]
     y = [reach, *(JUNCTION + _CORNER * np.sin(bend)), LANE_WIDTH]
@@ -114,7 +114,7 @@ def _kerb(angle: float, reach: float) -> np.ndarray:
 
 
 def _teeth(arm: Pose) -> list[np.ndarray]:
-    """Triangles before the stop line that point at the drivers who must give way."""
+    """Return triangles before the stop line that point at the drivers who must give way."""
     base, tip, width = JUNCTION + 0.6, JUNCTION + 2.0, LANE_WIDTH / 4
     lefts = [-width * number for number in range(4)]
     return [
@@ -124,7 +124,7 @@ def _teeth(arm: Pose) -> list[np.ndarray]:
 
 
 def zone(axes: Any, route: Sequence[int]) -> None:
-    """Tint where the ego influences others: the end of its approach, and its way across."""
+    """Tint the ego's influence zone: the end of its approach, and its way across."""
     approach, across, _ = route
     start = float(LANES["length"][approach]) - ZONE_APPROACH
     line = np.concatenate([way(approach, start), way(across)])
@@ -132,14 +132,14 @@ def zone(axes: Any, route: Sequence[int]) -> None:
 
 
 def swatch(axes: Any, x: float, y: float) -> None:
-    """A piece of the influence zone's tint around (x, y), on asphalt."""
+    """Draw a sample of the influence zone's tint around (x, y), on asphalt."""
     line = np.array([[x - 2.5, y], [x + 2.5, y]])
     _band(axes, line, width=3.0, facecolor=ASPHALT, zorder=1)
     _band(axes, line, width=3.0)
 
 
 def _band(axes: Any, line: np.ndarray, width: float = LANE_WIDTH, **look: Any) -> None:
-    """A strip along a line, tinted as influence unless it shall look otherwise."""
+    """Draw a strip along a line, by default with the influence zone's tint."""
     from matplotlib.patches import Polygon
 
     look = look or {"facecolor": ZONE, "alpha": 0.55, "zorder": 1.5}
@@ -150,7 +150,7 @@ def _band(axes: Any, line: np.ndarray, width: float = LANE_WIDTH, **look: Any) -
 
 
 def route(axes: Any, lanes: Sequence[int], x: float, y: float) -> None:
-    """Dot the way that is left from the closest point to (x, y), with an arrow where it ends."""
+    """Dot the rest of a route from the closest point to (x, y), with an arrow at its end."""
     approach, across, leave = lanes
     line = np.concatenate([way(approach), way(across), way(leave, end=EXIT_DISTANCE)])
     left = line[int(np.argmin(np.hypot(line[:, 0] - x, line[:, 1] - y))) :]
@@ -161,7 +161,7 @@ def route(axes: Any, lanes: Sequence[int], x: float, y: float) -> None:
 
 
 def dots(axes: Any, line: np.ndarray) -> None:
-    """A dotted line through points (x, y), shape (points, 2)."""
+    """Draw a dotted line through points (x, y), shape (points, 2)."""
     from matplotlib.lines import Line2D
 
     dotted = (0, (1, 1.4))
@@ -175,7 +175,7 @@ def _fill(axes: Any, pose: Pose, points: Sequence[tuple[float, float]], **look: 
 
 
 def _mirrored(half: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """An outline from its right half, given from front to back."""
+    """Return an outline from its right half, given from front to back."""
     return [*half, *((ahead, -right) for ahead, right in reversed(half))]
 
 
@@ -195,7 +195,7 @@ _LAMP = [(_NOSE - 0.5, 0.35), (_NOSE + 0.15, 0.35), (_NOSE - 0.1, 0.95), (_NOSE 
 
 
 def vehicle(axes: Any, pose: Pose, color: str) -> None:
-    """Draw a car: its windscreen and headlights say where it looks."""
+    """Draw a car with a windscreen and headlights that show its heading."""
     _fill(axes, pose, _BODY, facecolor=color, edgecolor=PAINT, linewidth=0.8, zorder=6)
     for glass in (_WINDSCREEN, _REAR_WINDOW):
         _fill(axes, pose, glass, facecolor=GLASS, zorder=7)
@@ -205,7 +205,7 @@ def vehicle(axes: Any, pose: Pose, color: str) -> None:
 
 
 def brake_lights(axes: Any, pose: Pose) -> None:
-    """Two red lights at a car's rear, with their glow."""
+    """Draw two red lights at a car's rear, with their glow."""
     from matplotlib.patches import Circle
 
     for centre in pose.place([(-_NOSE, -0.75), (-_NOSE, 0.75)]):
@@ -214,7 +214,7 @@ def brake_lights(axes: Any, pose: Pose) -> None:
 
 
 def burst(axes: Any, pose: Pose, size: float = 1.0) -> None:
-    """The star of a collision, to lie behind a car."""
+    """Draw the star of a collision, behind a car."""
     angles = np.linspace(0, 2 * math.pi, 25)
     radii = size * np.where(np.arange(25) % 2, 3.0, 4.6)
     star = list(zip(radii * np.cos(angles), radii * np.sin(angles), strict=True))
@@ -222,7 +222,7 @@ def burst(axes: Any, pose: Pose, size: float = 1.0) -> None:
 
 
 def give_way(axes: Any, x: float, y: float) -> None:
-    """The road sign for "give way", point down, centred at (x, y)."""
+    """Draw the road sign "give way", point down, centred at (x, y)."""
     for size, color in ((2.0, RED), (1.1, PAINT)):
         sign = [(-size / 2, -0.87 * size), (-size / 2, 0.87 * size), (size, 0.0)]
         upside = Pose(x, y, math.pi / 2)
@@ -230,10 +230,10 @@ def give_way(axes: Any, x: float, y: float) -> None:
 
 
 def beside(pose: Pose, ahead: float, gap: float, half: tuple[float, float]) -> tuple[float, float]:
-    """Centre of a box to the right of a car, so that the box keeps its distance at any heading.
+    """Return the centre of a box to the right of a car, at the same distance for any heading.
 
     Args:
-        pose: The car's.
+        pose: Pose of the car.
         ahead: Metres by which the centre lies ahead of the car's.
         gap: Metres between the car's side and the box.
         half: Half the box's extent along x and along y, m.

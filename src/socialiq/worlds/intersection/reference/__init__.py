@@ -1,1 +1,1 @@
-"""The real highway-env, and the core held against it."""
+"""Real highway-env, and the comparison of the core with it."""

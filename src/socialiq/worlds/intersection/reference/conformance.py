@@ -1,4 +1,4 @@
-"""Holding the core against the real highway-env: the same seeds, the same actions, every field."""
+"""Comparison of the core with the real highway-env: same seeds, same actions, every field."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.state import VEHICLE
 
 PORTABLE = {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL", "OPENBLAS_CORETYPE": "Haswell"}
-"""Makes numpy, and with it highway-env, compute as the core does, on processors with AVX-512 too.
+"""Environment variables with which NumPy, and so highway-env, computes as the core does.
 
-The first has it take the C library's functions, the second has its products of small matrices
-summed in the order of the kernels for AVX2. Only a process that starts with it takes notice.
+They matter on processors with AVX-512. The first selects the C library's functions, the second the
+order of summation of the AVX2 kernels in products of small matrices. They must be set before the
+process starts.
 """
 
 POLICIES = ("go", "idle", "wait", "random")  # in turn, by episode
@@ -30,11 +31,11 @@ CONTINUOUS = tuple(name for name in VEHICLE.names or () if name not in DISCRETE)
 
 
 class Compared(NamedTuple):
-    """One episode on both sides.
+    """Differences of one episode between core and highway-env.
 
     Attributes:
-        seed: Of the episode.
-        steps: Decisions compared; an episode is left at its first discrete difference.
+        seed: Seed of the episode.
+        steps: Decisions compared; the comparison stops at the first discrete difference.
         discrete_differences: 1 if vehicles, their order, lanes, flags, ending or contact differ
             anywhere, else 0.
         max_deviation: Greatest difference of any continuous field: m, rad, m/s, m/s².
@@ -53,16 +54,16 @@ class Compared(NamedTuple):
 def compare(
     options: Options, episodes: int, seed: int, driver: Policy | None = None
 ) -> Iterator[Compared]:
-    """Play seeded episodes on the core and on highway-env, and compare after every decision.
+    """Run seeded episodes on the core and on highway-env, and compare after every decision.
 
     Args:
         options: The scenario.
-        episodes: How many.
-        seed: Of the first; episode i has seed + i.
-        driver: Who drives; by default go, idle, wait and random take turns.
+        episodes: Number of episodes.
+        seed: Seed of the first episode; episode i has seed + i.
+        driver: Policy of the ego; by default go, idle, wait and random in turn.
 
     Raises:
-        UserError: If no episode is asked for, or highway-env is not installed.
+        UserError: If `episodes` is below 1, or highway-env is not installed.
     """
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
@@ -113,5 +114,5 @@ def _deviation(core: Batch, real: Batch) -> float:
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
-    """Infinite desired speeds are equal on both sides; their difference should be 0."""
+    """Replace infinite desired speeds, equal on both sides, so that their difference is 0."""
     return np.where(np.isinf(values), 1e300, values)

@@ -1,4 +1,4 @@
-"""The other drivers' populations in the real highway-env."""
+"""Driver populations for the real highway-env."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from socialiq.worlds.intersection.population import POPULATIONS, Normal, Populat
 
 
 class Driver(IDMVehicle):
-    """highway-env's driver, with its own draw of every parameter that the population varies.
+    """highway-env's driver with drawn values of the parameters that the population varies.
 
-    Who has a desired speed enters with it as target. Road rules set the target speed to 0 for a
-    yield and to the road's limit after it; so that this doesn't wipe out the preference, the target
-    speed is never above the desired one. Subclasses name the population.
+    A driver with a desired speed enters with it as target. Road rules set the target speed to 0 for
+    a yield and to the road's limit after it. The target speed is therefore bounded by the desired
+    speed, so that the preference is kept. Subclasses name the population.
     """
 
     population: ClassVar[Population] = POPULATIONS["highway_env"]
@@ -24,7 +24,7 @@ class Driver(IDMVehicle):
 
     @property
     def target_speed(self) -> float:
-        """Speed that it aims for on a free road, m/s."""
+        """Speed that the driver aims for on a free road, m/s."""
         return self._target_speed
 
     @target_speed.setter
@@ -58,6 +58,6 @@ DRIVERS: dict[str, type] = {"highway_env": IDMVehicle} | {
     for name, population in POPULATIONS.items()
     if name != "highway_env"
 }
-"""The class of the other vehicles in each population."""
-# highway-env looks its drivers up by dotted path.
+"""Class of the other vehicles in each population."""
+# highway-env resolves its drivers by dotted path.
 globals().update({driver.__name__: driver for driver in DRIVERS.values()})

@@ -1,7 +1,7 @@
-"""The real highway-env as an engine: the same arrays, filled from Python objects.
+"""Real highway-env as an engine: the same arrays, filled from Python objects.
 
-Everything that highway-env says is taken from it: states, observation, endings' causes. Rewards
-are computed from its snapshots by the code that the core uses.
+States, observations and the causes of endings are read from highway-env. Rewards are computed from
+its snapshots by the code that the core uses.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class Reference:
     """One highway-env for each row of the buffers.
 
     Args:
-        options: The scenario and the readings of the reward.
-        buffers: What to fill.
+        options: Scenario and reward options.
+        buffers: Arrays to fill.
 
     Raises:
         UserError: If highway-env is not installed.

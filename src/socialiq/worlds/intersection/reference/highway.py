@@ -1,13 +1,13 @@
-"""The real highway-env as a reference: what the project's own core is held against.
+"""Real highway-env as a reference for the project's core.
 
 Checked with highway-env 1.12.1; needs the extra `highway`, and nothing else imports this module.
 highway-env's classes are subclassed, never changed: an episode of the population `highway_env` is,
 draw for draw, the episode of a plain `IntersectionEnv` with the same configuration and seed.
 
-It doesn't repeat itself to the last bit between CPUs with and without AVX-512: there numpy takes
-other routines for arcsin, arctan, tan and power, and OpenBLAS another order for sums, an ulp apart,
-and stopping vehicles magnify that. The variables of `conformance.PORTABLE`, set before Python
-starts, give the portable ones.
+Its results differ in the last bits between CPUs with and without AVX-512: there NumPy uses other
+routines for arcsin, arctan, tan and power, and OpenBLAS another order for sums. They differ by an
+ulp, and stopping vehicles magnify that. The variables of `conformance.PORTABLE`, set before Python
+starts, select the portable routines.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 try:
-    # The checks run where the extra is not installed.
+    # Type checks also run where the extra is not installed.
     from highway_env.envs.intersection_env import (  # pyright: ignore[reportMissingImports]
         IntersectionEnv,
     )
@@ -41,13 +41,13 @@ ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
 
 
 def environment_config(options: Options) -> dict[str, Any]:
-    """The configuration with which highway-env's `IntersectionEnv` is what `options` say.
+    """Return the configuration of highway-env's `IntersectionEnv` for the given options.
 
-    Nested dictionaries are whole, because highway-env replaces them and fills no gaps. There is no
-    `flatten`: highway-env accepts the word and ignores it.
+    Nested dictionaries are complete, because highway-env replaces them and adds no defaults.
+    `flatten` is left out: highway-env accepts the key and ignores it.
 
     Args:
-        options: The scenario; the readings of the reward don't matter here.
+        options: The scenario; reward options are ignored.
     """
     metres, speed = [-POSITION_RANGE, POSITION_RANGE], [-SPEED_RANGE, SPEED_RANGE]
     driver = DRIVERS[options.population]
@@ -84,7 +84,7 @@ def environment_config(options: Options) -> dict[str, Any]:
 
 
 class _Entry(NamedTuple):
-    """What a vehicle no longer tells once it has driven a part of its route."""
+    """Facts of a vehicle that are lost once it has driven a part of its route."""
 
     identity: int
     origin: int
@@ -92,7 +92,7 @@ class _Entry(NamedTuple):
 
 
 class _WatchedRoad(RegulatedRoad):
-    """highway-env's road, which remembers who entered and who ran into the ego, or it into whom."""
+    """highway-env's road that records entries and the ego's contacts."""
 
     def __init__(self, road: RegulatedRoad) -> None:
         super().__init__(
@@ -107,14 +107,14 @@ class _WatchedRoad(RegulatedRoad):
         self._lane_numbers = {lane: number for number, lane in enumerate(lanes)}
 
     def enter(self, vehicle: Any) -> int:
-        """Number a vehicle that has just come, and keep where it is from and where it goes."""
+        """Number a vehicle that has just entered, and record its origin and destination."""
         origin, destination = vehicle.route[0][0], vehicle.route[-1][1]
         entry = _Entry(len(self._entries), int(origin[1:]), int(destination[1:]))
         self._entries[vehicle] = entry
         return entry.identity
 
     def step(self, dt: float) -> None:
-        """A sub-step; the ego's contacts are judged as they are before it crashes."""
+        """Advance by a sub-step; the ego's contacts are determined before it crashes."""
         ego = self.ego
         untouched = ego in self.vehicles and not ego.crashed and ego.impact is None
         super().step(dt)
@@ -124,7 +124,7 @@ class _WatchedRoad(RegulatedRoad):
             self.contact, self.touched = int(found[0]), int(found[1])
 
     def records(self) -> np.ndarray:
-        """The vehicles as they are now, in list order: VEHICLE (vehicles,)."""
+        """Return the current vehicles in list order, VEHICLE (vehicles,)."""
         records = np.zeros(len(self.vehicles), VEHICLE)
         for row, vehicle in zip(records, self.vehicles, strict=True):
             self._write(row, vehicle)
@@ -153,7 +153,7 @@ class _WatchedRoad(RegulatedRoad):
 
 def _write_driver(row: np.void, vehicle: Any) -> None:
     row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
-    if isinstance(vehicle, IDMVehicle):  # the ego is none, and keeps zeros
+    if isinstance(vehicle, IDMVehicle):  # the ego is no driver, and keeps zeros
         row["time_headway"] = vehicle.TIME_WANTED
         row["jam_distance"] = vehicle.DISTANCE_WANTED
         row["max_acceleration"] = vehicle.COMFORT_ACC_MAX
@@ -162,7 +162,7 @@ def _write_driver(row: np.void, vehicle: Any) -> None:
 
 
 class _WatchedEnv(IntersectionEnv):
-    """highway-env's intersection on a watched road; `after` are the vehicles before clearing."""
+    """highway-env's intersection on a recording road; `after` has vehicles before clearing."""
 
     road: Any
     after: np.ndarray
@@ -188,15 +188,15 @@ class _WatchedEnv(IntersectionEnv):
 
 
 class HighwayIntersection:
-    """One episode at a time of the real highway-env, read as the core's records.
+    """Real highway-env, one episode at a time, converted to the core's records.
 
-    The state of an episode is taken at three moments of a step. After a reset all three are the
-    state that it made.
+    The state of an episode is recorded at three moments of a step. After a reset all three are
+    the initial state.
 
     Attributes:
         environment: highway-env's environment itself.
         before: Vehicles at the decision, VEHICLE (vehicles,).
-        after: Vehicles when the sub-steps are over and none has been cleared or spawned yet,
+        after: Vehicles after the sub-steps, before clearing and spawning,
             VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
 
     Args:
@@ -211,7 +211,7 @@ class HighwayIntersection:
         """Start an episode.
 
         Args:
-            seed: Of highway-env's generator; without one, its stream goes on.
+            seed: Seed of highway-env's generator; None continues its stream.
 
         Returns:
             The observation, float32 (observed vehicles * 7,).
@@ -236,7 +236,7 @@ class HighwayIntersection:
 
     @property
     def vehicles(self) -> np.ndarray:
-        """Vehicles now, after clearing and spawning, VEHICLE (vehicles,)."""
+        """Current vehicles, after clearing and spawning, VEHICLE (vehicles,)."""
         return self.environment.road.records()
 
     @property
@@ -251,7 +251,7 @@ class HighwayIntersection:
 
     @property
     def contact(self) -> int:
-        """A `Contact`: who ran into whom when the ego was last touched."""
+        """Last `Contact` of the ego: which vehicle struck."""
         return self.environment.road.contact
 
     @property
