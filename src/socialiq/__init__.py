@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from socialiq.worlds.ids import register as _register
+from socialiq.worlds import register as _register
 
 if TYPE_CHECKING:
     from socialiq.audit.conduct import audit_policy

@@ -1,4 +1,4 @@
-"""Code of strangers: importing it, and telling its failures in one line."""
+"""Text and code from outside the project: printed safely, imported, and blamed in one line."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from pathlib import Path
 from types import ModuleType
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
 
 # `SystemExit` would end the program without a word.
 FAILURES = (Exception, SystemExit)
-"""What foreign code may raise."""
+"""Exceptions that foreign code may raise."""
 
 
 def imported(place: str) -> ModuleType:
@@ -53,7 +52,7 @@ def _run(path: Path) -> ModuleType:
 
 
 def failure(source: str, error: BaseException) -> UserError:
-    """What foreign code raised, as a line that blames it.
+    """Return an exception of foreign code as a `UserError` of one line that names its source.
 
     Args:
         source: How messages call the code.
@@ -62,3 +61,27 @@ def failure(source: str, error: BaseException) -> UserError:
     return UserError(
         f"{source} raised {type(error).__name__}: {one_line(str(error))}; mend its code"
     )
+
+
+def one_line(text: str | bytes, most: int = 200) -> str:
+    """Return a text with printable characters only, in one line, cut to a length.
+
+    Escape sequences could rewrite a terminal, and characters that change the reading direction
+    could make a line say something else; neither is printable in Python's sense.
+
+    Args:
+        text: A message of a file, a program or a library.
+        most: Characters that are kept.
+    """
+    decoded = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+    plain = "".join(mark if mark.isprintable() else " " for mark in decoded[: 20 * most])
+    line = " ".join(plain.split())
+    return line if len(line) <= most else line[: most - 1] + "…"
+
+
+_MARKED = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_[]{}<>|&#~$!"})
+
+
+def markdown(text: str, most: int = 200) -> str:
+    """Return one line in which Markdown and HTML find no markup."""
+    return one_line(text, most).translate(_MARKED)

@@ -8,8 +8,7 @@ from gymnasium.utils.env_checker import check_env
 from socialiq.errors import UserError
 from socialiq.social.angle import weights
 from socialiq.types import Ending
-from socialiq.worlds import registry
-from socialiq.worlds.ids import IDS
+from socialiq.worlds import IDS, registry
 from socialiq.worlds.intersection.gym import IntersectionEnv
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.settings import SIGNALS

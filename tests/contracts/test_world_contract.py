@@ -9,10 +9,9 @@ from gymnasium.utils.env_checker import check_env
 from socialiq.errors import UserError
 from socialiq.social.angle import weights
 from socialiq.types import Ending
-from socialiq.worlds import registry
+from socialiq.worlds import IDS, registry
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.gym import GridWorldEnv
-from socialiq.worlds.ids import IDS
 
 WORLDS = sorted(registry.GRIDWORLDS)
 

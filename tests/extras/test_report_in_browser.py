@@ -16,9 +16,8 @@ from socialiq.audit.template import new
 from socialiq.cli.main import main
 from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make_grid
-from socialiq.worlds.tabular_policy import TabularPolicy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), "")

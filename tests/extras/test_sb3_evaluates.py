@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.nn.q_policy import QPolicy
-from socialiq.worlds.ids import IDS
+from socialiq.worlds import IDS
 from socialiq.worlds.intersection import atlas
 
 

@@ -14,8 +14,8 @@ from socialiq.audit.report.provenance import package_sha256
 from socialiq.audit.scenario import World
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.plain_text import one_line
 from socialiq.policies.interface import Interface
 from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process.load import Limits

@@ -12,9 +12,9 @@ from socialiq.audit.environment import Environment
 from socialiq.audit.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.errors import UserError, one_of
 from socialiq.recordings.recording import refuse_recording
+from socialiq.worlds import IDS
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.ids import IDS
 from socialiq.worlds.intersection.options import MOST_SPEEDS, Options
 from socialiq.worlds.intersection.settings import ENV_SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.world import Intersection

@@ -7,7 +7,7 @@ from jaxtyping import Float, Float32
 
 from socialiq.evaluation.junction import CONFLICT_SECONDS
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.interface import FEATURES, POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
 
 _SOON = 5  # steps of a gridworld within which the first conflicts are decided
 

@@ -15,7 +15,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
 from socialiq.evaluation.rollout import rollout_env
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.policies.load import load_policy
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import is_environment, make_environment, sizes

@@ -11,8 +11,8 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
 from socialiq.nn.q_policy import QPolicy
-from socialiq.plain_text import one_line
 from socialiq.policies.card import model_card
 from socialiq.policies.export_torch import to_safetensors
 from socialiq.policies.native import read_dial, read_policy

@@ -14,7 +14,7 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.plotting.style import png
 from socialiq.recordings import census, files
 from socialiq.recordings import census_figure as picture

@@ -16,12 +16,12 @@ from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make, make_grid
+from socialiq.worlds.tabular_policy import expert_policy
 
 FILMS = (".gif", ".mp4")
 

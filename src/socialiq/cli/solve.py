@@ -14,8 +14,8 @@ from socialiq.mdp.horizon import horizon_optimum
 from socialiq.social.angle import angle_of, check_angle, weights
 from socialiq.social.score import score
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import expert_policy
 
 World = Annotated[str, tyro.conf.Positional]
 

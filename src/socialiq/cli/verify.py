@@ -22,7 +22,7 @@ from socialiq.audit.report.verify import content_of, differences, faults
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.policies.process.load import limits_of
 
 

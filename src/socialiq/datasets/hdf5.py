@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 
 MOST_NUMBERS = 2**28
 """Of all arrays that are read from one file together: 1 GiB as float32."""

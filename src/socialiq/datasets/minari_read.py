@@ -17,7 +17,7 @@ from socialiq.datasets.hdf5 import Reader
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.storage import read_json
 
 MAIN_FILE, METADATA_FILE, DATA_FOLDER = "main_data.hdf5", "metadata.json", "data"

@@ -20,7 +20,7 @@ from socialiq.datasets.minari_read import DATA_FOLDER, OURS, PAIR_NAMES
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.social.angle import check_angle, exact_weights
 from socialiq.social.score import score
 from socialiq.storage import part_beside, swap_folder

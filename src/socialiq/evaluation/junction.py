@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.interface import FEATURES, POSITION_RANGE, SPEED_RANGE
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
+from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
 
 CONFLICT_SECONDS = 3.0  # how soon a vehicle that crosses must reach the junction to count
 APPROACH_X = 2.0  # m, centre of the ego's approach lane

@@ -21,8 +21,8 @@ from socialiq.social.score import score
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.imagination import imagined
-from socialiq.worlds.intersection.interface import ACTIONS
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import ACTIONS
 
 
 @runtime_checkable

@@ -16,8 +16,8 @@ from socialiq.social.angle import exact_weights
 from socialiq.social.score import score
 from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.interface import ACTIONS
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import ACTIONS
 
 
 class Foresight:

@@ -20,7 +20,7 @@ from socialiq.theory.objective import Problem
 from socialiq.theory.rows import drawn_rows
 from socialiq.theory.shaping import orthogonal
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 DISCOUNT = 0.99  # γ and γ_svo of Table C.1
 MEASURES = ("occupancy", "rows")

@@ -11,7 +11,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.play import play
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.interface import ACTIONS
+from socialiq.worlds.intersection.state import ACTIONS
 
 
 class Recorded(NamedTuple):

@@ -16,9 +16,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from socialiq.errors import UserError
+from socialiq.foreign import markdown, one_line
 from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
-from socialiq.plain_text import markdown, one_line
 
 BLANK = "**[ blank ]**"
 MOST_ROWS = 300

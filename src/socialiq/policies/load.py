@@ -8,7 +8,7 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.evaluation.play import SoftPolicy
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.policies.callable import read_callable
 from socialiq.policies.interface import Interface
 from socialiq.policies.native import read_dial, read_policy, read_table

@@ -1,1 +1,29 @@
-"""Environments: each world's rules and rewards are written once, and everything else is derived."""
+"""Environments: each world's rules and rewards are written once; the rest is derived from them.
+
+Here are their Gymnasium ids; the environments load when they are made.
+"""
+
+from __future__ import annotations
+
+import gymnasium
+
+IDS = {
+    "crossing5": "socialiq/Crossing5-v1",
+    "crossing7": "socialiq/Crossing7-v1",
+    "intersection": "socialiq/Intersection-v1",
+}
+
+_GRID = "socialiq.worlds.gym:GridWorldEnv"
+_INTERSECTION = "socialiq.worlds.intersection.gym:IntersectionEnv"
+_INTERSECTIONS = "socialiq.worlds.intersection.gym:IntersectionVectorEnv"
+
+
+def register() -> None:
+    """Register every world with Gymnasium. Importing `socialiq` calls this function."""
+    for world, name in IDS.items():
+        if name in gymnasium.registry:
+            continue
+        if world == "intersection":
+            gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS)
+        else:
+            gymnasium.register(name, _GRID, kwargs={"world": world})

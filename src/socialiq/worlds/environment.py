@@ -10,9 +10,8 @@ import gymnasium
 from gymnasium import spaces
 
 from socialiq.errors import UserError
-from socialiq.foreign import FAILURES, failure, imported
-from socialiq.plain_text import one_line
-from socialiq.worlds.ids import IDS, register
+from socialiq.foreign import FAILURES, failure, imported, one_line
+from socialiq.worlds import IDS, register
 from socialiq.worlds.wrapper import RewardPairWrapper, check_spaces, flat, flat_space
 
 _ID = r"[A-Za-z0-9_./-]+-v[0-9]+"

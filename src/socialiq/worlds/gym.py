@@ -1,4 +1,4 @@
-"""Gridworlds as Gymnasium environments; `worlds.ids` has their ids."""
+"""Gridworlds as Gymnasium environments; `worlds.IDS` has their ids."""
 
 from __future__ import annotations
 

@@ -1,15 +1,18 @@
-"""Registry of worlds by name."""
+"""Worlds by name, and their options from keyword arguments."""
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+import typing
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 from socialiq.errors import UserError, one_of
 from socialiq.worlds import crossing5, crossing7, intersection
-from socialiq.worlds.choices import chosen
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.world import Intersection
 
+Kind = TypeVar("Kind")
 WORLDS = {"crossing5": crossing5, "crossing7": crossing7, "intersection": intersection}
 GRIDWORLDS = ("crossing5", "crossing7")
 
@@ -26,7 +29,7 @@ def make(name: str, **options: Any) -> GridWorld | Intersection:
     """
     one_of("world", name, tuple(WORLDS))
     module = WORLDS[name]
-    return module.make(chosen(name, module.Options, options))
+    return module.make(parse_options(name, module.Options, options))
 
 
 def make_grid(name: str, **options: Any) -> GridWorld:
@@ -44,3 +47,33 @@ def make_grid(name: str, **options: Any) -> GridWorld:
     world = make(name, **options)
     assert isinstance(world, GridWorld)
     return world
+
+
+def parse_options(world: str, kind: type[Kind], given: Mapping[str, Any]) -> Kind:
+    """Return a world's options from keyword arguments.
+
+    Args:
+        world: Its name.
+        kind: Its dataclass of options.
+        given: Values by name of the field; the others keep their defaults.
+
+    Raises:
+        UserError: If a field is unknown, or a value that its Literal type doesn't list.
+    """
+    fields = tuple(field.name for field in dataclasses.fields(kind))  # pyright: ignore[reportArgumentType]
+    for option in given:
+        one_of(f"option of {world}", option, fields)
+    kinds = typing.get_type_hints(kind)
+    for option, value in given.items():
+        _check_literal(world, option, value, kinds[option])
+    return kind(**given)
+
+
+def _check_literal(world: str, option: str, value: Any, kind: Any) -> None:
+    """Refuse a value that the option's Literal type doesn't list."""
+    allowed = typing.get_args(kind)
+    if typing.get_origin(kind) is typing.Literal and value not in allowed:
+        raise UserError(
+            f"unknown value '{value}' for {option} of {world}: "
+            f"choose one of {', '.join(map(str, allowed))}"
+        )

@@ -9,8 +9,7 @@ from socialiq.audit.references import Reference, exact_optima
 from socialiq.audit.seeds import episode_seeds
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.experts import expert_policy
-from socialiq.worlds.tabular_policy import TabularPolicy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 class Constant:

@@ -13,8 +13,7 @@ from socialiq.audit.seeds import episode_seeds
 from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict import judge
 from socialiq.errors import UserError
-from socialiq.worlds.experts import expert_policy
-from socialiq.worlds.tabular_policy import TabularPolicy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 class Waits:

@@ -16,9 +16,8 @@ from socialiq.audit.verdict import judge
 from socialiq.cli.main import main
 from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make_grid
-from socialiq.worlds.tabular_policy import TabularPolicy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import weights
 from socialiq.social.score import score
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 WAIT, GO = 0, 1
 STOP, FAST = 0, 2

@@ -6,9 +6,9 @@ import pytest
 from socialiq.evaluation.oracle_lookahead import Foresight, with_foresight
 from socialiq.evaluation.play import episodes_of
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.interface import FASTER
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.state import FASTER
 
 SEEDS = np.arange(600, 640)
 

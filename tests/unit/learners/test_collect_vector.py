@@ -13,7 +13,7 @@ from socialiq.learners.collect import from_vector_env
 from socialiq.learners.expert_table import Batch
 from socialiq.types import Ending
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
-from socialiq.worlds.intersection.interface import FASTER
+from socialiq.worlds.intersection.state import FASTER
 
 ENVS, STEPS = 3, 120
 OPTIONS = {"duration": 6.0, "observed_vehicles": 3}  # short episodes: many ends

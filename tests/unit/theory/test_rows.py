@@ -6,7 +6,7 @@ from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.theory.objective import Problem
 from socialiq.theory.rows import drawn_rows, with_cuts
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 SHARES = [0.5, 0.3, 0.2]
 

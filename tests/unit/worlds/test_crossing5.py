@@ -5,7 +5,7 @@ from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.social.angle import exact_weights, weights
 from socialiq.social.score import score
 from socialiq.types import Ending
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 WAIT, GO = 0, 1
 GOES_ON, ARRIVAL = Ending.NONE, Ending.ARRIVAL

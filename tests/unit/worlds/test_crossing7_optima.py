@@ -6,7 +6,7 @@ from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.social.angle import angle_of, weights
 from socialiq.social.score import score
 from socialiq.types import Ending
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 ANGLES = (0.0, 45.0, 90.0)
 

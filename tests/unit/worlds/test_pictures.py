@@ -2,8 +2,7 @@ import matplotlib.colors
 import numpy as np
 import pytest
 
-from socialiq.worlds import drawing
-from socialiq.worlds.pictures import filmstrip, picture, pixels
+from socialiq.worlds.pictures import EGO, OTHER, filmstrip, picture, pixels
 
 STATES = {"crossing5": (0, 2, 2, 0), "crossing7": (0, 0, 0, 2, -1, 0)}
 
@@ -30,7 +29,7 @@ def test_a_picture_has_one_axes(name, tabulated):
 def test_the_ego_is_drawn_further_east_as_it_drives(name, east, tabulated):
     world = tabulated(name).world
     (_, before), (_, after) = (
-        rows_and_columns(picture(world, state), drawing.EGO) for state in (STATES[name], east)
+        rows_and_columns(picture(world, state), EGO) for state in (STATES[name], east)
     )
     assert len(before) > 100
     assert after.mean() > before.mean() + 100
@@ -38,14 +37,14 @@ def test_the_ego_is_drawn_further_east_as_it_drives(name, east, tabulated):
 
 def test_the_other_is_drawn_further_north_as_it_drives(table5):
     (before, _), (after, _) = (
-        rows_and_columns(picture(table5.world, (0, 2, 2, y)), drawing.OTHER) for y in (0, 4)
+        rows_and_columns(picture(table5.world, (0, 2, 2, y)), OTHER) for y in (0, 4)
     )
     assert after.mean() < before.mean() - 100
 
 
 def test_absent_vehicles_are_not_drawn(table7):
     counts = [
-        len(rows_and_columns(picture(table7.world, (0, 0, *first, *second)), drawing.OTHER)[0])
+        len(rows_and_columns(picture(table7.world, (0, 0, *first, *second)), OTHER)[0])
         for first, second in [((-1, 0), (-1, 0)), ((0, 2), (-1, 0)), ((0, 2), (4, 2))]
     ]
     assert counts[0] == 0

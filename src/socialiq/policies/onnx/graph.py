@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 
 MOST_NODES = 500
 MOST_DIMENSION = 16_384

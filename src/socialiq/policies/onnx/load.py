@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.policies.interface import BatchPolicy, Interface
 from socialiq.policies.onnx.fields import check_fields
 from socialiq.policies.onnx.graph import (

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 
 _CHUNK = 65_536
 _KEPT = 4_096  # bytes of what the child says on its standard error

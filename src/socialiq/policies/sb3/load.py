@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
+from socialiq.foreign import one_line
 from socialiq.nn.q_policy import QPolicy
-from socialiq.plain_text import one_line
 from socialiq.policies.interface import Interface
 from socialiq.policies.sb3.archive import Archive
 from socialiq.policies.sb3.config import Words, read_words

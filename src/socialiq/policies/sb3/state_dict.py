@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.policies.sb3.archive import Archive
 
 MOST_OPCODES = 20_000

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64, Int32
 
 from socialiq.worlds.intersection.core.ego import SPEED_GAIN
-from socialiq.worlds.intersection.interface import FASTER, IDLE, SLOWER
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import FASTER, IDLE, SLOWER
 
 
 class Inferred(NamedTuple):

@@ -16,10 +16,9 @@ from socialiq.types import Ending
 from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.core.annotator import SEEN, SNAPSHOT, run
 from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
-from socialiq.worlds.intersection.interface import FEATURES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.intersection.state import FEATURES, Contact
 
 _BOUNDARY = 2.0  # m before the end of a section that may still count to it
 _KINDS = {APPROACH: geometry.APPROACH, JUNCTION: geometry.STRAIGHT, EXIT: geometry.EXIT}

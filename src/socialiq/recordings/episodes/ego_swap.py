@@ -11,7 +11,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.recordings.episodes.annotate import Driven, driven
 from socialiq.recordings.episodes.config import Reading
 from socialiq.recordings.episodes.scene import Scene
@@ -19,7 +19,7 @@ from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.routes import OFF_THE_MAP, Crossing
 from socialiq.recordings.tracks import Tracks
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.interface import ACTIONS
+from socialiq.worlds.intersection.state import ACTIONS
 
 HUMAN = "human"
 """The one mode of recorded drivers: nothing in a recording says what they wanted."""

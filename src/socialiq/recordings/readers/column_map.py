@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError, one_of
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.recordings.tracks import RoadUser
 
 _FOOT = 0.3048

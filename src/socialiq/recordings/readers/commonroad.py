@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.recordings.readers import commonroad_xml as words
 from socialiq.recordings.readers.commonroad_road import RoadDraft
 from socialiq.recordings.readers.commonroad_xml import State

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.recordings import files
 from socialiq.recordings.readers.commonroad_xml import SIGNS, SPEED_LIMITS, State, read
 from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign

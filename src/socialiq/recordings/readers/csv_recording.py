@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.recordings.readers.column_map import ColumnMap
 from socialiq.recordings.readers.commonroad import MOST_STATES
 from socialiq.recordings.readers.csv_table import Table, rate_of, sha256_of, users_of

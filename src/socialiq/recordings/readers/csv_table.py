@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 from socialiq.recordings.readers.column_map import ColumnMap
 
 _ROWS = 4_000

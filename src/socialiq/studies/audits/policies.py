@@ -28,9 +28,8 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.native import save_table
 from socialiq.studies.audits.floors import WITHDRAWN, floor_at
-from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make
-from socialiq.worlds.tabular_policy import TabularPolicy
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 GRIDWORLD = "crossing7"
 _EPISODES_EACH = 60  # demonstrated, of each expert, as in the study `grid`

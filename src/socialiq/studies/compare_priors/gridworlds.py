@@ -24,7 +24,7 @@ from socialiq.studies.compare_priors.budget import Run
 from socialiq.studies.compare_priors.learners import LEARNERS, Arena, of_mode
 from socialiq.studies.compare_priors.methods import Method
 from socialiq.types import Row
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 ROWS = "rows.csv"
 

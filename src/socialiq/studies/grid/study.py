@@ -30,7 +30,7 @@ from socialiq.learners.iq_learn import presets
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Row
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 STUDY = "grid"
 KEYS = ("method", "mixture", "target_kind", "strength", "target_angle", "readout")

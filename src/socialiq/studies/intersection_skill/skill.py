@@ -16,8 +16,8 @@ from socialiq.learners.collect import Act, Source
 from socialiq.learners.expert_table import Batch
 from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
-from socialiq.worlds.intersection.interface import FEATURES, POSITION_RANGE, SPEED_RANGE
 from socialiq.worlds.intersection.policies import STOP_LINE
+from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
 
 LEVEL = 4.5
 """m/s between two target speeds."""

@@ -30,7 +30,7 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.experts import expert_policy
+from socialiq.worlds.tabular_policy import expert_policy
 
 STUDY = "poc"
 CHUNK = 1000  # updates between two looks at the sequences

@@ -9,9 +9,9 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.experiments.results import Results
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.pictures import filmstrip, picture
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import expert_policy
 
 
 def draw(results: Results) -> dict[str, Figure]:

@@ -19,8 +19,8 @@ from socialiq.social.score import score
 from socialiq.statistics.separability import cohens_d
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.experts import expert_policy
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import expert_policy
 
 STUDY = "worlds"
 

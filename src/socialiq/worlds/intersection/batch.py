@@ -17,9 +17,9 @@ from socialiq.worlds.intersection.buffers import (
     SKIP,
     Buffers,
 )
-from socialiq.worlds.intersection.interface import ACTIONS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
+from socialiq.worlds.intersection.state import ACTIONS
 
 BackEnd = Literal["core", "highway_env"]
 BACK_ENDS = ("core", "highway_env")

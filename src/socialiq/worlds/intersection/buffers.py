@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.worlds.intersection.interface import FEATURES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import EPISODE, VEHICLE
+from socialiq.worlds.intersection.state import EPISODE, FEATURES, VEHICLE
 
 RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
 """Commands for an episode. ANNOTATE computes a decision's results from given snapshots."""

@@ -14,11 +14,11 @@ from socialiq.errors import UserError
 from socialiq.social.angle import check_angle, weights
 from socialiq.social.score import score
 from socialiq.types import Ending
-from socialiq.worlds.choices import chosen
 from socialiq.worlds.intersection.batch import BackEnd, Batch, Decisions
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import parse_options
 
 _TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION))
 
@@ -55,7 +55,7 @@ class IntersectionEnv(gymnasium.Env):
         back_end: BackEnd = "core",
         **options: Any,
     ) -> None:
-        self.world = Intersection(chosen("intersection", Options, options))
+        self.world = Intersection(parse_options("intersection", Options, options))
         self.render_mode = render_mode
         self._weights = weights(check_angle(angle))
         self.observation_space, self.action_space = _spaces(self.world)
@@ -126,7 +126,7 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
         **options: Any,
     ) -> None:
-        self.world = Intersection(chosen("intersection", Options, options))
+        self.world = Intersection(parse_options("intersection", Options, options))
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": autoreset_mode}
         self.autoreset_mode = autoreset_mode

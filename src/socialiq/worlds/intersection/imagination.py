@@ -6,10 +6,9 @@ import numpy as np
 from jaxtyping import Float32, UInt64
 
 from socialiq.worlds.intersection.batch import State
-from socialiq.worlds.intersection.interface import FEATURES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import settings_of
-from socialiq.worlds.intersection.state import EPISODE, VEHICLE
+from socialiq.worlds.intersection.state import EPISODE, FEATURES, VEHICLE
 
 
 def imagined(

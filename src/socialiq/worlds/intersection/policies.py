@@ -13,7 +13,9 @@ from jaxtyping import Bool, Float, Int64
 
 from socialiq.errors import one_of
 from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.intersection.interface import (
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.population import POPULATIONS
+from socialiq.worlds.intersection.state import (
     ACTIONS,
     FASTER,
     FEATURES,
@@ -22,8 +24,6 @@ from socialiq.worlds.intersection.interface import (
     SLOWER,
     SPEED_RANGE,
 )
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.population import POPULATIONS
 
 STOP_LINE = 11.0  # m south of the centre
 STOP_BEFORE = 11.0  # m before the stop line at which the stopper begins to brake

@@ -1,4 +1,4 @@
-"""State of the intersection: a record for every vehicle and one for every episode.
+"""State of the intersection: one record for each vehicle and episode; observations, actions.
 
 The vehicles of an episode are one row in highway-env's list order: those that entered before the
 ego, the ego, those that entered later. A state is two arrays, so copying them saves it, and copying
@@ -10,6 +10,17 @@ from __future__ import annotations
 import enum
 
 import numpy as np
+
+ACTIONS = ("slower", "idle", "faster")
+"""Actions: one target speed down, keep, one up, counted from the present speed."""
+
+SLOWER, IDLE, FASTER = range(len(ACTIONS))
+
+FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
+"""Numbers of one row of the observation."""
+
+POSITION_RANGE = 100.0  # m, seen as 1
+SPEED_RANGE = 20.0  # m/s, seen as 1
 
 
 class Contact(enum.IntEnum):

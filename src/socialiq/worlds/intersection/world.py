@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from socialiq.worlds.intersection.batch import BackEnd, Batch
-from socialiq.worlds.intersection.interface import ACTIONS, FEATURES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS
+from socialiq.worlds.intersection.state import ACTIONS, FEATURES
 
 
 @dataclass(frozen=True)

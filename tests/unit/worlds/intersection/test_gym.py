@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.ids import IDS
+from socialiq.worlds import IDS
 from socialiq.worlds.intersection.gym import IntersectionEnv, IntersectionVectorEnv
 from socialiq.worlds.intersection.state import Contact
 

@@ -7,8 +7,8 @@ from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.interface import FASTER, IDLE, SLOWER
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import FASTER, IDLE, SLOWER
 
 BEFORE = 15.0  # y of an ego that judges gaps
 

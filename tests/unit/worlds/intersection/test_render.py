@@ -8,11 +8,10 @@ from PIL import Image
 
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
-from socialiq.worlds import drawing
 from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
 from socialiq.worlds.intersection.pictures import encoding, render, shapes
 from socialiq.worlds.intersection.state import VEHICLE
-from socialiq.worlds.pictures import pixels
+from socialiq.worlds.pictures import EGO, OTHER, pixels
 
 SIGNALS = {"progress": 0.6, "step": -0.15, "disruption": -0.4}
 EAST, NORTH = 0.0, -np.pi / 2
@@ -66,17 +65,17 @@ def test_a_picture_is_a_quarter_higher_than_wide(plain):
 def test_the_ego_comes_from_the_bottom_and_drives_on_the_right(plain):
     bare = plain.copy()
     bare[:200, 300:] = 0  # the legend
-    row, column = middle(bare, drawing.EGO)
+    row, column = middle(bare, EGO)
     assert row > 480
     assert 305 < column < 320
     nearer = pixels(render.picture(scene(ego_y=20.0)))
     nearer[:200, 300:] = 0
-    assert middle(nearer, drawing.EGO)[0] < row - 100
+    assert middle(nearer, EGO)[0] < row - 100
 
 
 def test_the_windscreen_is_in_front(plain):
     bare = plain[480:600, 290:330]
-    assert middle(bare, shapes.HEADLIGHT)[0] < middle(bare, drawing.EGO)[0]
+    assert middle(bare, shapes.HEADLIGHT)[0] < middle(bare, EGO)[0]
 
 
 @pytest.mark.parametrize(
@@ -114,7 +113,7 @@ def test_speeds_and_signals_show(plain):
 
 def test_signals_of_the_two_rewards_have_their_own_colours(plain):
     panel = plain[640:]
-    for color, columns in ((drawing.EGO, slice(0, 300)), (drawing.OTHER, slice(300, 600))):
+    for color, columns in ((EGO, slice(0, 300)), (OTHER, slice(300, 600))):
         assert has(panel, color).sum() == has(panel[:, columns], color).sum() > 100
 
 
@@ -123,7 +122,7 @@ def test_vehicles_out_of_sight_are_not_drawn():
     for x in (-25.0, -90.0):
         made = scene()
         made.vehicles["x"][0] = x
-        counts.append(has(pixels(render.filmstrip([made])), drawing.OTHER).sum())
+        counts.append(has(pixels(render.filmstrip([made])), OTHER).sum())
     assert counts[0] > counts[1] == 0
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from socialiq.worlds.intersection.core.compile import kernel
 from socialiq.worlds.intersection.core.geometry import EXIT, LANES, ROUTES, longitudinal
 from socialiq.worlds.intersection.core.traffic import clip, follow_road, steering
-from socialiq.worlds.intersection.interface import FASTER, IDLE
+from socialiq.worlds.intersection.state import FASTER, IDLE
 
 SPEED_GAIN = 1 / 0.6  # 1/s
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived

@@ -26,8 +26,7 @@ from socialiq.worlds.intersection.core.geometry import (
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver
 from socialiq.worlds.intersection.core.traffic import clip, follow_road
-from socialiq.worlds.intersection.interface import POSITION_RANGE, SPEED_RANGE
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, Contact
 
 HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second
 ROUTE_SCALE = 0.2  # m or rad of misfit by which one way across becomes e times less likely

@@ -7,7 +7,7 @@ import numpy as np
 from socialiq.worlds.intersection.core.compile import kernel
 from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH, distance
 from socialiq.worlds.intersection.core.traffic import clip
-from socialiq.worlds.intersection.interface import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 PERCEPTION = 200.0  # m
 

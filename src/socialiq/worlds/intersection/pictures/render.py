@@ -11,10 +11,10 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
 from socialiq.types import RewardPair
-from socialiq.worlds import drawing
 from socialiq.worlds.intersection.core.geometry import ROUTES, VEHICLE_LENGTH
 from socialiq.worlds.intersection.pictures import encoding, shapes
 from socialiq.worlds.intersection.settings import SOCIAL_SIGNALS
+from socialiq.worlds.pictures import EGO, OTHER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,7 +89,7 @@ def _vehicle(axes: Any, record: np.void, is_ego: bool, brakes: bool) -> None:
     pose = shapes.Pose(float(record["x"]), float(record["y"]), float(record["heading"]))
     if record["crashed"]:
         shapes.burst(axes, pose)
-    shapes.vehicle(axes, pose, drawing.EGO if is_ego else drawing.OTHER)
+    shapes.vehicle(axes, pose, EGO if is_ego else OTHER)
     if brakes:
         shapes.brake_lights(axes, pose)
     if record["yielding"]:
@@ -139,8 +139,8 @@ class _Sheet:
         social = [name for name in names if name in SOCIAL_SIGNALS]
         values = [abs(float(value)) for scene in scenes for value in scene.signals.values()]
         size = max(len(env), len(social), 1), max([0.1, *values])
-        self.env = _Panel(self.figure, 0.14, size, env, drawing.EGO)
-        self.social = _Panel(self.figure, 0.68, size, social, drawing.OTHER)
+        self.env = _Panel(self.figure, 0.14, size, env, EGO)
+        self.social = _Panel(self.figure, 0.68, size, social, OTHER)
 
     def show(self, scene: Scene) -> None:
         """Show another scene."""
@@ -201,10 +201,10 @@ def _legend(axes: Any, size: float) -> None:
     words = ("ego", "other driver", "gives way", "brakes for the ego", "has crashed")
     for row, text in zip(rows, (*words, "ego's influence", "ego's route"), strict=True):
         axes.text(23.5, row.y, text, fontsize=size, va="center", color=shapes.INK)
-    shapes.vehicle(axes, ego, drawing.EGO)
-    shapes.vehicle(axes, other, drawing.OTHER)
+    shapes.vehicle(axes, ego, EGO)
+    shapes.vehicle(axes, other, OTHER)
     shapes.give_way(axes, yields.x, yields.y - 0.4)
-    shapes.vehicle(axes, brakes, drawing.OTHER)
+    shapes.vehicle(axes, brakes, OTHER)
     shapes.brake_lights(axes, brakes)
     shapes.burst(axes, crashed, 0.4)
     shapes.swatch(axes, zone.x, zone.y)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from socialiq.worlds.drawing import EGO, OTHER
 from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
 from socialiq.worlds.intersection.core.geometry import (
     LANE_WIDTH,
@@ -20,6 +19,7 @@ from socialiq.worlds.intersection.core.geometry import (
     VEHICLE_LENGTH,
     VEHICLE_WIDTH,
 )
+from socialiq.worlds.pictures import EGO, OTHER
 
 GRASS = "#dde6d5"
 ASPHALT = "#8d9194"

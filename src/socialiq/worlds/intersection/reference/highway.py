@@ -19,9 +19,14 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.worlds.intersection.core.collisions import contact_of
-from socialiq.worlds.intersection.interface import FEATURES, POSITION_RANGE, SPEED_RANGE
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import VEHICLE, Contact
+from socialiq.worlds.intersection.state import (
+    FEATURES,
+    POSITION_RANGE,
+    SPEED_RANGE,
+    VEHICLE,
+    Contact,
+)
 
 try:
     # Type checks also run where the extra is not installed.

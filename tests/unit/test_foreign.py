@@ -1,4 +1,4 @@
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 
 
 def test_escape_sequences_and_line_breaks_are_gone():

@@ -1,0 +1,148 @@
+"""crossing5, the deterministic 5x5 proof of concept (thesis 5.1.1).
+
+Options, rules, rewards as named signals, picture, and the world made from them. The ego goes or
+waits; the other road user drives on unless blocked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import jax.numpy as jnp
+
+from socialiq.types import Ending
+from socialiq.worlds import pictures
+from socialiq.worlds.grid_world import Feature, GridWorld, Outcome
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options for what thesis 5.1.1 leaves open, each with its default and the reason for it.
+
+    The defaults give the thesis' three expert sequences.
+    """
+
+    ends_on: Literal["ego_arrival", "both_arrived", "time_limit"] = "ego_arrival"
+    """Event that ends an episode before its 20 steps. The thesis names only the cap. With
+    `ego_arrival` value iteration gives the published sequences GGGG, WGGGG and WWWWGGGG;
+    with `both_arrived` the egoist takes a fifth step that has no effect."""
+
+    social_cost: Literal["until_other_arrives", "always"] = "until_other_arrives"
+    """Steps in which r_social's -1 is charged. If it never stopped, the altruist would hurry to
+    end the episode (WGGGG), so the published WWWWGGGG needs the cost to stop."""
+
+    arrival: Literal["added", "override"] = "added"
+    """Whether +10 on arrival is added to that step's -1 or replaces it. No optimal sequence
+    changes; the text's "and" reads as a sum."""
+
+
+WAIT, GO = 0, 1
+LAST = 4  # the far edge of the grid, where a road user has arrived
+CONFLICT = 2  # both roads cross in cell (2, 2)
+HORIZON = 20
+
+
+class Move(NamedTuple):
+    """Positions along the two roads before and after one simultaneous move."""
+
+    ego: Any
+    other: Any
+    ego_after: Any
+    other_after: Any
+
+
+def move(ego: Any, other: Any, action: Any) -> Move:
+    """Move both road users at once (thesis 5.1.1).
+
+    The other holds for this step if its advance would put it into the conflict cell together with
+    the ego's new position.
+    """
+    ego_after = jnp.minimum(ego + jnp.where(action == GO, 1, 0), LAST)
+    wanted = jnp.minimum(other + 1, LAST)
+    blocked = (wanted == CONFLICT) & (ego_after == CONFLICT)
+    return Move(ego, other, ego_after, jnp.where(blocked, other, wanted))
+
+
+def ending(moved: Move, options: Options) -> Any:
+    """Return the kind of ending, 0 while the episode continues. The rules exclude collisions."""
+    ego_there, other_there = moved.ego_after == LAST, moved.other_after == LAST
+    over = {
+        "ego_arrival": ego_there,
+        "both_arrived": ego_there & other_there,
+        "time_limit": jnp.zeros_like(ego_there),
+    }[options.ends_on]
+    return jnp.where(over, int(Ending.ARRIVAL), int(Ending.NONE))
+
+
+ENV_WEIGHTS = {"step": -1.0, "arrival": 10.0}
+SOCIAL_WEIGHTS = {"other_step": -1.0, "other_arrival": 10.0}
+
+
+def signals(moved: Move, options: Options) -> dict[str, Any]:
+    """Return the signals of a move, each 0 or 1: under way and arrived, for ego and other.
+
+    `step` stops once the ego has arrived. This matters only if the episode continues after that.
+    """
+    under_way, other_under_way = moved.ego < LAST, moved.other < LAST
+    arrival = under_way & (moved.ego_after == LAST)
+    other_arrival = other_under_way & (moved.other_after == LAST)
+    if options.arrival == "override":
+        under_way, other_under_way = under_way & ~arrival, other_under_way & ~other_arrival
+    if options.social_cost == "always":
+        other_under_way = jnp.ones_like(other_under_way)
+    flags = {
+        "step": under_way,
+        "arrival": arrival,
+        "other_step": other_under_way,
+        "other_arrival": other_arrival,
+    }
+    return {name: jnp.asarray(flag, jnp.float32) for name, flag in flags.items()}
+
+
+SIZE = 5
+ROAD = 2  # row of the ego's road and column of the other's
+
+
+def draw(axes: Any, _world: Any, state: tuple[int, ...]) -> None:
+    """Draw the crossing, the ego (blue, eastbound) and the other (orange, northbound)."""
+    x_ego, y_ego, x_other, y_other = (int(value) for value in state)
+    pictures.draw_crossing(axes, SIZE, ROAD)
+    pictures.draw_vehicle(axes, x_other, y_other, "north", pictures.OTHER)
+    pictures.draw_vehicle(axes, x_ego, y_ego, "east", pictures.EGO)
+
+
+def make(options: Options | None = None) -> GridWorld:
+    """Build the 5x5 world with the given options."""
+    chosen = options or Options()
+    return GridWorld(
+        name="crossing5",
+        options=chosen,
+        features=(
+            Feature("x_ego", 0, 5),
+            Feature("y_ego", 2, 1),
+            Feature("x_other", 2, 1),
+            Feature("y_other", 0, 5),
+        ),
+        actions=("Wait", "Go"),
+        start=(((0, 2, 2, 0), 1.0),),
+        chance=(1.0,),
+        horizon=HORIZON,
+        max_speed=1,
+        rules=partial(_step, chosen),
+        env_weights=ENV_WEIGHTS,
+        social_weights=SOCIAL_WEIGHTS,
+        draw=draw,
+    )
+
+
+def _step(options: Options, state: Any, action: Any, _chance: Any) -> Outcome:
+    moved = move(state[0], state[3], action)
+    after = jnp.stack([moved.ego_after, state[1], state[2], moved.other_after])
+    return Outcome(
+        state=after.astype(jnp.int32),
+        ending=ending(moved, options),
+        signals=signals(moved, options),
+        speed=(moved.ego_after - moved.ego).astype(jnp.float32),
+    )

@@ -1,0 +1,290 @@
+"""crossing7, the stochastic 7x7 intersection with reactive traffic (thesis 5.1.2).
+
+Options, rules, rewards as named signals, picture, and the world made from them. The ego chooses a
+speed; vehicles drive FAST and brake for the ego.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import jax.numpy as jnp
+
+from socialiq.errors import UserError
+from socialiq.types import Ending
+from socialiq.worlds import pictures
+from socialiq.worlds.grid_world import Feature, GridWorld, Outcome
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options for what thesis 5.1.2 leaves open, each with its default and the reason for it.
+
+    The defaults were chosen because together they give the thesis' published angles exactly:
+    optima of -42.27 degrees at α = 0 and 152.12 at α = 90. docs/worlds/crossing7.md lists the
+    effect of every other value.
+    """
+
+    spawn_probability: float = 0.3
+    """Probability per step that an empty second slot is filled (given in 5.1.2)."""
+
+    second_slot_refills: Literal["next_step", "same_step"] = "next_step"
+    """Whether a vehicle may spawn in the same step in which the second slot empties. The text
+    says "per timestep when the slot is empty", so the slot must have been empty before."""
+
+    second_slot_at_start: Literal["empty", "random"] = "empty"
+    """Whether the second slot is empty at reset or already filled with the spawn probability."""
+
+    first_slot: Literal["respawns", "once"] = "respawns"
+    """Whether the first slot is refilled in the step in which its vehicle leaves. "Always
+    spawns" is interpreted as always present."""
+
+    conflict: Literal["swept", "end_cell"] = "swept"
+    """Whether a road user that passes over the conflict cell within a step occupies it, or only
+    a road user that stops there. Under `end_cell` a FAST ego (cells 0, 2, 4, 6) and a FAST vehicle
+    never meet, so there would be no conflict."""
+
+    braking: Literal["at_once", "one_level"] = "at_once"
+    """Whether a vehicle brakes as far as it must in one step, or by one speed level at most."""
+
+    arrival: Literal["override", "added"] = "override"
+    """Whether the arrival bonus replaces that step's r_env or adds to it. Section 4.1 calls
+    collision and arrival terminal overrides."""
+
+    full_stop: Literal["at_least", "flat"] = "at_least"
+    """Whether a forced complete stop costs at least 1.5 (1.0 a level, so 2.0 from FAST), or
+    exactly 1.5. Only `at_least` gives the published -42 degrees."""
+
+    yield_zone: Literal["before_conflict", "with_conflict"] = "before_conflict"
+    """Cells in which yielding is rewarded: the cell before the conflict cell, or also the
+    conflict cell. `with_conflict` allows reward hacking: the ego stops on the conflict cell and
+    is rewarded for the vehicles that it blocks."""
+
+    slow_yield: Literal["half", "full"] = "half"
+    """Whether SLOW earns (1 - v/v_max) = 1/2 of the yielding reward as in Eq 4.2, or all of it.
+    From the cell before the conflict SLOW enters the conflict, so the option matters only with
+    `yield_zone="with_conflict"`."""
+
+
+STOP, SLOW, FAST = 0, 1, 2
+LAST = 6  # the ego has arrived in the eastern column; a vehicle beyond the northern row has left
+CONFLICT = 3  # both roads cross in cell (3, 3)
+ABSENT = -1  # position of an empty slot
+HORIZON = 25
+
+
+class Vehicle(NamedTuple):
+    """Position along its road and speed of one slot's vehicle; y = -1, v = 0 if empty."""
+
+    y: Any
+    v: Any
+
+
+class Move(NamedTuple):
+    """One step before vehicles leave or spawn, so that a slot still holds the same vehicle."""
+
+    action: Any
+    ego: Any
+    ego_after: Any
+    vehicles: tuple[Vehicle, Vehicle]
+    vehicles_after: tuple[Vehicle, Vehicle]
+
+
+def occupies_conflict(before: Any, after: Any, options: Options) -> Any:
+    """Whether a road user stands in the conflict cell after the step, or passed over it."""
+    stands = after == CONFLICT
+    if options.conflict == "end_cell":
+        return stands
+    return stands | ((before < CONFLICT) & (after >= CONFLICT))
+
+
+def drive(vehicle: Vehicle, ego_in_conflict: Any, options: Options) -> Vehicle:
+    """Move one vehicle: FAST, but it brakes so as not to enter a conflict cell the ego occupies.
+
+    Vehicles don't react to each other: 5.1.2 gives them a reaction to the ego only. A vehicle that
+    is already in the conflict cell continues.
+    """
+    would_enter = occupies_conflict(vehicle.y, vehicle.y + FAST, options)
+    safe = jnp.maximum(CONFLICT - 1 - vehicle.y, STOP)
+    if options.braking == "one_level":
+        safe = jnp.maximum(safe, vehicle.v - 1)
+    speed = jnp.where(ego_in_conflict & would_enter, jnp.minimum(safe, FAST), FAST)
+    present = vehicle.y != ABSENT
+    return Vehicle(
+        y=jnp.where(present, vehicle.y + speed, ABSENT), v=jnp.where(present, speed, STOP)
+    )
+
+
+def move(state: Any, action: Any, options: Options) -> Move:
+    """Move the ego and both vehicles at once."""
+    ego = state[0]
+    ego_after = jnp.minimum(ego + action, LAST)
+    ego_in_conflict = occupies_conflict(ego, ego_after, options)
+    vehicles = (Vehicle(state[2], state[3]), Vehicle(state[4], state[5]))
+    first, second = (drive(vehicle, ego_in_conflict, options) for vehicle in vehicles)
+    return Move(action, ego, ego_after, vehicles, (first, second))
+
+
+def collided(moved: Move, options: Options) -> Any:
+    """Whether the ego and a vehicle occupied the conflict cell in the same step.
+
+    This is impossible with `braking="at_once"` and possible with `braking="one_level"`.
+    """
+    ego_there = occupies_conflict(moved.ego, moved.ego_after, options)
+    pairs = zip(moved.vehicles, moved.vehicles_after, strict=True)
+    first, second = (
+        (before.y != ABSENT) & occupies_conflict(before.y, after.y, options)
+        for before, after in pairs
+    )
+    return ego_there & (first | second)
+
+
+def ending(moved: Move, options: Options) -> Any:
+    """Return the kind of ending, 0 while the episode continues; a collision precedes an arrival."""
+    arrived = jnp.where(moved.ego_after == LAST, int(Ending.ARRIVAL), int(Ending.NONE))
+    return jnp.where(collided(moved, options), int(Ending.COLLISION), arrived)
+
+
+def refill(moved: Move, spawns: Any, options: Options) -> tuple[Vehicle, Vehicle]:
+    """Remove the vehicles that have left the road and fill the slots.
+
+    Args:
+        moved: The step's movements.
+        spawns: The chance outcome: whether the second slot spawns if it may.
+        options: Options of the world.
+    """
+    first, second = moved.vehicles_after
+    first_left, second_left = first.y > LAST, second.y > LAST
+    refilled = options.first_slot == "respawns"
+    first = Vehicle(
+        y=jnp.where(first_left, 0 if refilled else ABSENT, first.y),
+        v=jnp.where(first_left, FAST if refilled else STOP, first.v),
+    )
+    may_spawn = moved.vehicles[1].y == ABSENT
+    if options.second_slot_refills == "same_step":
+        may_spawn = may_spawn | second_left
+    spawned = may_spawn & spawns
+    second = Vehicle(
+        y=jnp.where(spawned, 0, jnp.where(second_left, ABSENT, second.y)),
+        v=jnp.where(spawned, FAST, jnp.where(second_left, STOP, second.v)),
+    )
+    return first, second
+
+
+ENV_WEIGHTS = {"speed": 0.4, "step": -0.3, "arrival": 2.0, "collision": -5.0}
+SOCIAL_WEIGHTS = {"yielding": 0.2, "disruption": -1.0, "neighbour_collision": -5.0}
+FULL_STOP = 1.5  # speed levels that a forced complete stop counts for
+
+
+def yielding(moved: Move, options: Options) -> Any:
+    """Return (1 - v/v_max) times the approaching vehicles while the ego is in the influence zone.
+
+    The zone is that of thesis 5.1.2. A vehicle approaches if it is on the road south of the
+    conflict cell before the step.
+    """
+    holds_back = (moved.ego == CONFLICT - 1) & (moved.ego_after < CONFLICT)
+    if options.yield_zone == "with_conflict":
+        near = (moved.ego == CONFLICT - 1) | (moved.ego == CONFLICT)
+        holds_back = near & (moved.ego_after <= CONFLICT)
+    approaching = sum(
+        jnp.where((vehicle.y >= 0) & (vehicle.y < CONFLICT), 1.0, 0.0) for vehicle in moved.vehicles
+    )
+    slowness = 1.0 - moved.action / FAST
+    if options.slow_yield == "full":
+        slowness = jnp.where(moved.action < FAST, 1.0, 0.0)
+    return jnp.where(holds_back, slowness * approaching, 0.0)
+
+
+def levels_lost(before: Vehicle, after: Vehicle, options: Options) -> Any:
+    """Return the speed levels a vehicle was forced to lose; a full stop counts as FULL_STOP."""
+    levels = jnp.maximum(before.v - after.v, 0).astype(jnp.float32)
+    stopped = (levels > 0) & (after.v == STOP)
+    charge = FULL_STOP if options.full_stop == "flat" else jnp.maximum(levels, FULL_STOP)
+    return jnp.where(stopped, charge, levels)
+
+
+def signals(moved: Move, ending: Any, options: Options) -> dict[str, Any]:
+    """Return all signals. With `arrival="override"` speed and step are 0 at a terminal step."""
+    arrived = ending == Ending.ARRIVAL
+    struck = ending == Ending.COLLISION
+    counts = ~struck if options.arrival == "added" else ~(struck | arrived)
+    running = jnp.asarray(counts, jnp.float32)
+    pairs = zip(moved.vehicles, moved.vehicles_after, strict=True)
+    return {
+        "speed": running * moved.action / FAST,
+        "step": running,
+        "arrival": jnp.asarray(arrived, jnp.float32),
+        "collision": jnp.asarray(struck, jnp.float32),
+        "yielding": yielding(moved, options),
+        "disruption": sum(levels_lost(before, after, options) for before, after in pairs),
+        "neighbour_collision": jnp.asarray(struck, jnp.float32),
+    }
+
+
+SIZE = 7
+
+
+def draw(axes: Any, _world: Any, state: tuple[int, ...]) -> None:
+    """Draw the crossing, the ego (blue, eastbound) and up to two vehicles (orange, northbound).
+
+    A vehicle's number of chevrons is its speed level; a bar across its front is speed 0.
+    """
+    x_ego, v_ego, y_1, v_1, y_2, v_2 = (int(value) for value in state)
+    pictures.draw_crossing(axes, SIZE, CONFLICT)
+    for y, v in ((y_1, v_1), (y_2, v_2)):
+        if y != ABSENT:
+            pictures.draw_vehicle(axes, CONFLICT, y, "north", pictures.OTHER, v)
+    pictures.draw_vehicle(axes, x_ego, CONFLICT, "east", pictures.EGO, v_ego)
+
+
+_EMPTY = (0, STOP, 0, FAST, ABSENT, STOP)
+_FILLED = (0, STOP, 0, FAST, 0, FAST)
+
+
+def make(options: Options | None = None) -> GridWorld:
+    """Build the 7x7 world with the given options.
+
+    Raises:
+        UserError: If the spawn probability is not in [0, 1].
+    """
+    chosen = options or Options()
+    p = chosen.spawn_probability
+    if not 0.0 <= p <= 1.0:
+        raise UserError(f"spawn_probability {p:g} is no probability: choose one in [0, 1]")
+    at_random = ((_EMPTY, 1.0 - p), (_FILLED, p))
+    return GridWorld(
+        name="crossing7",
+        options=chosen,
+        features=(
+            Feature("x_ego", 0, 7),
+            Feature("v_ego", 0, 3),
+            Feature("y_1", -1, 8),
+            Feature("v_1", 0, 3),
+            Feature("y_2", -1, 8),
+            Feature("v_2", 0, 3),
+        ),
+        actions=("STOP", "SLOW", "FAST"),
+        start=at_random if chosen.second_slot_at_start == "random" else ((_EMPTY, 1.0),),
+        chance=(1.0 - p, p),
+        horizon=HORIZON,
+        max_speed=FAST,
+        rules=partial(_step, chosen),
+        env_weights=ENV_WEIGHTS,
+        social_weights=SOCIAL_WEIGHTS,
+        draw=draw,
+    )
+
+
+def _step(options: Options, state: Any, action: Any, chance: Any) -> Outcome:
+    moved = move(state, action, options)
+    ended = ending(moved, options)
+    first, second = refill(moved, chance == 1, options)
+    after = jnp.stack([moved.ego_after, action, first.y, first.v, second.y, second.v])
+    return Outcome(
+        state=after.astype(jnp.int32),
+        ending=ended,
+        signals=signals(moved, ended, options),
+        speed=jnp.asarray(action, jnp.float32),
+    )
