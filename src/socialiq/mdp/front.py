@@ -50,7 +50,7 @@ class AttainableSet:
 
     @property
     def scale(self) -> float:
-        """Largest |coordinate| of the set, to which its tolerances are relative."""
+        """Largest absolute coordinate of the set, to which its tolerances are relative."""
         return float(np.abs(self.vertices).max())
 
     def front(self) -> Float[np.ndarray, "front 2"]:

@@ -147,7 +147,7 @@ def greedy_policy(
 ) -> Float[np.ndarray, "state action"]:
     """One-hot policy of the first, or last, action whose Q is the largest up to rounding.
 
-    The tolerance is relative to the largest |Q| of the state alone, with no absolute part: at
+    The tolerance is relative to the largest `|Q|` of the state alone, with no absolute part: at
     90 degrees the 5x5 world's expert is chosen by values of 1e-16 (docs/worlds/crossing5.md).
     """
     return np.eye(q.shape[1])[best_action(q, tie_tolerance, prefer)]

@@ -106,7 +106,7 @@ def posterior(
 ) -> Float64[np.ndarray, " draw"]:
     """Directions of draws from the posterior of the mean pair, in [-180, 180] degrees.
 
-    For independent normal rows and the prior |Σ|^(-3/2) the mean is t-distributed around x̄ with
+    For independent normal rows and the prior `|Σ|^(-3/2)` the mean is t-distributed around x̄ with
     n - 2 degrees of freedom and scale S / (n (n - 2)), S the sum of squares (Geisser & Cornfield
     1963). Its regions of highest density are Hotelling's, those of `directions`.
 

@@ -49,7 +49,7 @@ RUNS = {
 }
 
 
-# Chosen on training seeds 0 to 4; what it costs and what it reaches: benchmarks/README.md.
+# Chosen on training seeds 0 to 4; what it costs and what it reaches: docs/benchmarks.md.
 QUICK = Preset(
     dataclasses.replace(_ONLINE, hidden=(64, 64), expert_batch=8, replay_batch=120, updates=6000),
     Hyperparameters(learning_rate=6e-3, polyak=0.05),

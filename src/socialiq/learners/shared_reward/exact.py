@@ -63,7 +63,7 @@ class Fit(NamedTuple):
     Attributes:
         correction: f.
         iterations: Of L-BFGS.
-        slope: Largest |derivative| left.
+        slope: Largest absolute derivative left.
     """
 
     correction: Float[np.ndarray, "state action"]
