@@ -1,34 +1,56 @@
-"""Processes that do jobs, one pinned to each core.
+"""Run the jobs of a study on Dask: on every core of this machine, or on a cluster.
 
-A core's matrix products are as fast with one process as they get; two processes that share two
-cores' threads are slower than two that have a core each.
+Finished folders are the only record of what is done (`experiments.jobs`). Dask decides where a job
+runs, and gives it to another process if its own dies.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import multiprocessing.connection
 import os
-import signal
+import queue
 import tempfile
-import threading
-import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from socialiq.errors import UserError
-from socialiq.experiments.jobs import Job, Progress, claimed, do, fingerprints, open_jobs
+from socialiq.experiments.jobs import Job, Progress, claimed, fingerprints, open_jobs
 from socialiq.learners.callbacks import Report, Stopped
-from socialiq.worlds.intersection.reference.conformance import PORTABLE
+from socialiq.storage import write_atomically
+
+if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` need not wait for
+    from distributed import Client, Future
 
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
+
+STOPPED = "stopped: what is finished is kept; give the same command to go on"
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Where jobs run."""
+
+    processes: int = 0
+    """Processes on this machine, each with a core of its own; by default one for each core."""
+    cluster: str | None = None
+    """A Dask cluster instead: the address of its scheduler (tcp://HOST:PORT) or its scheduler file.
+    Its workers must see the work folder under the same path."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers and combinations that say nothing."""
+        if self.processes < 0:
+            raise UserError(f"processes must be at least 1, got {self.processes}")
+        if self.processes and self.cluster is not None:
+            raise UserError("--processes is of this machine: leave it out, or leave out --cluster")
 
 
 @contextmanager
 def work_folder(given: Path | None) -> Iterator[Path]:
-    """The folder that a study keeps its jobs in: the given one, or one that goes with the study."""
+    """Yield the folder that a study keeps its jobs in: the given one, or a temporary one."""
     if given is not None:
         yield given
         return
@@ -36,193 +58,160 @@ def work_folder(given: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def run_jobs(
     jobs: Sequence[Job],
     work: Path,
     on_stage: Callable[[str], Callable[[Report], None] | None],
     processes: int = 0,
+    cluster: str | None = None,
 ) -> None:
     """Do what is not done yet, each job after its inputs.
 
     Args:
         jobs: Each stands after its inputs.
         work: Folder of their folders.
-        on_stage: Given the name of a stage, what shows its progress.
-        processes: How many; by default one for each core that this process may use.
+        on_stage: Given the name of a stage, returns the callback for its progress.
+        processes: Of the local cluster; by default one for each core that this process may use.
+        cluster: Address of a running Dask scheduler, or its scheduler file.
 
     Raises:
-        UserError: If a job fails, a process dies, or the folder is in use.
+        UserError: If a job fails, its process dies again and again, the folder is in use, or the
+            cluster can't be reached or used.
         Stopped: On Ctrl-C.
     """
+    work = work.absolute()
     with claimed(work):
         still_open = open_jobs(jobs, work)
-        cores = sorted(os.sched_getaffinity(0))
-        count = min(processes or len(cores), len(still_open))
-        crew: list[_Worker] = []
+        if not still_open:
+            return
+        from socialiq.experiments.cluster import client_of
+
+        count = min(processes or available_cores(), len(still_open))
         try:
-            around = _surroundings(work)
-            crew += (_Worker(cores[number % len(cores)], around) for number in range(count))
-            _Shift(jobs, still_open, work, on_stage, crew).finish()
+            with client_of(cluster, count, work) as client:
+                _Call(client, jobs, still_open, work, on_stage).run()
         except KeyboardInterrupt:
-            for worker in crew:
-                worker.stop()
-            raise Stopped(
-                "stopped: what is finished is kept; give the same command to go on"
-            ) from None
-        finally:
-            for worker in crew:
-                worker.dismiss()
+            raise Stopped(STOPPED) from None
 
 
-class _Shift:
-    """One call's jobs and processes."""
+class _Call:
+    """The open jobs of one call, as tasks of a cluster."""
 
     def __init__(
         self,
+        client: Client,
         jobs: Sequence[Job],
         still_open: Sequence[Job],
         work: Path,
         on_stage: Callable[[str], Callable[[Report], None] | None],
-        crew: Sequence[_Worker],
     ) -> None:
-        self.known, self.work, self.crew = fingerprints(jobs), work, crew
+        self.client, self.work, self.name = client, work, uuid.uuid4().hex
+        self.known, self.open = fingerprints(jobs), still_open
         self.progress = Progress(jobs, still_open, on_stage)
-        self.waiting = list(still_open)
-        self.unfinished = {job.name for job in still_open}
+        self.begun: set[str] = set()
+        self.futures: dict[str, Future] = {}
+        self.messages: queue.SimpleQueue[tuple[str, float | None]] = queue.SimpleQueue()
 
-    def finish(self) -> None:
-        """Hand out jobs and listen until none is left."""
-        self._hand_out()
-        while self.unfinished:
-            for message in self._heard():
-                self._take(message)
-            self._hand_out()
+    def run(self) -> None:
+        """Send the jobs and wait until all are finished.
 
-    def _hand_out(self) -> None:
-        for worker in self.crew:
-            if worker.job is None:
-                ready = [job for job in self.waiting if not self.unfinished & {*job.inputs}]
-                if ready:
-                    self.waiting.remove(ready[0])
-                    self.progress.begin(ready[0].name)
-                    worker.begin(ready[0], self.work, self.known[ready[0].name])
-
-    def _heard(self) -> list[tuple[_Worker, str, Any]]:
-        busy = [worker for worker in self.crew if worker.job]
-        ready = multiprocessing.connection.wait([worker.pipe for worker in busy])
-        return [worker.hear() for worker in busy if worker.pipe in ready]
-
-    def _take(self, message: tuple[_Worker, str, Any]) -> None:
-        worker, kind, value = message
-        assert worker.job is not None  # only busy workers are heard
-        if kind == "failed":
-            raise UserError(value)
-        self.progress.update(worker.job.name, 1.0 if kind == "finished" else value)
-        if kind == "finished":
-            self.unfinished.discard(worker.job.name)
-            worker.job = None
-
-
-class _Worker:
-    """A process of its own, pinned to one core."""
-
-    def __init__(self, core: int, environment: Mapping[str, str]) -> None:
-        context = multiprocessing.get_context("spawn")  # a fork would copy JAX's threads
-        self.pipe, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(other,), daemon=True)
-        with _inherited(core, environment):
-            self.process.start()
-        other.close()
-        self.job: Job | None = None
-
-    def begin(self, job: Job, work: Path, fingerprint: str) -> None:
-        """Hand out a job."""
-        self.job = job
-        with suppress(OSError):  # a process that is gone is noticed when it is heard
-            self.pipe.send((job, work, fingerprint))
-
-    def hear(self) -> tuple[_Worker, str, Any]:
-        """What it says: this worker, the kind of message, its value."""
+        Raises:
+            UserError: If a job fails; the others are stopped first.
+        """
         try:
-            return self, *self.pipe.recv()
-        except (EOFError, OSError):
-            name = self.job.name if self.job else ""
-            line = f"the process that did {name} was killed; give the same command to go on"
-            return self, "failed", line
+            self._check_workers()
+            self._send()
+            while self.futures:
+                self._take(*self.messages.get())
+        except (KeyboardInterrupt, UserError):
+            self._stop()
+            raise
+        finally:
+            (self.work / ".call").unlink(missing_ok=True)
 
-    def stop(self) -> None:
-        """End it, with its state saved if it is training."""
-        if self.process.pid:
-            os.kill(self.process.pid, signal.SIGINT)
-        self.process.join(_PATIENCE)
+    def _check_workers(self) -> None:
+        from socialiq.experiments import worker
 
-    def dismiss(self) -> None:
-        """End it at once."""
-        self.process.terminate()
-        self.process.join()
-        self.pipe.close()
+        write_atomically(self.work / ".call", self.name)
+        self.described = worker.describe() | worker.PORTABLE
+        arguments = (self.described, self.work, self.name)
+        try:
+            self.client.run(worker.check, *arguments)
+        except ImportError as error:
+            raise UserError(f"a worker of the cluster can't import socialiq: {error}") from None
 
+    def _send(self) -> None:
+        from socialiq.experiments import worker
 
-def _surroundings(work: Path) -> dict[str, str]:
-    """Variables of processes that do such jobs: one arithmetic, and programs compiled once.
+        self.client.subscribe_topic(
+            worker.topic(self.name), lambda event: self.messages.put(tuple(event[1]))
+        )
+        for number, job in enumerate(self.open):
+            task = worker.Task(job, self.work, self.known[job.name], self.name, self.described)
+            future = self.client.submit(
+                worker.perform,
+                task,
+                *(self.futures[name] for name in job.inputs if name in self.futures),
+                key=f"{job.name}-{self.name}",
+                priority=-number,
+                pure=False,
+            )
+            self.futures[job.name] = future
+        for name, future in self.futures.items():
+            future.add_done_callback(lambda _, name=name: self.messages.put((name, None)))
 
-    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
-    """
-    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work.absolute() / "compiled"))
-    return PORTABLE | {
-        "JAX_COMPILATION_CACHE_DIR": compiled,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
-    }
+    def _take(self, name: str, share: float | None) -> None:
+        """Take note of a job's share, or that its future is done (None)."""
+        if name not in self.futures:  # a late report of a job that is finished
+            return
+        if name not in self.begun:
+            self.begun.add(name)
+            self.progress.begin(name)
+        if share is not None:
+            if share:
+                self.progress.update(name, share)
+            return
+        future = self.futures[name]
+        if future.status != "finished":
+            raise self._failure(name, future)
+        self.progress.update(name, 1.0)
+        del self.futures[name]
 
+    def _failure(self, name: str, future: Future) -> UserError:
+        if future.status == "error":
+            error: Any = future.exception()
+            if isinstance(error, UserError):
+                return error
+            if type(error).__name__ == "KilledWorker":
+                return UserError(
+                    f"{str(error.task).rpartition('-')[0]}: the cluster lost "
+                    f"{error.allowed_failures + 1} workers that had it: see their logs; what is "
+                    "finished is kept"
+                )
+            line = " ".join(f"{type(error).__name__}: {error}".split())
+            return UserError(f"{name}: {line}")
+        return UserError(
+            "the scheduler is gone: what is finished is kept; start it again and give the same "
+            "command to go on"
+        )
 
-@contextmanager
-def _inherited(core: int, environment: Mapping[str, str]) -> Iterator[None]:
-    """Be for a moment as the process that is started meanwhile shall: on one core, deaf to Ctrl-C.
+    def _stop(self) -> None:
+        """Ask the jobs in progress to stop, and wait for those that save their state."""
+        from socialiq.experiments import worker
 
-    A process has to begin on its core: libraries count the cores when they are loaded, and two
-    threads that wait for one another on one core are several times as slow as one.
-    """
-    before, variables = os.sched_getaffinity(0), dict(os.environ)
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.sched_setaffinity(0, {core})
-    os.environ.update(environment)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(variables)
-        os.sched_setaffinity(0, before)
-        signal.signal(signal.SIGINT, handler)
-
-
-def _serve(pipe: Any) -> None:
-    """Do jobs until the other side is gone, or asks for the end."""
-    os.setpgid(0, 0)  # a Ctrl-C at the terminal is for the command, which passes it on once
-    signal.signal(signal.SIGINT, _interrupted)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(Stopped, EOFError, BrokenPipeError):
-        while True:
-            job, work, fingerprint = pipe.recv()
-            try:
-                seconds = do(job, work, fingerprint, lambda share: pipe.send(("progress", share)))
-                pipe.send(("finished", seconds))
-            except Stopped:
-                raise
-            except UserError as error:
-                pipe.send(("failed", f"{job.name}: {error}"))
-            except Exception as error:
-                traceback.print_exc()  # a mistake of ours, which one line would hide
-                pipe.send(("failed", f"{job.name}: {type(error).__name__}: {error}"))
-
-
-def _interrupted(_number: int, _frame: Any) -> None:
-    """Leave what is in progress; training listens by itself and saves its state first."""
-    raise Stopped("stopped")
-
-
-def _end_with_parent() -> None:
-    """A command that was killed leaves nobody behind who still writes."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None  # this is a spawned process
-    multiprocessing.connection.wait([parent.sentinel])
-    os._exit(1)
+        if self.client.status != "running":
+            return
+        answers: Any = self.client.run(worker.request_stop, self.name, on_error="ignore")
+        saving = [self.futures[name] for names in answers.values() for name in names or ()]
+        deadline = time.monotonic() + _PATIENCE
+        while any(not future.done() for future in saving) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with suppress(Exception):  # the call is over; it only tidies the scheduler's queue
+            self.client.cancel(list(self.futures.values()), force=True)

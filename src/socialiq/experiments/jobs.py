@@ -9,23 +9,28 @@ can.
 from __future__ import annotations
 
 import dataclasses
-import fcntl
 import hashlib
 import importlib.metadata
 import json
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import filelock
+
 from socialiq.errors import UserError
-from socialiq.learners.callbacks import Report
+from socialiq.learners.callbacks import Report, Stopped, stop_requests
 from socialiq.storage import read_json, write_json
 
 RECORD = "job.json"
+_BEGUN = "begun.json"
+
+RETRIES = 3
+"""How often a job whose process was killed is tried again by one call."""
 
 ProgressCallback = Callable[[float], None]
 """Called by a job with the share of it that is done."""
@@ -85,39 +90,68 @@ def is_done(folder: Path, fingerprint: str) -> bool:
     return record.is_file() and read_json(record).get("fingerprint") == fingerprint
 
 
-def do(job: Job, work: Path, fingerprint: str, on_progress: ProgressCallback) -> float:
-    """Do one job: its folder appears whole, or the parts it had written stay for the next try.
+def do(
+    job: Job, work: Path, fingerprint: str, on_progress: ProgressCallback, call: str = ""
+) -> float:
+    """Do one job: its folder appears whole, or its written parts stay for the next try.
+
+    Two processes never do the same job at a time; the second finds it finished.
+
+    Args:
+        job: The job.
+        work: Folder of all jobs' folders.
+        fingerprint: Of `fingerprints`.
+        on_progress: Called by the job.
+        call: Name of the call of `run_jobs`; tries that were cut off are counted for each call.
 
     Returns:
         The seconds it took.
 
     Raises:
-        UserError: If the folder can't be written.
+        UserError: If the folder can't be written, or the job was cut off too often.
     """
-    folder, part = work / job.name, work / f"{job.name}.part"
-    mark = part / "begun.json"
+    with _locked(work / ".locks" / job.name, job.name):
+        if is_done(work / job.name, fingerprint):
+            return 0.0
+        part = _begun(job, work, fingerprint, call)
+        began = time.monotonic()
+        job.work(job.config, part, {name: work / name for name in job.inputs}, on_progress)
+        seconds = time.monotonic() - began
+        record = {
+            "fingerprint": fingerprint,
+            "config": dataclasses.asdict(job.config),
+            "inputs": list(job.inputs),
+            "seconds": round(seconds, 1),
+        }
+        write_json(part / RECORD, record)
+        (part / _BEGUN).unlink()
+        folder = work / job.name
+        if folder.exists():
+            shutil.rmtree(folder)
+        part.rename(folder)
+    return seconds
+
+
+def _begun(job: Job, work: Path, fingerprint: str, call: str) -> Path:
+    """Return the folder in which a job is done, with the number of its tries noted there."""
+    part = work / f"{job.name}.part"
+    mark = part / _BEGUN
     try:
-        if part.exists() and not (mark.is_file() and read_json(mark)["fingerprint"] == fingerprint):
+        found = read_json(mark) if mark.is_file() else {}
+        if part.exists() and found.get("fingerprint") != fingerprint:
             shutil.rmtree(part)
         part.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"cannot write {part}: {error.strerror}; choose another place") from error
-    write_json(mark, {"fingerprint": fingerprint})
-    began = time.monotonic()
-    job.work(job.config, part, {name: work / name for name in job.inputs}, on_progress)
-    seconds = time.monotonic() - began
-    record = {
-        "fingerprint": fingerprint,
-        "config": dataclasses.asdict(job.config),
-        "inputs": list(job.inputs),
-        "seconds": round(seconds, 1),
-    }
-    write_json(part / RECORD, record)
-    mark.unlink()
-    if folder.exists():
-        shutil.rmtree(folder)
-    part.rename(folder)
-    return seconds
+    again = call != "" and (found.get("fingerprint"), found.get("call")) == (fingerprint, call)
+    cut_off = found["tries"] if again else 0
+    if cut_off > RETRIES:
+        raise UserError(
+            f"its process was killed {cut_off} times: see whether the memory suffices; "
+            "what is finished is kept"
+        )
+    write_json(mark, {"fingerprint": fingerprint, "call": call, "tries": cut_off + 1})
+    return part
 
 
 def open_jobs(jobs: Sequence[Job], work: Path) -> list[Job]:
@@ -128,22 +162,52 @@ def open_jobs(jobs: Sequence[Job], work: Path) -> list[Job]:
 
 @contextmanager
 def claimed(work: Path) -> Iterator[None]:
-    """Keep a second command out of a work folder; a command that was killed lets go of it.
+    """Keep a second command out of a work folder; the lock of a killed command is released.
 
     Raises:
         UserError: If the folder is in use, or can't be made.
     """
     try:
         work.mkdir(parents=True, exist_ok=True)
-        lock = (work / ".lock").open("w")
-    except OSError as error:
-        raise UserError(f"cannot write {work}: {error.strerror}; choose another place") from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise UserError(f"{work} is in use by another run: wait for it, or stop it") from error
+        lock = filelock.FileLock(work / ".lock", blocking=False)
+        lock.acquire()
+    except filelock.Timeout as error:
+        raise UserError(f"{work} is in use by another run: wait for it, or stop it") from error
+    except (OSError, NotImplementedError) as error:
+        raise UserError(f"cannot write {work}: {_cause(error)}; choose another place") from error
+    try:
         yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def _locked(path: Path, name: str) -> Iterator[None]:
+    """Wait until no other process does a job, in this command or in another.
+
+    Raises:
+        Stopped: If the wait is asked to stop.
+        UserError: If the file can't be written.
+    """
+    lock = filelock.FileLock(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with stop_requests() as stop:
+            while not lock.is_locked:
+                if stop.is_set():
+                    raise Stopped(f"stopped before {name}")
+                with suppress(filelock.Timeout):
+                    lock.acquire(timeout=0.5, poll_interval=0.05)
+    except (OSError, NotImplementedError) as error:
+        raise UserError(f"cannot write {path}: {_cause(error)}; choose another place") from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _cause(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
 
 
 class Progress:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -116,9 +117,44 @@ def stop_line(done: int, total: int, path: Path | None) -> str:
     return f"stopped after {done} of {total} updates: go on with --resume"
 
 
+class StopRequest(threading.Event):
+    """A request to stop that reaches work in a thread, where signals don't.
+
+    Attributes:
+        listeners: How many `stop_requests` of the thread are open.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.listeners = 0
+
+    @contextmanager
+    def reaches_thread(self) -> Iterator[None]:
+        """Let `stop_requests` of this thread yield this request."""
+        token = _REQUEST.set(self)
+        try:
+            yield
+        finally:
+            _REQUEST.reset(token)
+
+
+_REQUEST: ContextVar[StopRequest | None] = ContextVar("stop request", default=None)
+
+
 @contextmanager
 def stop_requests() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into a request; a second one interrupts at once."""
+    """Turn the first Ctrl-C into a request; a second one interrupts at once.
+
+    In a thread the request is the one that `StopRequest.reaches_thread` has put there, if any.
+    """
+    outside = _REQUEST.get()
+    if outside is not None:
+        outside.listeners += 1
+        try:
+            yield outside
+        finally:
+            outside.listeners -= 1
+        return
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stop

@@ -1,0 +1,136 @@
+"""Dask clusters: one of this command's own on this machine, or a running one."""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import dask.config
+from distributed import Client, LocalCluster
+
+from socialiq.errors import UserError
+from socialiq.experiments.worker import PORTABLE
+
+_CONNECT_SECONDS = 10.0
+_WORKERS_SECONDS = 30.0
+_SILENT = logging.CRITICAL + 1
+_SETTINGS = {
+    "distributed.scheduler.allowed-failures": 1_000_000,  # `jobs.do` counts the tries of a job
+    "distributed.scheduler.worker-ttl": None,  # a compiler may keep a process silent for long
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "logging.distributed": "CRITICAL",
+}
+
+
+@contextmanager
+def client_of(cluster: str | None, processes: int, work: Path) -> Iterator[Client]:
+    """Connect to a running cluster, or start one of this many processes for the time being.
+
+    Args:
+        cluster: Address of a scheduler or its scheduler file; None for a local cluster.
+        processes: Of the local cluster.
+        work: Folder of all jobs' folders; compiled programs are kept in it.
+
+    Raises:
+        UserError: If the cluster can't be reached or has no workers.
+    """
+    with _quiet():
+        if cluster is not None:
+            with _remote(cluster) as client:
+                yield client
+        else:
+            with _local(processes, work) as client:
+                yield client
+
+
+@contextmanager
+def _remote(cluster: str) -> Iterator[Client]:
+    file = Path(cluster)
+    where: dict[str, Any] = (
+        {"scheduler_file": str(file)} if file.is_file() else {"address": cluster}
+    )
+    try:
+        client = Client(**where, timeout=_CONNECT_SECONDS, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"no Dask scheduler answers at {cluster}: start `dask scheduler`, or name its "
+            "address (tcp://HOST:PORT) or its scheduler file"
+        ) from error
+    try:
+        try:
+            client.wait_for_workers(1, timeout=_WORKERS_SECONDS)
+        except TimeoutError as error:
+            raise UserError(f"{cluster} has no workers: start some with `dask worker`") from error
+        yield client
+    finally:
+        client.close(timeout=5)
+
+
+@contextmanager
+def _local(processes: int, work: Path) -> Iterator[Client]:
+    environment = _environment(work)
+    before = dict(os.environ)
+    with tempfile.TemporaryDirectory() as scratch:
+        settings = _SETTINGS | {"distributed.nanny.pre-spawn-environ": environment}
+        try:
+            with (
+                dask.config.set(settings),
+                LocalCluster(
+                    n_workers=processes,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    protocol="tls://",
+                    security=True,  # other users of this machine can't send it code
+                    dashboard_address="127.0.0.1:0",
+                    scheduler_kwargs={"dashboard": False},
+                    memory_limit=0,
+                    silence_logs=_SILENT,
+                    local_directory=scratch,
+                    preload="socialiq.experiments.worker",
+                ) as cluster,
+                Client(cluster, set_as_default=False) as client,
+            ):
+                yield client
+        finally:
+            os.environ.clear()  # Dask leaves the variables of its workers there
+            os.environ.update(before)
+
+
+def _environment(work: Path) -> dict[str, str]:
+    """Variables of processes that do jobs: one arithmetic, and programs compiled once.
+
+    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
+    """
+    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
+    threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    return {
+        **dict.fromkeys(threads, "1"),
+        **PORTABLE,
+        "JAX_COMPILATION_CACHE_DIR": compiled,
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's logs and warnings from standard error: a caller gets one line instead."""
+    roots = ("distributed", "asyncio", "tornado")
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in roots]
+    levels = {name: logging.getLogger(name).level for name in {*roots, *names}}
+    for name in levels:
+        logging.getLogger(name).setLevel(_SILENT)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
