@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.demonstrations.mixture import MIXTURES
-from socialiq.evaluation.dial_exact import sweep
+from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.record import record
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock

@@ -23,8 +23,7 @@ from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import train
 from socialiq.mdp.solve import value_iteration
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid
 

@@ -13,8 +13,8 @@ from socialiq.worlds import register as _register
 
 if TYPE_CHECKING:
     from socialiq.audit.conduct import audit_policy
-    from socialiq.audit.profile import Margin
-    from socialiq.audit.template import new as declare
+    from socialiq.audit.profile.profile import Margin
+    from socialiq.audit.profile.template import declare
     from socialiq.demonstrations.dataset import Demonstrations
     from socialiq.demonstrations.files import load as load_demonstrations
     from socialiq.demonstrations.files import save as save_demonstrations
@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from socialiq.mdp.front import attainable_set
     from socialiq.nn.q_policy import QPolicy
     from socialiq.policies.load import load_policy
-    from socialiq.social.angle import weights
-    from socialiq.social.estimate import estimate_angle
-    from socialiq.social.score import score
+    from socialiq.social.angle import estimate_angle, score, weights
     from socialiq.types import Ending, RewardPair
     from socialiq.worlds.enumerate import tabulate
     from socialiq.worlds.environment import make_environment
@@ -70,7 +68,7 @@ __all__ = [
 _PLACES = {
     "Demonstrations": "demonstrations.dataset",
     "Ending": "types",
-    "Margin": "audit.profile",
+    "Margin": "audit.profile.profile",
     "Hyperparameters": "learners.iq_learn.config",
     "QPolicy": "nn.q_policy",
     "RewardPair": "types",
@@ -81,17 +79,17 @@ _PLACES = {
     "acting_in": "learners.collect",
     "attainable_set": "mdp.front",
     "audit_policy": "audit.conduct",
-    "declare": "audit.template:new",
+    "declare": "audit.profile.template",
     "equal_trajectories": "demonstrations.mixture",
     "equal_transitions": "demonstrations.mixture",
-    "estimate_angle": "social.estimate",
+    "estimate_angle": "social.angle",
     "load_demonstrations": "demonstrations.files:load",
     "load_policy": "policies.load",
     "make": "worlds.registry",
     "make_environment": "worlds.environment",
     "rollout_env": "evaluation.rollout",
     "save_demonstrations": "demonstrations.files:save",
-    "score": "social.score",
+    "score": "social.angle",
     "tabulate": "worlds.enumerate",
     "train": "learners.iq_learn.train",
     "weights": "social.angle",

@@ -11,8 +11,8 @@ pytest.importorskip("playwright.sync_api", reason="extra `browser` is not instal
 
 from playwright import sync_api
 
-from socialiq.audit.profile import Margin
-from socialiq.audit.template import new
+from socialiq.audit.profile.profile import Margin
+from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
 from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.skipif(not BROWSER, reason="no Chromium is installed")
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("seen")
     owner = "<script>document.title = 'broken'</script> " + "A very long owner " * 8
-    declared = new(0.0, owner, "crossing5", Margin(1.0, 10.0), datetime.date(2026, 1, 31))
+    declared = declare(0.0, owner, "crossing5", Margin(1.0, 10.0), datetime.date(2026, 1, 31))
     (folder / "profile.toml").write_bytes(declared.source)
     words = ["audit", table(folder), "--profile", str(folder / "profile.toml")]
     words += ["--episodes", "40", "--seed", "1"]

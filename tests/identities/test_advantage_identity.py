@@ -15,8 +15,7 @@ from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.objective import Batches, Traced, objective
 from socialiq.learners.iq_learn.train import traced
 from socialiq.nn.q_network import QNetwork
-from socialiq.social.angle import exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import exact_weights, score
 from socialiq.types import RewardPair
 
 N_STATES, N_ACTIONS = 4, 3

@@ -8,7 +8,7 @@ discrete, of runs whose decisions are not close calls.
 import numpy as np
 import pytest
 
-from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
+from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store

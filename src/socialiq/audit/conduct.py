@@ -10,21 +10,24 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.calibration import calibrate
-from socialiq.audit.collect_evidence import gather
-from socialiq.audit.outcomes import Evidence
-from socialiq.audit.profile import Profile, load
-from socialiq.audit.report.assemble import files_of
-from socialiq.audit.report.commitment import Commitment, check_seed, draw
+from socialiq.audit.commitment import Commitment, check_seed, draw
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.reader import load
+from socialiq.audit.profile.scenario import World
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.films import check_filmed, films_of
-from socialiq.audit.report.folder import check_target, write_folder
-from socialiq.audit.report.selected import selected
-from socialiq.audit.resolve_policy import Trust, drivers, entrant, itself_by_rule
-from socialiq.audit.scenario import World
-from socialiq.audit.seeds import check_episodes, episode_seeds
-from socialiq.audit.shift import other_traffic, shift_of
-from socialiq.audit.verdict import Verdict, judge
+from socialiq.audit.report.episodes import check_filmed, films_of, selected
+from socialiq.audit.report.folder import check_target, files_of, write_folder
+from socialiq.audit.resolve_policy import (
+    Trust,
+    resolve_policy,
+    resolve_references,
+    rules_that_are_the_policy,
+)
+from socialiq.audit.verdict.calibration import calibrate
+from socialiq.audit.verdict.shift import other_traffic, shift_of
+from socialiq.audit.verdict.verdict import Verdict, judge
 from socialiq.errors import UserError
 from socialiq.policies.process.load import GIB, Limits
 from socialiq.policies.record import Loaded
@@ -95,7 +98,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
     if request.films:
         check_filmed(world)
     traffic = other_traffic(profile) if request.shift else ()
-    with entrant(request.policy, world, profile.angle, request.trust) as loaded:
+    with resolve_policy(request.policy, world, profile.angle, request.trust) as loaded:
         if wanted_sha256 and loaded.record.sha256 != wanted_sha256:
             raise UserError(
                 f"{request.policy} is not the policy that was audited: its hash differs"
@@ -208,10 +211,10 @@ def _played(
 ) -> tuple[Evidence, dict[str, dict[str, Any]], list[str]]:
     """Everybody on the same episodes, and who of them is the policy itself."""
     record = loaded.record
-    references, handed, out = drivers(
+    references, handed, out = resolve_references(
         world, request.references, record.sha256, record.source, request.trust
     )
-    evidence = gather(
+    evidence = collect_evidence(
         world,
         loaded.policy,
         episode_seeds(seed, request.episodes),
@@ -219,7 +222,7 @@ def _played(
         deterministic=not request.soft,
         threads=request.threads,
     )
-    return evidence, handed, [*itself_by_rule(record.sha256, world), *out]
+    return evidence, handed, [*rules_that_are_the_policy(record.sha256, world), *out]
 
 
 def _filmed(

@@ -13,15 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from socialiq.audit.decision import Decision
-from socialiq.audit.outcomes import Outcomes
-from socialiq.audit.profile import Profile
-from socialiq.audit.safety_floor import FloorTest, floor_tests
+from socialiq.audit.evidence.outcomes import Outcomes
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
-from socialiq.recordings.directions import Directions, directions
 from socialiq.recordings.episodes.annotate import Driven
 from socialiq.recordings.episodes.config import Reading
-from socialiq.social.angle import angle_difference, angle_of
+from socialiq.social.angle import DirectionInterval, angle_difference, angle_of, direction_interval
 from socialiq.worlds.intersection.world import Intersection
 
 LEAST = 3
@@ -124,8 +123,8 @@ def judge_log(profile: Profile, driven: Sequence[Driven]) -> LogVerdict:
     error = round(1.0 - profile.confidence, 9)
     tests = floor_tests(outcomes, profile.competence, error, error / 2)
     competence = tuple(one for one in tests if one.name in TESTED)
-    region = directions(rows, 1.0 - error) if len(rows) >= LEAST else None
-    wider = directions(rows, 1.0 - error / 2) if len(rows) >= LEAST else None
+    region = direction_interval(rows, 1.0 - error) if len(rows) >= LEAST else None
+    wider = direction_interval(rows, 1.0 - error / 2) if len(rows) >= LEAST else None
     direction = _direction(profile.angle, profile.margin.degrees, region, wider)
     decisions = {direction, *(one.decision for one in competence)}
     decision = Decision.INCONCLUSIVE
@@ -163,7 +162,10 @@ def _outcomes(driven: Sequence[Driven]) -> Outcomes:
 
 
 def _direction(
-    declared: float, margin: float, region: Directions | None, wider: Directions | None
+    declared: float,
+    margin: float,
+    region: DirectionInterval | None,
+    wider: DirectionInterval | None,
 ) -> Decision:
     """PASS if the region lies within the margin, FAIL if the wider one has no part in it."""
     if region is not None:

@@ -1,4 +1,4 @@
-"""Who takes part in an audit: the policy under audit by any name, and drivers to compare with."""
+"""Resolve names to drivers: the policy under audit, and the references to compare it with."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.references import RULES, Reference
-from socialiq.audit.report.provenance import package_sha256
-from socialiq.audit.scenario import World
+from socialiq.audit.evidence.collect import RULES
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.foreign import one_line
@@ -20,14 +20,18 @@ from socialiq.policies.interface import Interface
 from socialiq.policies.load import KINDS, load_policy
 from socialiq.policies.process.load import Limits
 from socialiq.policies.record import Loaded, Record
+from socialiq.provenance import package_sha256
 from socialiq.storage import kind_of
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.world import Intersection
 
 ATLAS = "atlas:"
+
 GAPS = ("gap_2s", "gap_3s", "gap_4s")
+
 EVERY = 15.0  # degrees between the references that are made of a dial
+
 _RULE_COVERS = "the rule's name and this package's code"
 
 
@@ -44,7 +48,7 @@ class Trust:
     limits: Limits = dataclasses.field(default_factory=Limits)
 
 
-def entrant(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
+def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """The policy under audit.
 
     Args:
@@ -68,7 +72,7 @@ def entrant(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     return _file(spec, world, angle, trust)
 
 
-def drivers(
+def resolve_references(
     world: World,
     handed: Sequence[str | Path],
     policy_sha256: str,
@@ -95,7 +99,7 @@ def drivers(
     return [one for one, _ in found], {one.name: record for one, record in found}, itself
 
 
-def itself_by_rule(policy_sha256: str, world: World) -> list[str]:
+def rules_that_are_the_policy(policy_sha256: str, world: World) -> list[str]:
     """Which of the drivers that an audit always has is the policy itself."""
     if not isinstance(world, Intersection):
         return []
@@ -111,7 +115,7 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
     for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
         name = f"{family}_{mode}"
         if name in atlas.names() and _fits(name, world):
-            one = entrant(f"{ATLAS}{name}", world, angle, Trust())
+            one = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
             # The reference curve is of one family, the better one.
             shown = angle if family == "set" else None
             found.append((Reference(name, one.policy, shown), one.record.as_json()))

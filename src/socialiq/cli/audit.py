@@ -11,8 +11,7 @@ from typing import Annotated
 import tyro
 
 from socialiq.audit.conduct import Conducted, Request, conduct
-from socialiq.audit.report.assemble import files_of
-from socialiq.audit.report.folder import check_target, write_folder
+from socialiq.audit.report.folder import check_target, files_of, write_folder
 from socialiq.audit.report.views import told
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import print_table

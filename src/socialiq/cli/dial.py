@@ -12,8 +12,7 @@ import tyro
 from socialiq.cli.drivers import gridworld_of, refuse_misfit
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.dial_exact import Sweep, sweep
-from socialiq.evaluation.dial_rollouts import Rolled, roll
+from socialiq.evaluation.dial import DialRollouts, Sweep, rollout_dial, sweep
 from socialiq.evaluation.exact import Optimum, Readout
 from socialiq.evaluation.metrics import Metrics
 from socialiq.learners.ranges import check_seed
@@ -96,7 +95,7 @@ class Dial:
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
         batch = Batch(options, min(max(self.episodes, 1), 512))
-        found = roll(dial, batch, angles, seeds, self.readout)
+        found = rollout_dial(dial, batch, angles, seeds, self.readout)
         rows = [
             _queried(angle, one)
             | {"arrival": one.arrival, "collision": one.collision}
@@ -140,7 +139,7 @@ def _mixed(found: Sweep, angle: float, best: Optimum) -> Row:
     return dict(zip(names, values, strict=True))
 
 
-def _mixed_by_episodes(found: Rolled, angle: float, seed: int) -> Row:
+def _mixed_by_episodes(found: DialRollouts, angle: float, seed: int) -> Row:
     """The mixture at a behavioural angle, and the angle that it then had; empty if there is none.
 
     Its radius is of the episodes that chose it.

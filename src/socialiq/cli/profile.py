@@ -9,9 +9,10 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.audit.profile import Margin, load
-from socialiq.audit.profile import Profile as Declaration
-from socialiq.audit.template import new
+from socialiq.audit.profile.profile import Margin
+from socialiq.audit.profile.profile import Profile as Declaration
+from socialiq.audit.profile.reader import load
+from socialiq.audit.profile.template import declare
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
@@ -51,7 +52,7 @@ class New:
         """Write the file and say what it declares."""
         if self.out.exists() and not self.replace:
             raise UserError(f"{self.out} exists already: name another --out, or add --replace")
-        declared = new(
+        declared = declare(
             self.angle,
             self.owner,
             self.world,

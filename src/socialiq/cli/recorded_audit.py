@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit import profile as profiles
-from socialiq.audit.decision import Decision
 from socialiq.audit.log import LogVerdict, judge_log, reading_of
+from socialiq.audit.profile.reader import load as load_profile
 from socialiq.audit.to_json import as_json
+from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.recordings import files
@@ -44,7 +44,7 @@ class AuditLog:
 
     def run(self) -> int:
         """Annotate the vehicle, hold it against the profile, print the verdict."""
-        declared = profiles.load(self.profile)
+        declared = load_profile(self.profile)
         reading = reading_of(declared)
         if len(self.track) not in (1, len(self.recordings)):
             raise UserError("--track takes one number for all files, or one for each")

@@ -11,8 +11,7 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.mdp.horizon import horizon_optimum
-from socialiq.social.angle import angle_of, check_angle, weights
-from socialiq.social.score import score
+from socialiq.social.angle import angle_of, check_angle, score, weights
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy

@@ -12,18 +12,16 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.audit.conduct import Request, conduct
-from socialiq.audit.profile import parse
-from socialiq.audit.report.assemble import EVIDENCE, PROFILE
-from socialiq.audit.report.check import read_report
-from socialiq.audit.report.evidence_csv import evidence_csv
-from socialiq.audit.report.folder import REPORT
-from socialiq.audit.report.provenance import package_sha256
-from socialiq.audit.report.verify import content_of, differences, faults
+from socialiq.audit.profile.reader import parse
+from socialiq.audit.report.episodes import evidence_csv
+from socialiq.audit.report.folder import EVIDENCE, PROFILE, REPORT
+from socialiq.audit.report.verify import content_of, differences, faults, read_report
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.policies.process.load import limits_of
+from socialiq.provenance import package_sha256
 
 
 @dataclass(frozen=True)

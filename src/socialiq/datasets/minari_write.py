@@ -21,8 +21,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.social.angle import check_angle, exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.storage import part_beside, swap_folder
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from socialiq.nn.regression import cross_fitted
-from socialiq.social.advantage import advantage, mean_by_state
+from socialiq.social.returns import advantage, mean_by_state
 from socialiq.types import RewardPair
 
 ADVANTAGE_KINDS = ("advantage", "advantage_fitted")

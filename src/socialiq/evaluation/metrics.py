@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.social.angle import angle_of, weights
-from socialiq.social.score import score
+from socialiq.social.angle import angle_of, score, weights
 from socialiq.types import Ending, RewardPair
 
 

@@ -1,9 +1,9 @@
-"""A policy that thinks ahead: it plays its actions out in states that fit what it sees.
+"""Online planning: a rollout policy that simulates its actions in states consistent with its view.
 
-Unlike `foresight` it is a policy: it knows the observation, and how traffic moves, but neither the
-others' destinations nor who will come. It draws these, takes each action in each draw, drives on by
-its network for some decisions, and takes the network's value of where that leads (a rollout
-algorithm, one step of policy improvement: Bertsekas and Tsitsiklis 1996, Neuro-Dynamic
+Unlike `oracle_lookahead` it is a policy: it knows the observation, and how traffic moves, but
+neither the others' destinations nor who will come. It draws these, takes each action in each draw,
+drives on by its network for some decisions, and takes the network's value of where that leads (a
+rollout algorithm, one step of policy improvement: Bertsekas and Tsitsiklis 1996, Neuro-Dynamic
 Programming, section 6.1).
 """
 
@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from socialiq.errors import UserError
-from socialiq.social.angle import exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.imagination import imagined
@@ -36,7 +35,7 @@ class Valued(Protocol):
         ...
 
 
-class ThinkingAhead:
+class RolloutPolicy:
     """The rollout policy of a network.
 
     Args:

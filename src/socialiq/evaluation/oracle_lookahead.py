@@ -1,4 +1,4 @@
-"""How well a policy would drive if it knew what comes: a mark for what is left to gain.
+"""Oracle lookahead: how well a policy would drive if it knew the future traffic.
 
 At every decision the state is copied once for each action, the action taken, and the policy drives
 each copy to the end of its episode. The copies draw the same random numbers as the episode itself
@@ -12,15 +12,14 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from socialiq.evaluation.play import Episodes, episodes_of
-from socialiq.social.angle import exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
 
 
-class Foresight:
+class OracleLookahead:
     """A policy that looks ahead in the very batch that it drives.
 
     Args:
@@ -60,7 +59,7 @@ class Foresight:
         return earned.reshape(size, len(ACTIONS))
 
 
-def with_foresight(
+def with_oracle_lookahead(
     options: Options, policy: Policy, seeds: np.ndarray, angle: float, size: int = 256
 ) -> Episodes:
     """The episodes of a policy that looks ahead.
@@ -73,4 +72,4 @@ def with_foresight(
         size: Episodes side by side.
     """
     batch = Batch(options, min(size, len(seeds)))
-    return episodes_of(batch, Foresight(policy, batch, angle), seeds)
+    return episodes_of(batch, OracleLookahead(policy, batch, angle), seeds)

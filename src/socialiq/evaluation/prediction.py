@@ -12,8 +12,7 @@ from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.metrics import Metrics
 from socialiq.mdp.horizon import horizon_evaluation
-from socialiq.social.angle import check_angle, exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.demonstrators import mean_target, occupancies
 from socialiq.theory.objective import Problem

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.metrics import Metrics
-from socialiq.social.estimate import AngleEstimate, estimate_angle
+from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import draw_actions

@@ -38,8 +38,7 @@ from socialiq.learners.state import History
 from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import CHOICES
-from socialiq.social.angle import check_angle, exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import check_angle, exact_weights, score
 from socialiq.types import RewardPair, Transitions
 
 Scalar = Float[Array, ""]

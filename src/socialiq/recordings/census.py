@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from socialiq.errors import UserError
-from socialiq.recordings.directions import Directions, Sector, directions, sectors
+from socialiq.recordings.directions import Sector, sectors
 from socialiq.recordings.episodes.ego_swap import Swapped, check_distinct
-from socialiq.social.angle import angle_of
-from socialiq.social.estimate import resampled
+from socialiq.social.angle import DirectionInterval, angle_of, direction_interval
+from socialiq.statistics.bootstrap import resample_rows
 from socialiq.types import Ending
 from socialiq.worlds.intersection.settings import SIGNALS
 
@@ -179,9 +179,9 @@ def take(
 def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
     one = swapped.episodes[place]
     env, social = one.pair.mean(axis=0).tolist()
-    found: Directions | None = None
+    found: DirectionInterval | None = None
     if len(one.pair) >= LEAST_DECISIONS:
-        found = directions(one.pair, confidence)
+        found = direction_interval(one.pair, confidence)
     ending = Ending(int(one.ending[-1]))
     return Driver(
         recording=swapped.recording,
@@ -251,7 +251,7 @@ def _interval(
     angle = angle_of(*(sums.sum(axis=0) / sizes.sum()).tolist())
     means = [
         sums[rows].sum(axis=1) / sizes[rows].sum(axis=1, keepdims=True)
-        for rows in resampled(len(sizes), resamples, seed)
+        for rows in resample_rows(len(sizes), resamples, seed)
     ]
     drawn = np.concatenate(means)
     deviations = np.degrees(np.arctan2(drawn[:, 1], drawn[:, 0])) - angle

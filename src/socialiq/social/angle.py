@@ -1,12 +1,16 @@
-"""The social angle: checked degrees in, weights out, and the angle that behaviour shows."""
+"""The social angle: degrees to weights, R(α), and the angle that behaviour shows."""
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Float64
 
 from socialiq.errors import UserError
+from socialiq.statistics.bootstrap import resample_rows
+from socialiq.statistics.hotelling import hotelling_region
 from socialiq.types import RewardPair
 
 
@@ -54,3 +58,100 @@ def angle_difference(a: float, b: float) -> float:
     wrapped = (a - b + 180.0) % 360.0 - 180.0
     # The remainder of a very small negative number rounds up to 360.
     return -180.0 if wrapped == 180.0 else wrapped
+
+
+def score(weights: RewardPair, rewards: RewardPair) -> Any:
+    """R(α) = cos α · r_env + sin α · r_social (Eq 4.3).
+
+    Args:
+        weights: (cos α, sin α), of `social.angle.weights`; scalars or traced arrays.
+        rewards: The reward pair, or the pair of cumulative returns; any common shape.
+
+    Returns:
+        The score, of the rewards' shape.
+    """
+    return weights.env * rewards.env + weights.social * rewards.social
+
+
+class AngleEstimate(NamedTuple):
+    """An empirical angle and its percentile interval, in degrees.
+
+    `low` and `high` are `angle` plus wrapped deviations, so they may leave (-180, 180].
+    """
+
+    angle: float
+    low: float
+    high: float
+    env: float
+    social: float
+
+
+def estimate_angle(
+    env: Float[np.ndarray, " episodes"],
+    social: Float[np.ndarray, " episodes"],
+    seed: int,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+) -> AngleEstimate:
+    """Estimate α̂ from episode totals, with a seeded percentile bootstrap over episodes.
+
+    Each resample draws whole episodes, so the pair stays together; its mean vector gives an
+    angle, whose deviation from α̂ is wrapped before the percentiles are taken.
+
+    Args:
+        env: Sum of r_env of each episode.
+        social: Sum of r_social of each episode.
+        seed: Of the resampling.
+        confidence: Level of the two-sided interval.
+        resamples: Number of bootstrap resamples.
+
+    Raises:
+        UserError: If there are no episodes or a total is not finite.
+    """
+    totals = np.stack([env, social], axis=1).astype(np.float64)
+    if len(totals) == 0 or not np.isfinite(totals).all():
+        raise UserError("an angle needs at least one episode, and finite reward totals")
+    mean_env, mean_social = totals.mean(axis=0)
+    angle = angle_of(mean_env, mean_social)
+    drawn = resample_rows(len(totals), resamples, seed)
+    means = np.concatenate([totals[rows].mean(axis=1) for rows in drawn])
+    deviations = np.degrees(np.arctan2(means[:, 1], means[:, 0])) - angle
+    wrapped = (deviations + 180.0) % 360.0 - 180.0
+    low, high = angle + np.quantile(wrapped, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return AngleEstimate(angle, float(low), float(high), float(mean_env), float(mean_social))
+
+
+_AROUND = 3600  # points of the ellipse whose directions are taken
+
+
+class DirectionInterval(NamedTuple):
+    """Ends of an interval of directions in degrees, unwrapped around the direction of the mean."""
+
+    low: float
+    high: float
+
+
+def direction_interval(
+    pairs: Float64[np.ndarray, "row 2"], confidence: float
+) -> DirectionInterval | None:
+    """Return the directions in which Hotelling's T² region of the mean is seen from the origin.
+
+    The region is of the whole vector, so the directions are covered at least as often as it is.
+
+    Args:
+        pairs: r_env and r_social, at least three independent rows.
+        confidence: Of the region.
+
+    Returns:
+        None if the origin is inside: then no direction is excluded.
+    """
+    region = hotelling_region(pairs, confidence)
+    if region.holds_origin:
+        return None
+    turn = np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    edge = region.mean + (circle * region.halves) @ region.axes.T
+    angle = angle_of(*region.mean.tolist())
+    off = np.degrees(np.arctan2(edge[:, 1], edge[:, 0])) - angle
+    wrapped = (off + 180.0) % 360.0 - 180.0
+    return DirectionInterval(angle + float(wrapped.min()), angle + float(wrapped.max()))

@@ -21,7 +21,7 @@ class Arc:
         return (angle - self.low) % 360.0 <= self.high - self.low
 
 
-def callbacks(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...]:
+def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...]:
     """What open arcs, each a centre and half a width in degrees, leave of the circle.
 
     Returns:
@@ -44,7 +44,7 @@ def callbacks(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, .
     return tuple(sorted(arcs, key=lambda arc: arc.low))
 
 
-def runs(inside: Bool[np.ndarray, " angle"], step: float) -> tuple[Arc, ...]:
+def arcs_of_grid(inside: Bool[np.ndarray, " angle"], step: float) -> tuple[Arc, ...]:
     """Arcs of neighbouring angles of a grid that lie inside a set.
 
     Args:

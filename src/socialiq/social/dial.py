@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError
 from socialiq.social.angle import angle_difference, angle_of, weights
-from socialiq.social.estimate import resampled
+from socialiq.statistics.bootstrap import resample_rows
 
 
 class Setting(NamedTuple):
@@ -99,7 +99,7 @@ def mixed_angle(
         raise UserError("an angle needs at least one episode of each policy")
 
     def means(totals: np.ndarray, stream: int) -> np.ndarray:
-        drawn = resampled(len(totals), resamples, 2 * seed + stream)
+        drawn = resample_rows(len(totals), resamples, 2 * seed + stream)
         return np.concatenate([totals[rows].mean(axis=1) for rows in drawn])
 
     mean = (1.0 - share) * first.mean(axis=0) + share * second.mean(axis=0)

@@ -1,8 +1,12 @@
-"""Four readings of "cumulative returns" (thesis 5.3, 5.3.1): what G_env and G_social may mean.
+"""Targets from the rewards of episodes: four variants of "cumulative returns", and advantages.
 
-The thesis trains on cumulative discounted returns without saying from where to where they
-accumulate, and its results depend on it (docs/reproduction/grid.md). Each reading is a function
-(rewards of one episode, discount) -> targets, and `TARGET_KINDS` names them.
+The thesis (5.3, 5.3.1) trains on cumulative discounted returns without saying from where to where
+they accumulate, and its results depend on it (docs/reproduction/grid.md). Each variant is a
+function (rewards of one episode, discount) -> targets, and `TARGET_KINDS` names them.
+
+The advantage is A_t = r_t + γ V(s_{t+1}) - V(s_t), where V(s) is the mean return-to-go of the
+demonstrators in s: potential-based shaping of the rewards (Ng, Harada and Russell 1999). V needs
+all episodes that pass a state, so it is not a variant of the return of one episode.
 """
 
 from __future__ import annotations
@@ -10,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from scipy.signal import lfilter
 
-from socialiq.errors import one_of
+from socialiq.errors import UserError, one_of
 
 Rewards = Float[np.ndarray, " steps"]
 
@@ -67,3 +71,46 @@ def cumulative(
     starts = np.flatnonzero(np.diff(episode)) + 1
     pieces = np.split(np.asarray(rewards, np.float64), starts)
     return np.concatenate([TARGET_KINDS[kind](piece, discount) for piece in pieces])
+
+
+Column = Float[np.ndarray, " transitions"]
+
+
+def advantage(
+    rewards: Column, value: Column, episode: Int[np.ndarray, " transitions"], discount: float
+) -> Column:
+    """A_t = r_t + γ V(s_{t+1}) - V(s_t), with V = 0 after an episode's last row.
+
+    The same end as that of returns-to-go: whatever ended the episode, nothing follows.
+
+    Args:
+        rewards: r_env or r_social of each transition, in units of reward.
+        value: V(s) of each transition's state, in the same units.
+        episode: Episode number of each transition; an episode's rows are adjacent and in order.
+        discount: γ.
+    """
+    last = np.diff(episode, append=episode[-1:] + 1) != 0
+    following = np.where(last, 0.0, np.roll(value, -1))
+    return rewards + discount * following - value
+
+
+def mean_by_state(
+    observation: Shaped[np.ndarray, "transitions feature"], returns: Column
+) -> Column:
+    """V(s) of each transition: the mean of `returns` over all transitions with its observation.
+
+    Args:
+        observation: s; states are one if their observations are equal in every number.
+        returns: Returns-to-go of one reward, in units of reward.
+
+    Raises:
+        UserError: If no observation is there twice: each V would be its own return, each A 0.
+    """
+    _, state = np.unique(observation, axis=0, return_inverse=True)
+    counts = np.bincount(state)
+    if counts.max() < 2:
+        raise UserError(
+            "no state is there twice, so its mean return is one return: use the target kind "
+            "advantage_fitted"
+        )
+    return (np.bincount(state, weights=returns) / counts)[state]

@@ -1,14 +1,32 @@
-"""Bootstrapped moments of paired reward vectors: made once, read at every angle."""
+"""Bootstrap over episodes: resampled moments, and bootstrap-t bounds of the largest mean."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 
-from socialiq.social.angle import exact_weights
-from socialiq.social.estimate import resampled
+_BLOCK = 1_000_000  # rows drawn at once: 8 MB, and 16 MB of the totals that they pick
+
+
+def resample_rows(
+    episodes: int, resamples: int, seed: int
+) -> Iterator[Int64[np.ndarray, "block episodes"]]:
+    """Draw the rows of bootstrap resamples, block by block: memory doesn't grow with their number.
+
+    Put together the blocks are one draw of shape (resamples, episodes), wherever they are cut.
+
+    Args:
+        episodes: How many rows a resample draws, and from how many.
+        resamples: How many resamples.
+        seed: Of the draws.
+    """
+    rng = np.random.default_rng(seed)
+    block = max(1, _BLOCK // episodes)
+    for first in range(0, resamples, block):
+        yield rng.integers(episodes, size=(min(block, resamples - first), episodes))
 
 
 class Studentised(NamedTuple):
@@ -67,18 +85,18 @@ class Moments(NamedTuple):
         flat = columns.reshape(-1, episodes).T
         found = [
             _counts(rows, episodes) @ flat / episodes
-            for rows in resampled(episodes, resamples, seed)
+            for rows in resample_rows(episodes, resamples, seed)
         ]
         drawn = np.concatenate(found).reshape(resamples, references, 5)
         return Moments(episodes, mean, columns[:, 2:].mean(axis=2), drawn[..., :2], drawn[..., 2:])
 
-    def at(self, angle: float) -> Studentised:
-        """The scalar cos α · env + sin α · social.
+    def at(self, weights: tuple[float, float]) -> Studentised:
+        """Return the weighted sum of both gains as one scalar.
 
         Args:
-            angle: α in degrees.
+            weights: Of env and social: (cos α, sin α) of an angle α.
         """
-        env, social = exact_weights(angle)
+        env, social = weights
         line = np.array([env, social])
         square = np.array([env**2, 2 * env * social, social**2])
         freedom = self.episodes - 1
@@ -103,7 +121,7 @@ def resampled_means(
     """
     drivers, episodes, _ = totals.shape
     flat = np.moveaxis(totals, 1, 0).reshape(episodes, -1)
-    drawn = resampled(episodes, resamples, seed)
+    drawn = resample_rows(episodes, resamples, seed)
     found = np.concatenate([_counts(rows, episodes) @ flat / episodes for rows in drawn])
     return found.reshape(resamples, drivers, 2)
 
@@ -114,3 +132,71 @@ def _counts(rows: np.ndarray, episodes: int) -> Float[np.ndarray, "block episode
     places = rows + episodes * np.arange(block)[:, None]
     counted = np.bincount(places.ravel(), minlength=block * episodes)
     return counted.reshape(block, episodes).astype(np.float64)
+
+
+_FIRST_STEP = 0.1  # share of the error spent on telling which references can matter
+
+_HALVINGS = 40
+
+
+def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " reference"]:
+    """One-sided upper bound of each mean by bootstrap-t.
+
+    Their maximum bounds the largest mean at the same error, whatever the number of references
+    and without a correction: that largest mean is one of these means, so it exceeds the maximum
+    only if it exceeds its own bound. Seen as tests, "every reference is within the margin" is
+    shown only if it is shown of each: an intersection-union test (Berger 1982), which is exact
+    where one reference stands out and conservative where several tie.
+
+    Args:
+        found: Means with their bootstrap.
+        error: Of each bound, one-sided.
+    """
+    low = np.quantile(found.resampled, error, axis=0)
+    return found.mean - low * found.error
+
+
+def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
+    """Whether the largest mean is shown to lie above a limit.
+
+    Here one reference is enough, and the one that looks best was chosen by the data, so the
+    error must be shared out. Bonferroni would divide it by the number of references, though most
+    are correlated and many hopeless. Instead the critical value is the quantile of the largest of
+    the bootstrapped t, in which each reference is lowered by how far its own mean must lie below
+    the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to that
+    first step). With one reference it is Student's one-sided test, but for that tenth.
+
+    Args:
+        found: Means with their bootstrap; all standard errors positive.
+        limit: The largest value allowed.
+        error: One-sided, of the whole.
+    """
+    highest = _highest(found, error)
+    first = 0.0 if len(found.mean) == 1 else _FIRST_STEP
+    if (highest < limit).all():
+        return False
+    lowered = np.minimum(highest - limit, 0.0) / found.error if first else np.zeros(1)
+    largest = (found.resampled + lowered).max(axis=1)
+    critical = max(0.0, float(np.quantile(largest, 1.0 - (1.0 - first) * error)))
+    return bool(((found.mean - limit) / found.error).max() > critical)
+
+
+def largest_lower_bound(found: Studentised, error: float) -> float:
+    """One-sided lower bound of the largest mean: where `exceeds` changes, by bisection.
+
+    Args:
+        found: Means with their bootstrap; all standard errors positive.
+        error: One-sided, of the whole.
+    """
+    high = float(found.mean.max())
+    low = high - 50.0 * float(found.error.max())
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if largest_exceeds(found, middle, error) else (low, middle)
+    return low
+
+
+def _highest(found: Studentised, error: float) -> Float[np.ndarray, " reference"]:
+    """What the means do not exceed, all at once, at a tenth of the error."""
+    smallest = found.resampled.min(axis=1)
+    return found.mean - float(np.quantile(smallest, _FIRST_STEP * error)) * found.error

@@ -10,8 +10,7 @@ import jax
 import numpy as np
 from gymnasium import spaces
 
-from socialiq.social.angle import check_angle, weights
-from socialiq.social.score import score
+from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
 from socialiq.worlds import registry
 from socialiq.worlds.grid_world import GridWorld

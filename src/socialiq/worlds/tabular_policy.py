@@ -11,8 +11,7 @@ from jaxtyping import Float
 
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.mdp.tabular import TabularMDP
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.grid_world import GridWorld
 

@@ -11,8 +11,7 @@ from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure
-from socialiq.social.angle import check_angle, weights
-from socialiq.social.score import score
+from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending, RewardPair
 
 

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
-from socialiq.audit.outcomes import Evidence, Outcomes
-from socialiq.audit.profile import Margin, Profile
-from socialiq.audit.template import new
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.profile.profile import Margin, Profile
+from socialiq.audit.profile.template import declare
 from socialiq.types import Ending
 
 
@@ -32,7 +32,7 @@ def declared(world: str = "crossing5", angle: float = 45.0, **fields: object) ->
     options: Mapping = fields.pop("options", {})
     margin = fields.pop("margin", Margin(0.5, 10.0))
     day = datetime.date(2026, 1, 31)
-    return new(angle, "An owner", world, margin, day, options, **fields)
+    return declare(angle, "An owner", world, margin, day, options, **fields)
 
 
 @pytest.fixture(name="outcomes", scope="session")

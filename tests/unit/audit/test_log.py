@@ -5,10 +5,10 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit import template
-from socialiq.audit.decision import Decision
 from socialiq.audit.log import judge_log, reading_of
-from socialiq.audit.profile import Floor, Margin
+from socialiq.audit.profile.profile import Floor, Margin
+from socialiq.audit.profile.template import declare
+from socialiq.audit.verdict.decision import Decision
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.annotate import Driven
 from socialiq.types import Ending
@@ -21,7 +21,7 @@ FLOOR = Floor(max_at_fault=0.2, max_struck=0.2, min_arrival=0.5, max_timeout=0.5
 def declared():
     def make(angle, degrees=10.0, world="intersection", **rest):
         date, margin = datetime.date(2026, 1, 31), Margin(1.0, degrees)
-        return template.new(angle, "Example Cars", world, margin, date, competence=FLOOR, **rest)
+        return declare(angle, "Example Cars", world, margin, date, competence=FLOOR, **rest)
 
     return make
 

@@ -4,7 +4,12 @@ import jax
 import numpy as np
 import pytest
 
-from socialiq.audit.resolve_policy import Trust, drivers, entrant, itself_by_rule
+from socialiq.audit.resolve_policy import (
+    Trust,
+    resolve_policy,
+    resolve_references,
+    rules_that_are_the_policy,
+)
 from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
@@ -28,7 +33,7 @@ def named(references):
 
 
 def test_the_junction_has_gap_rules_and_experts():
-    found, records, itself = drivers(JUNCTION, [], NOBODY)
+    found, records, itself = resolve_references(JUNCTION, [], NOBODY)
     gaps, modes = ["gap_2s", "gap_3s", "gap_4s"], ["egoistic", "prosocial", "altruistic"]
     experts = [f"{family}_{mode}" for family in ("expert", "set") for mode in modes]
     assert named(found) == gaps + experts
@@ -37,24 +42,24 @@ def test_the_junction_has_gap_rules_and_experts():
 
 
 def test_an_expert_of_the_atlas_knows_its_twin():
-    one = entrant("atlas:expert_egoistic", JUNCTION, 0.0, Trust())
+    one = resolve_policy("atlas:expert_egoistic", JUNCTION, 0.0, Trust())
     assert one.record.source == "atlas:expert_egoistic"
-    _, _, itself = drivers(JUNCTION, [], one.record.sha256)
+    _, _, itself = resolve_references(JUNCTION, [], one.record.sha256)
     assert itself == ["expert_egoistic"]
 
 
 def test_a_rule_knows_its_twin():
-    waits = entrant("wait", JUNCTION, 90.0, Trust()).record
-    assert waits.kind == "rule" and itself_by_rule(waits.sha256, JUNCTION) == ["wait"]
-    gap = entrant("gap_3s", JUNCTION, 90.0, Trust()).record
-    assert itself_by_rule(gap.sha256, JUNCTION) == []
-    assert drivers(JUNCTION, [], gap.sha256)[2] == ["gap_3s"]
+    waits = resolve_policy("wait", JUNCTION, 90.0, Trust()).record
+    assert waits.kind == "rule" and rules_that_are_the_policy(waits.sha256, JUNCTION) == ["wait"]
+    gap = resolve_policy("gap_3s", JUNCTION, 90.0, Trust()).record
+    assert rules_that_are_the_policy(gap.sha256, JUNCTION) == []
+    assert resolve_references(JUNCTION, [], gap.sha256)[2] == ["gap_3s"]
 
 
 @pytest.mark.parametrize("clock", [0, 1])
 def test_a_dial_is_a_family_of_references(tmp_path, clock):
     path = dial(tmp_path, CROSSING.n_features + clock, high=60.0)
-    found, records, _ = drivers(CROSSING, [path], NOBODY)
+    found, records, _ = resolve_references(CROSSING, [path], NOBODY)
     assert [one.angle for one in found] == [0.0, 15.0, 30.0, 45.0, 60.0]
     assert named(found)[1] == "dial at 15"
     assert len({record["sha256"] for record in records.values()}) == 5
@@ -63,7 +68,7 @@ def test_a_dial_is_a_family_of_references(tmp_path, clock):
 def test_a_dial_under_audit_is_turned_to_the_declared_angle(tmp_path):
     path = dial(tmp_path)
     seen = np.zeros((1, CROSSING.n_features), np.float32)
-    turned = entrant(str(path), CROSSING, 30.0, Trust())
+    turned = resolve_policy(str(path), CROSSING, 30.0, Trust())
     expected = DialPolicy.load(path).at(30.0).q_values(seen)
     np.testing.assert_array_equal(turned.policy.q_values(seen), expected)
 
@@ -79,11 +84,11 @@ def test_a_dial_under_audit_is_turned_to_the_declared_angle(tmp_path):
 )
 def test_who_is_not_there_or_does_not_fit(spec, mend):
     with pytest.raises(UserError, match=mend):
-        entrant(spec, CROSSING, 0.0, Trust())
+        resolve_policy(spec, CROSSING, 0.0, Trust())
 
 
 def test_references_are_files(tmp_path):
     from pathlib import Path
 
     with pytest.raises(UserError, match="a reference is a policy's file"):
-        drivers(CROSSING, [Path("process:touch x")], NOBODY)
+        resolve_references(CROSSING, [Path("process:touch x")], NOBODY)

@@ -8,11 +8,10 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from socialiq.audit.collect_evidence import gather
-from socialiq.audit.report.assemble import views_of
-from socialiq.audit.report.manifest import MANIFEST, STATEMENT, sealed
-from socialiq.audit.seeds import episode_seeds
-from socialiq.audit.verdict import judge
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.outcomes import episode_seeds
+from socialiq.audit.report.folder import MANIFEST, STATEMENT, sealed, views_of
+from socialiq.audit.verdict.verdict import judge
 from socialiq.cli.main import main
 from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
@@ -207,13 +206,13 @@ def test_an_existing_folder_stays(place, passed, capsys):
 
 def test_a_policy_that_is_tuned_to_default_seeds_fails(tmp_path):
     """It knows every observation that a good driver meets on the seeds 0, 1, 2, ..., by heart."""
-    from socialiq.audit.profile import Floor, Margin
-    from socialiq.audit.template import new
+    from socialiq.audit.profile.profile import Floor, Margin
+    from socialiq.audit.profile.template import declare
     from socialiq.worlds.intersection.policies import policy
 
     floor = Floor(max_at_fault=0.1, max_struck=0.2, min_arrival=0.0, max_timeout=1.0)
     day, margin = datetime.date(2026, 1, 31), Margin(2.0, 90.0)
-    declaration = new(90.0, "Owner", "intersection", margin, day, competence=floor)
+    declaration = declare(90.0, "Owner", "intersection", margin, day, competence=floor)
     known, seeds = {}, np.arange(100)
 
     class Recorded:
@@ -227,8 +226,8 @@ def test_a_policy_that_is_tuned_to_default_seeds_fails(tmp_path):
             return np.array([known.get(one.tobytes(), 2) for one in observation]), state
 
     world = declaration.world()
-    gather(world, Recorded(), seeds)
-    on_default = judge(declaration, gather(world, Tuned(), seeds), 0)
+    collect_evidence(world, Recorded(), seeds)
+    on_default = judge(declaration, collect_evidence(world, Tuned(), seeds), 0)
     assert on_default.decision.value == "pass", on_default.reason
 
     profile, code, data = (tmp_path / name for name in ("profile.toml", "tuned.py", "known.npz"))

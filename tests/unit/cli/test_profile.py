@@ -5,7 +5,7 @@ import json
 import jaxtyping
 import pytest
 
-from socialiq.audit.profile import load
+from socialiq.audit.profile.reader import load
 from socialiq.cli.main import main
 
 

@@ -10,8 +10,7 @@ from socialiq.evaluation.metrics import Metrics
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 from socialiq.worlds.tabular_policy import expert_policy
 
 WAIT, GO = 0, 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.online_planning import ThinkingAhead
+from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.evaluation.play import episodes_of
 from socialiq.types import Ending
 from socialiq.worlds.intersection import atlas
@@ -30,7 +30,7 @@ def test_one_decision_is_worth_its_reward():
     """The ego's own second is known, but for vehicles it meets; at the start there are none."""
     batch = Batch(Options(), 4)
     seen = batch.reset([3, 4, 5, 6])
-    values = ThinkingAhead(Indifferent(), Options(), 0.0, draws=1, decisions=1).values(seen)
+    values = RolloutPolicy(Indifferent(), Options(), 0.0, draws=1, decisions=1).values(seen)
     now = batch.save()
     for action in range(3):
         batch.restore(now)
@@ -43,7 +43,7 @@ def test_the_networks_drive_goes_on_after_the_first_action():
     batch = Batch(Options(), 1)
     seen = batch.reset([3])
     one, two = (
-        ThinkingAhead(Weary(), Options(), 0.0, draws=1, decisions=d).values(seen) for d in (1, 2)
+        RolloutPolicy(Weary(), Options(), 0.0, draws=1, decisions=d).values(seen) for d in (1, 2)
     )
     now = batch.save()
     for action in range(3):
@@ -55,7 +55,7 @@ def test_the_networks_drive_goes_on_after_the_first_action():
 
 
 def test_it_depends_on_the_view_alone():
-    policy = ThinkingAhead(atlas.load("set_egoistic"), Options(), 0.0, draws=2, decisions=2)
+    policy = RolloutPolicy(atlas.load("set_egoistic"), Options(), 0.0, draws=2, decisions=2)
     seen = Batch(Options(), 6).reset(0)
     actions, state = policy.predict(seen)
     np.testing.assert_array_equal(policy.predict(seen[::-1])[0][::-1], actions)
@@ -65,8 +65,8 @@ def test_it_depends_on_the_view_alone():
 
 def test_the_networks_action_stays_where_nothing_surely_beats_it():
     """Of two draws with means 1 and 2 and errors of their size, doubt decides."""
-    policy = ThinkingAhead(Weary(), Options(), 0.0, draws=2, decisions=1, doubt=1.0)
-    bold = ThinkingAhead(Weary(), Options(), 0.0, draws=2, decisions=1, doubt=0.0)
+    policy = RolloutPolicy(Weary(), Options(), 0.0, draws=2, decisions=1, doubt=1.0)
+    bold = RolloutPolicy(Weary(), Options(), 0.0, draws=2, decisions=1, doubt=0.0)
     values = np.array([[[0.0, 0.0, 0.0], [0.0, 2.0, -1.0]]])  # draws by actions
     for one in (policy, bold):
         one.values = lambda _: values  # type: ignore[method-assign]
@@ -81,7 +81,7 @@ def test_thinking_betters_the_atlas_egoist():
     network = atlas.load("set_egoistic")
     plain = episodes_of(Batch(Options(), 128), network, seeds)
     lost = seeds[plain.ending == int(Ending.COLLISION)]
-    thought = ThinkingAhead(network, Options(), 0.0)
+    thought = RolloutPolicy(network, Options(), 0.0)
     again = episodes_of(Batch(Options(), len(lost)), thought, lost)
     assert (again.ending == int(Ending.ARRIVAL)).mean() > 0.3
 
@@ -89,4 +89,4 @@ def test_thinking_betters_the_atlas_egoist():
 @pytest.mark.parametrize("wrong", [{"draws": 0}, {"decisions": 0}])
 def test_thinking_of_nothing_is_refused(wrong):
     with pytest.raises(UserError, match="at least 1"):
-        ThinkingAhead(Indifferent(), Options(), 0.0, **wrong)
+        RolloutPolicy(Indifferent(), Options(), 0.0, **wrong)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.oracle_lookahead import Foresight, with_foresight
+from socialiq.evaluation.oracle_lookahead import OracleLookahead, with_oracle_lookahead
 from socialiq.evaluation.play import episodes_of
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -17,7 +17,7 @@ SEEDS = np.arange(600, 640)
 def test_no_episode_is_worse_with_foresight(angle):
     """The policy's own action is among those looked at, and its known end is reached."""
     plain = episodes_of(Batch(Options(), 8), policy("go"), SEEDS)
-    seeing = with_foresight(Options(), policy("go"), SEEDS, angle, size=8)
+    seeing = with_oracle_lookahead(Options(), policy("go"), SEEDS, angle, size=8)
     before, after = (
         one.totals.env if angle == 0.0 else one.totals.social for one in (plain, seeing)
     )
@@ -29,7 +29,7 @@ def test_looking_leaves_the_episode_as_it_is():
     batch = Batch(Options(), 3)
     batch.reset([1, 2, 3])
     before = batch.save()
-    totals = Foresight(policy("go"), batch, 0.0).totals()
+    totals = OracleLookahead(policy("go"), batch, 0.0).totals()
     for column, kept in zip(batch.save(), before, strict=True):
         np.testing.assert_array_equal(column, kept)
     alone = episodes_of(Batch(Options(), 3), policy("go"), [1, 2, 3])
@@ -41,5 +41,5 @@ def test_episodes_that_have_ended_are_not_looked_at():
     batch.reset([1, 2])
     while (batch.step(np.array([FASTER, FASTER]), auto_reset=False, rows=[0]).ending[0]) == 0:
         pass
-    totals = Foresight(policy("go"), batch, 0.0).totals()
+    totals = OracleLookahead(policy("go"), batch, 0.0).totals()
     assert (totals[0] == 0).all() and (totals[1] != 0).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.junction import conflict_at_junction
+from socialiq.evaluation.conflicts import conflict_at_junction
 from socialiq.evaluation.play import episodes_of, play
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of

@@ -2,7 +2,9 @@ import datetime
 
 import pytest
 
-from socialiq.audit import profile, template
+from socialiq.audit.profile.profile import Margin
+from socialiq.audit.profile.reader import parse
+from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
@@ -39,12 +41,12 @@ def test_commands_refuse_it_in_one_line(arguments, human_table, capsys, tmp_path
 
 
 def test_an_audit_of_a_profile_that_names_one_says_why(tmp_path):
-    made = template.new(
-        45.0, "Example Cars", "intersection", profile.Margin(1.0, 10.0), datetime.date(2026, 1, 31)
+    made = declare(
+        45.0, "Example Cars", "intersection", Margin(1.0, 10.0), datetime.date(2026, 1, 31)
     )
     declared = made.source.decode()
     changed = declared.replace('world = "intersection"', 'world = "r.safetensors"')
     assert changed != declared
     with pytest.raises(UserError, match=REASON) as caught:
-        profile.parse(changed.encode())
+        parse(changed.encode())
     assert "profile.toml:" in str(caught.value)

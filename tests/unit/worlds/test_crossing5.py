@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq.mdp.solve import greedy_policy, value_iteration
-from socialiq.social.angle import exact_weights, weights
-from socialiq.social.score import score
+from socialiq.social.angle import exact_weights, score, weights
 from socialiq.types import Ending
 from socialiq.worlds.tabular_policy import expert_policy
 

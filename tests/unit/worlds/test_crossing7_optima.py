@@ -3,8 +3,7 @@ import pytest
 
 from socialiq.mdp.front import attainable_set
 from socialiq.mdp.horizon import horizon_evaluation
-from socialiq.social.angle import angle_of, weights
-from socialiq.social.score import score
+from socialiq.social.angle import angle_of, score, weights
 from socialiq.types import Ending
 from socialiq.worlds.tabular_policy import expert_policy
 

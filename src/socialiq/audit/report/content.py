@@ -7,22 +7,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from socialiq.audit.decision import Decision
-from socialiq.audit.outcomes import Evidence
-from socialiq.audit.profile import Profile
-from socialiq.audit.report.commitment import Draw
-from socialiq.audit.report.drivers import driver_row
-from socialiq.audit.report.films import path_of
-from socialiq.audit.report.limits import limits
-from socialiq.audit.report.provenance import machine, package_sha256, versions
-from socialiq.audit.report.selected import selected
-from socialiq.audit.shift import Shift, sentence_of
-from socialiq.audit.stratified import by_stratum
+from socialiq.audit.commitment import Draw
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
+from socialiq.audit.evidence.strata import stratified
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.report.episodes import path_of, selected, value_of
 from socialiq.audit.to_json import as_json
-from socialiq.audit.verdict import Verdict
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.shift import Shift, sentence_of
+from socialiq.audit.verdict.verdict import Verdict
+from socialiq.provenance import machine, package_sha256, versions
+from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 FORMAT = 1
+
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
+
 CLOUD = 300  # episodes drawn as points; all of them stand in episodes.csv
 
 Episodes = dict[str, list[dict[str, Any]]]
@@ -91,7 +91,7 @@ def content(audited: Audited) -> dict[str, Any]:
             ],
             "reference_files": list(audited.reference_files),
             "left_out": list(audited.left_out),
-            "strata": by_stratum(evidence, angle, best, profile.confidence),
+            "strata": stratified(evidence, angle, best, profile.confidence),
             "shift": None if audited.shifts is None else _shift(audited.shifts),
             "episodes": _with_films(selected(evidence, angle), audited.films),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
@@ -168,3 +168,70 @@ def _hashes(audited: Audited) -> dict[str, str]:
         "scenario": audited.profile.scenario.sha256,
         "package": package_sha256(),
     }
+
+
+def shares(driver: Outcomes) -> dict[str, float]:
+    """Shares of episodes by how they end."""
+    return {name: float(happened.mean()) for name, happened in events_of(driver).items()}
+
+
+def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
+    """One driver's means.
+
+    Args:
+        driver: Who drove.
+        angle: Declared, degrees; `value` is the mean R(α) there.
+    """
+    return {
+        "name": driver.name,
+        "angles": list(driver.angles),
+        "r_env": driver.mean.env,
+        "r_social": driver.mean.social,
+        "value": float(value_of(driver, angle).mean()),
+        "expected": None if driver.expected is None else driver.expected._asdict(),
+        **shares(driver),
+        "decisions": float(driver.length.mean()),
+    }
+
+
+_ALWAYS = (
+    "The verdict is about the simulated scenario named here, with its traffic model and its "
+    "rewards. It is no evidence about another road, another traffic or a real vehicle.",
+    "The angle weighs two rewards of one specification. With other weights or units the same "
+    "behaviour has another angle, so the verdict holds for the hash of the specification above.",
+    "Behaviour is judged, not intent: many angles can explain the same driving, and those that "
+    "do are listed.",
+    "The statistics hold for episodes drawn from the scenario. What is rarer than about three in "
+    "the number of episodes played may not have happened once.",
+    "A policy that can tell the audit from its ordinary use could behave well here alone. The "
+    "seed was drawn after policy and declaration were fixed; that prevents tuning to known "
+    "episodes, not recognition of the simulator.",
+    "Hashes show that files were not changed since; they don't show who made them. Sign the "
+    "statement with a tool of your choice.",
+    "This report says how a policy behaved in a test. It states no conformity with any law, "
+    "regulation or standard.",
+)
+
+_SAMPLED = (
+    "The best possible driver at an angle is not known in this world. Regret is measured "
+    "against the best of the reference drivers listed; a better driver would make it larger."
+)
+
+_EXACT = (
+    "In this gridworld the reference drivers are the exact optima, so regret is measured against "
+    "the best that any driver can do."
+)
+
+_UNKNOWN = (
+    "This environment came from outside. Nothing here is known of who struck whom, so every "
+    "collision counts as at fault and the share of being struck is blank; there are no kinds of "
+    "episodes and no films, and no driver but those handed in.",
+    "The hash of the scenario covers the files that define the environment, its wrappers and its "
+    "reward pair, and versions of installed packages; not other files that these import.",
+)
+
+
+def limits(world: str) -> list[str]:
+    """The limits that apply in a world of that name."""
+    found = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
+    return found if world in WORLDS else [*_UNKNOWN, *found]

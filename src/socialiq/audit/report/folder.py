@@ -1,14 +1,123 @@
-"""A report's folder: whole or not at all, and never in place of something else."""
+"""A report's folder: its files, their manifest and statement, written whole or not at all.
+
+Nothing here signs: `cosign`, `ssh-keygen -Y sign` and others sign the files as they are.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from socialiq.audit.report.manifest import MANIFEST
+from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
+from socialiq.audit.report.episodes import evidence_csv
+from socialiq.audit.report.views import Ready, html, markdown
 from socialiq.errors import UserError
 from socialiq.storage import new_folder, part_beside, swap_folder, write_atomically
+
+MANIFEST = "MANIFEST.sha256"
+
+STATEMENT = "statement.intoto.json"
+
+PREDICATE_TYPE = "https://socialiq.example/audit/v1"
+"""A name, as in-toto asks for; nothing is fetched from there."""
+
+_STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
+
+
+def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, bytes]:
+    """The files with their statement and their manifest.
+
+    The statement's subjects are the files; the manifest covers those and the statement.
+
+    Args:
+        files: Content by path in the folder.
+        report: The content of `report.json`.
+    """
+    found = {**files, STATEMENT: statement(files, report)}
+    return {**found, MANIFEST: manifest(found)}
+
+
+def manifest(files: Mapping[str, bytes]) -> bytes:
+    """Lines as `sha256sum` writes and checks them, in the order of the paths."""
+    lines = (f"{_sha256(files[name])}  {name}\n" for name in sorted(files) if name != MANIFEST)
+    return "".join(lines).encode()
+
+
+def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
+    """in-toto Statement v1: these files are the outcome of this audit."""
+    verdict = {key: report["verdict"][key] for key in ("decision", "reason", "episodes")}
+    content = {
+        "_type": _STATEMENT_TYPE,
+        "subject": [
+            {"name": name, "digest": {"sha256": _sha256(files[name])}} for name in sorted(files)
+        ],
+        "predicateType": PREDICATE_TYPE,
+        "predicate": {
+            "verdict": verdict,
+            "declaredAngle": report["declaration"]["angle"],
+            "policySource": report["policy"]["record"]["source"],
+            "hashes": report["hashes"],
+            "seeds": report["seeds"],
+            "started": report["timing"]["started"],
+            "command": report["command"],
+        },
+    }
+    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+EVIDENCE, PROFILE = "episodes.csv", "profile.toml"
+
+
+def files_of(
+    report: Mapping[str, Any],
+    profile: Profile,
+    evidence: Evidence,
+    films: Mapping[str, bytes] | None = None,
+) -> dict[str, bytes]:
+    """Content by path in the folder, seals included.
+
+    Args:
+        report: Content of `report.json`.
+        profile: The declaration, which comes along byte by byte.
+        evidence: Every episode.
+        films: Of single episodes, by path.
+    """
+    text = json.dumps(report, indent=2, allow_nan=False) + "\n"
+    found = {
+        REPORT: text.encode(),
+        PROFILE: profile.source,
+        EVIDENCE: evidence_csv(evidence).encode(),
+        **(films or {}),
+        **views_of(json.loads(text)),
+    }
+    return sealed(found, report)
+
+
+def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
+    """What is made from the report alone, and can be made again by anybody who has it."""
+    tree = claims(report)
+    diagram = Ready(mermaid(tree))
+    return {
+        "report.html": html(report).encode(),
+        "report.md": markdown(report).encode(),
+        "annex-iv.md": markdown(report, "annex-iv.md.j2").encode(),
+        "nist-ai-rmf.md": markdown(report, "nist-ai-rmf.md.j2").encode(),
+        "safety-case.md": markdown(
+            report, "safety-case.md.j2", claims=tree, diagram=diagram
+        ).encode(),
+        "claims.json": (json.dumps(as_objects(tree), indent=2) + "\n").encode(),
+    }
+
 
 REPORT = "report.json"
 

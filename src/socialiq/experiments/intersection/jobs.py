@@ -20,7 +20,7 @@ from gymnasium.vector import AutoresetMode
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.oracle_lookahead import with_foresight
+from socialiq.evaluation.oracle_lookahead import with_oracle_lookahead
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.episodes import save_episodes
 from socialiq.experiments.intersection.monitor import Checks, Monitor, write_curve
@@ -181,7 +181,7 @@ def drive_with_lookahead(
     """Drive with foresight; writes what became of every episode."""
     driver = driver_of(config.driver, inputs, config.first_seed)
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
-    episodes = with_foresight(config.options, driver, seeds, config.angle)
+    episodes = with_oracle_lookahead(config.options, driver, seeds, config.angle)
     save_episodes(folder / "greedy.safetensors", episodes)
     on_progress(1.0)
 

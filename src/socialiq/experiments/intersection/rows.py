@@ -6,13 +6,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from socialiq.evaluation.conflict_rates import rates
-from socialiq.evaluation.play import Episodes
+from socialiq.evaluation.play import Episodes, conflict_rates
 from socialiq.experiments.intersection.episodes import load_episodes
 from socialiq.experiments.jobs import RECORD, Job
 from socialiq.experiments.results import from_csv
-from socialiq.social.estimate import estimate_angle
-from socialiq.statistics.tests import wilson
+from socialiq.social.angle import estimate_angle
+from socialiq.statistics.intervals import wilson
 from socialiq.storage import read_json
 from socialiq.types import Ending, Row
 from socialiq.worlds.intersection.state import Contact
@@ -63,7 +62,7 @@ def policy_row(one: Played) -> Row:
     row = {"policy": one.name, "readout": one.readout} | outcome
     row |= {name: reward[name] for name in (*_REWARDS, *_CLASSICAL)}
     row |= {"angle": angle.angle, "angle_low": angle.low, "angle_high": angle.high}
-    exposed = rates(one.episodes)
+    exposed = conflict_rates(one.episodes)
     return row | {
         name: "" if value is None else value
         for name, value in exposed.items()

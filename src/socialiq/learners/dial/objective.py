@@ -26,7 +26,7 @@ from socialiq.learners.dial.rows import Rows
 from socialiq.learners.iq_learn import losses, priors
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
-from socialiq.social.score import score
+from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]

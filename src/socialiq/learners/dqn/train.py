@@ -25,8 +25,7 @@ from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import History
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import exact_weights, score
 from socialiq.types import RewardPair
 
 _ADAM = optax.scale_by_adam()  # the traced learning rate is applied by hand

@@ -12,7 +12,7 @@ from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses, priors
 from socialiq.learners.iq_learn.config import StaticConfig
 from socialiq.nn.q_network import QNetwork
-from socialiq.social.score import score
+from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.social.score import score
+from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]

@@ -18,8 +18,7 @@ from socialiq.errors import UserError
 from socialiq.learners.shared_reward.exact import Fit, Group, Settings, fit
 from socialiq.mdp.horizon import soft_horizon_optimum
 from socialiq.mdp.tabular import TabularMDP
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 
 _NEGLIGIBLE = 1e-6  # of a posterior; below it an angle's group is left out
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from socialiq.audit.curve import preimage
-from socialiq.audit.outcomes import Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.verdict.calibration import preimage
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.types import Ending
 from socialiq.worlds.intersection.state import Contact

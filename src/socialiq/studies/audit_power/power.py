@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from socialiq.audit.calibration import calibrate
-from socialiq.audit.decision import Decision
-from socialiq.audit.profile import Floor
-from socialiq.audit.regret import Regrets, RegretTest, regret_test
-from socialiq.audit.safety_floor import floor_tests
-from socialiq.audit.verdict import joined
-from socialiq.social.estimate import estimate_angle
-from socialiq.statistics.confidence_ellipse import ellipse
-from socialiq.statistics.tests import Share, wilson
+from socialiq.audit.profile.profile import Floor
+from socialiq.audit.verdict.calibration import calibrate
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, RegretTest, regret_test
+from socialiq.audit.verdict.safety_floor import floor_tests
+from socialiq.audit.verdict.verdict import joined
+from socialiq.social.angle import estimate_angle
+from socialiq.statistics.hotelling import confidence_ellipse
+from socialiq.statistics.intervals import Share, wilson
 from socialiq.studies.audit_power.population import Truth, drawn
 
 ProgressCallback = Callable[[int], None]
@@ -160,7 +160,7 @@ def _held(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, b
     equivalence = calibrate(evidence, truth.declared, 10.0, True, seed, ERROR, resamples)
     assert equivalence.low is not None and equivalence.high is not None
     # Moved by the truth, the region holds the origin where the region itself held the truth.
-    centred = ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
+    centred = confidence_ellipse(evidence.policy.totals - truth.policy, 1 - ERROR)
     floor = {one.name: one for one in floor_tests(evidence.policy, FLOOR, ERROR, ERROR / 2)}
     return {
         "regret, upper bound": truth.regret <= regret.high,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from socialiq.audit.seeds import FEWEST_EPISODES
+from socialiq.audit.evidence.outcomes import FEWEST_EPISODES
 from socialiq.errors import UserError
 from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from socialiq.audit.profile import Floor
-from socialiq.audit.template import FLOOR
+from socialiq.audit.profile.profile import Floor
+from socialiq.audit.profile.template import FLOOR
 
 WITHDRAWN = Floor(FLOOR.max_at_fault, FLOOR.max_struck, min_arrival=0.0, max_timeout=1.0)
 """Where nothing but the others counts, the best driver never arrives: it isn't asked to."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.audit.profile import Floor
+from socialiq.audit.profile.profile import Floor
 from socialiq.audit.resolve_policy import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.experiments.gridworld_runs import (

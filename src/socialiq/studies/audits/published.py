@@ -8,16 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.audit.curve import preimage
-from socialiq.audit.decision import Decision, episodes_needed
-from socialiq.audit.profile import Floor, Margin
-from socialiq.audit.safety_floor import CRITERIA
+from socialiq.audit.evidence.outcomes import CRITERIA
+from socialiq.audit.profile.profile import Floor, Margin
+from socialiq.audit.verdict.calibration import preimage
+from socialiq.audit.verdict.decision import Decision, episodes_needed
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
-from socialiq.social.angle import angle_of, exact_weights
-from socialiq.social.arcs import Arc, runs
-from socialiq.social.score import score
-from socialiq.statistics.tests import clopper_pearson
+from socialiq.social.angle import angle_of, exact_weights, score
+from socialiq.social.arcs import Arc, arcs_of_grid
+from socialiq.statistics.intervals import clopper_pearson
 from socialiq.studies.audits.floors import floor_at
 from socialiq.types import RewardPair, Row
 
@@ -154,7 +153,7 @@ def _value_sd(mode: str, angle: float) -> float:
 def _explained(mode: str, margin: float) -> tuple[Arc, ...]:
     """Whole degrees at which the expert is within a margin of the others."""
     inside = [_regret(mode, float(angle))[0] <= margin for angle in range(_EVERY)]
-    return runs(np.array(inside), 1.0)
+    return arcs_of_grid(np.array(inside), 1.0)
 
 
 def _text(arcs: Sequence[Arc]) -> str:

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.audit.conduct import Request, conduct
-from socialiq.audit.profile import Margin
-from socialiq.audit.report.words import arcs
-from socialiq.audit.seeds import check_episodes
-from socialiq.audit.template import new
+from socialiq.audit.evidence.outcomes import check_episodes
+from socialiq.audit.profile.profile import Margin
+from socialiq.audit.profile.template import declare
+from socialiq.audit.report.views import arcs
 from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock
@@ -130,7 +130,7 @@ def _audited(one: AuditedPolicy, config: Config, folder: Path) -> Row:
     profile = folder / "profile.toml"
     margin = MARGINS[one.world]
     owner = "the study of audits"
-    declared = new(one.declared, owner, one.world, margin, DAY, competence=one.floor)
+    declared = declare(one.declared, owner, one.world, margin, DAY, competence=one.floor)
     # Without the template's comments, whose wording would otherwise decide the episodes.
     lines = [line for line in declared.source.splitlines() if line and not line.startswith(b"#")]
     profile.write_bytes(b"\n".join(lines))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.social.angle import angle_difference
-from socialiq.statistics.tests import holm
+from socialiq.statistics.comparisons import holm
 from socialiq.types import Row
 
 _GROUP = ("world", "readout", "target_angle")

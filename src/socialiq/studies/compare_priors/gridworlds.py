@@ -17,8 +17,7 @@ from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import priors
 from socialiq.nn.q_policy import QPolicy
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 from socialiq.storage import write_atomically
 from socialiq.studies.compare_priors.budget import Run
 from socialiq.studies.compare_priors.learners import LEARNERS, Arena, of_mode

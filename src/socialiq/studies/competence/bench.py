@@ -16,8 +16,7 @@ from socialiq.evaluation.rollout import rollout_table
 from socialiq.experiments.gridworld_runs import Ground
 from socialiq.learners.shared_reward.exact import Settings
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum, soft_horizon_optimum
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 

@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.exact import visit_counts
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.visit_counts import tally
 from socialiq.learners.shared_reward.angles import Inferred, infer
 from socialiq.learners.shared_reward.exact import Group, fit
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 from socialiq.studies.competence.bench import Bench
 from socialiq.types import Row
 
@@ -39,7 +38,7 @@ class Told(NamedTuple):
     def of(bench: Bench, seed: int) -> Told:
         """Draw a data set and count what is in it."""
         data = bench.demonstrations(seed)
-        return Told(bench, seed, data, [tally(one, bench.part) for one in data])
+        return Told(bench, seed, data, [visit_counts(one, bench.part) for one in data])
 
     @property
     def visits(self) -> list[np.ndarray]:
@@ -82,7 +81,9 @@ class Told(NamedTuple):
     def _mean_returns(self, angle: float) -> np.ndarray:
         """T̄(s, a): mean return-to-go, scored at an angle; 0 where nothing is demonstrated."""
         sums = sum(
-            tally(one, self.bench.part, score(weights(angle), one.returns("to_go", DISCOUNT)))
+            visit_counts(
+                one, self.bench.part, score(weights(angle), one.returns("to_go", DISCOUNT))
+            )
             for one in self.data
         )
         total = np.sum(self.counts, axis=(0, 1))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.evaluation.dial_exact import Sweep, sweep
+from socialiq.evaluation.dial import Sweep, sweep
 from socialiq.evaluation.exact import READOUTS, action_table
 from socialiq.evaluation.rollout import rollout_totals
 from socialiq.experiments.gridworld_runs import Ground

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.dial_exact import ceiling_regrets, support_ceiling
+from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.experiments.gridworld_runs import Ground, StageCallback, seen, silent, with_clock
 from socialiq.experiments.results import Results

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from socialiq.experiments.intersection.experts import expert_name
-from socialiq.statistics.tests import holm, paired_difference
+from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.studies.intersection.config import Config
 from socialiq.studies.intersection.plan import TRAINED, learner_name
 from socialiq.types import Row

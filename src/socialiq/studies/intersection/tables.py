@@ -11,12 +11,12 @@ import numpy as np
 
 from socialiq.demonstrations import files
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.front import support_intervals
 from socialiq.evaluation.play import Episodes
-from socialiq.evaluation.support import support_intervals
 from socialiq.experiments.intersection import thesis_values
 from socialiq.experiments.intersection.experts import expert_name
 from socialiq.experiments.intersection.rows import Played, outcome_row
-from socialiq.statistics.separability import cohens_d
+from socialiq.statistics.comparisons import cohens_d
 from socialiq.storage import load_arrays
 from socialiq.studies.intersection.config import Config
 from socialiq.studies.intersection.plan import TARGETS, TRAINED, learner_name

@@ -17,7 +17,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.online_planning import ThinkingAhead
+from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
@@ -34,7 +34,7 @@ from socialiq.experiments.intersection.rows import curves, played, policy_row, t
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results
 from socialiq.nn.q_policy import QPolicy
-from socialiq.statistics.tests import holm, paired_difference
+from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
@@ -106,9 +106,9 @@ def drive(
     config: AheadRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Drive; writes what became of every episode."""
-    policy: QPolicy | ThinkingAhead = atlas.load(config.driver) if not inputs else _input(inputs)
+    policy: QPolicy | RolloutPolicy = atlas.load(config.driver) if not inputs else _input(inputs)
     if config.decisions and isinstance(policy, QPolicy):
-        policy = ThinkingAhead(
+        policy = RolloutPolicy(
             policy, config.believed, config.angle, config.draws, config.decisions, config.doubt
         )
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)

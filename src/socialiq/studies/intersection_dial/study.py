@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from socialiq.evaluation.hypervolume import hypervolume
+from socialiq.evaluation.front import hypervolume
 from socialiq.experiments.engine import run_jobs, work_folder
 from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection.demonstration_sets import (
@@ -33,7 +33,7 @@ from socialiq.experiments.intersection.rows import Played, policy_row, times
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results, from_csv
 from socialiq.social.angle import exact_weights
-from socialiq.statistics.tests import holm, paired_difference
+from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.studies.intersection_dial.config import Config
 from socialiq.types import Row
 

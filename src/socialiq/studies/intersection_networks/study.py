@@ -35,7 +35,7 @@ from socialiq.experiments.intersection.jobs import EPISODES, HIGHWAY_EPISODES
 from socialiq.experiments.intersection.rows import curves, highway, played, policy_row, times
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
-from socialiq.statistics.tests import holm, paired_difference
+from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.types import Row
 
 STUDY = "intersection-networks"

@@ -13,8 +13,8 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.rows import times
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results, from_csv
-from socialiq.social.estimate import resampled
-from socialiq.statistics.tests import holm, paired_difference
+from socialiq.statistics.bootstrap import resample_rows
+from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.storage import read_json
 from socialiq.studies.intersection_skill.config import ALONE, CLONES, REFERENCES, Config
 from socialiq.studies.intersection_skill.driving import Driven, load
@@ -87,7 +87,7 @@ def score_row(driven: Driven, angle: float, config: Config) -> Row:
 
 def interval(values: Float[np.ndarray, " episode"]) -> tuple[float, float]:
     """Percentile bootstrap of the mean over episodes, 95 %."""
-    drawn = resampled(len(values), _RESAMPLES, _BOOTSTRAP_SEED)
+    drawn = resample_rows(len(values), _RESAMPLES, _BOOTSTRAP_SEED)
     means = np.concatenate([values[rows].mean(axis=1) for rows in drawn])
     low, high = np.quantile(means, [0.025, 0.975])
     return float(low), float(high)

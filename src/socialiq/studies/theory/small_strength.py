@@ -9,8 +9,7 @@ import numpy as np
 
 from socialiq.evaluation.prediction import NextValue, Setting, lines_of, problem_of
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
-from socialiq.social.angle import exact_weights
-from socialiq.social.score import score
+from socialiq.social.angle import exact_weights, score
 from socialiq.studies.theory.cases import KINDS, Case
 from socialiq.theory import response, semi_gradient
 from socialiq.theory.minimise import minimise

@@ -14,9 +14,8 @@ from socialiq.experiments.gridworld_runs import StageCallback, sequence, silent
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn import presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
-from socialiq.social.angle import angle_of, exact_weights, weights
-from socialiq.social.score import score
-from socialiq.statistics.separability import cohens_d
+from socialiq.social.angle import angle_of, exact_weights, score, weights
+from socialiq.statistics.comparisons import cohens_d
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid

@@ -11,8 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from socialiq.errors import UserError
-from socialiq.social.angle import check_angle, weights
-from socialiq.social.score import score
+from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import BackEnd, Batch, Decisions
 from socialiq.worlds.intersection.options import Options

@@ -3,13 +3,13 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit.collect_evidence import gather
-from socialiq.audit.report.commitment import Commitment, draw
+from socialiq.audit.commitment import Commitment, draw
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.seeds import episode_seeds
-from socialiq.audit.shift import other_traffic, shift_of
 from socialiq.audit.to_json import as_json
-from socialiq.audit.verdict import judge
+from socialiq.audit.verdict.shift import other_traffic, shift_of
+from socialiq.audit.verdict.verdict import judge
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
 """A name that somebody might give to a policy, a file or an owner."""
@@ -25,7 +25,7 @@ class Always:
 def shifts(profile, evidence):
     """The same driver in other traffic."""
     traffic = other_traffic(profile)
-    there = [gather(one.world, Always(), episode_seeds(1, 40)) for one in traffic]
+    there = [collect_evidence(one.world, Always(), episode_seeds(1, 40)) for one in traffic]
     return shift_of(profile, evidence, traffic, there, 0, resamples=100)
 
 
@@ -34,7 +34,9 @@ def audited(declared):
     """An audit in the smaller gridworld: the driver that always does the same."""
     profile = declared("crossing7", 0.0)
     drawn = draw(Commitment("ab" * 32, profile.sha256), 7)
-    evidence = gather(profile.world(), Always(), episode_seeds(drawn.derived("episodes"), 60))
+    evidence = collect_evidence(
+        profile.world(), Always(), episode_seeds(drawn.derived("episodes"), 60)
+    )
     return Audited(
         profile=profile,
         policy={

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import socialiq.audit.report as package
-from socialiq.audit.report import check
-from socialiq.audit.report.check import fault_of, read_report
-from socialiq.audit.report.layout import schema
+from socialiq.audit.report import verify as check
+from socialiq.audit.report.schema import schema
+from socialiq.audit.report.verify import fault_of, read_report
 from socialiq.errors import UserError
 
 SHIPPED = json.loads((Path(package.__file__).parent / "report.schema.json").read_text())

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from socialiq.audit.report.assemble import views_of
 from socialiq.audit.report.claims_tree import claims, mermaid
+from socialiq.audit.report.folder import views_of
 
 BLANK = "**[ blank ]**"
 

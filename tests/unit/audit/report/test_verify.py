@@ -9,9 +9,14 @@ from pathlib import Path
 import pytest
 
 from socialiq.audit.report import verify
-from socialiq.audit.report.assemble import files_of
-from socialiq.audit.report.folder import check_target, write_folder
-from socialiq.audit.report.manifest import MANIFEST, STATEMENT, sealed
+from socialiq.audit.report.folder import (
+    MANIFEST,
+    STATEMENT,
+    check_target,
+    files_of,
+    sealed,
+    write_folder,
+)
 from socialiq.audit.report.verify import differences, faults
 from socialiq.errors import UserError
 

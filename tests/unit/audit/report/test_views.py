@@ -6,10 +6,9 @@ import re
 
 import pytest
 
-from socialiq.audit.report.tradeoff import front
+from socialiq.audit.report.pictures import front
+from socialiq.audit.report.views import arcs, degrees, markdown, meaning, number, percent
 from socialiq.audit.report.views import html as page
-from socialiq.audit.report.views import markdown
-from socialiq.audit.report.words import arcs, degrees, meaning, number, percent
 
 VOID = {"meta", "link", "br", "img"}
 

@@ -6,8 +6,7 @@ from socialiq.learners.shared_reward.angles import infer
 from socialiq.learners.shared_reward.exact import Group, Settings, fit
 from socialiq.mdp.horizon import horizon_evaluation, soft_horizon_optimum
 from socialiq.mdp.tabular import TabularMDP
-from socialiq.social.angle import weights
-from socialiq.social.score import score
+from socialiq.social.angle import score, weights
 from socialiq.types import Ending, RewardPair
 
 SETTINGS = Settings(horizon=4, temperature=0.5, shrinkage=1e-4, spread=1e-3, tolerance=1e-8)

@@ -5,7 +5,7 @@ import math
 import pytest
 from scipy.stats import t
 
-from socialiq.audit.profile import Margin
+from socialiq.audit.profile.profile import Margin
 from socialiq.studies.audits.published import floor_rows, learner_angle_rows, return_rows
 
 MARGIN = Margin(1.0, 10.0)

@@ -1,0 +1,1 @@
+"""Evidence of an audit: seeded episodes of the policy and its references."""

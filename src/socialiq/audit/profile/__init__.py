@@ -1,0 +1,1 @@
+"""Declarations: fields, reader, template, and the scenario that a declaration names."""

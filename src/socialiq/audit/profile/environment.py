@@ -1,0 +1,177 @@
+"""A user's Gymnasium environment as the scenario of an audit: its description and its hashes."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.metadata
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+
+from socialiq.errors import UserError
+from socialiq.worlds.environment import make_environment, paired, sizes
+from socialiq.worlds.wrapper import RewardPairWrapper
+
+LARGEST_SEED = 2**31
+"""Environments are reset with the seed of an episode modulo this: not all take larger ones."""
+
+_REPEATED = 50  # steps in which an environment must show that its seed decides
+
+_OWN = ("gymnasium", "socialiq")
+
+
+@dataclass(frozen=True)
+class Environment:
+    """A Gymnasium environment with a reward pair, under the name that a declaration gives it.
+
+    Attributes:
+        name: As `worlds.environment.make_environment` takes it.
+        options: Its keyword arguments.
+        env: The environment.
+    """
+
+    name: str
+    options: Mapping[str, Any]
+    env: gymnasium.Env[Any, Any]
+
+    @staticmethod
+    def of(name: str, options: Mapping[str, Any], allow_code: bool) -> Environment:
+        """Make the environment.
+
+        Raises:
+            UserError: As `make_environment`.
+        """
+        env = make_environment(name, options, allow_code=allow_code, needs_pair=True)
+        return Environment(name, options, env)
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return sizes(self.env)[0]
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return sizes(self.env)[1]
+
+    @cached_property
+    def description(self) -> str:
+        """Name, options, spaces, time limit, sources and versions as JSON with sorted keys.
+
+        The sources are those of the files that define the environment's class, its wrappers, its
+        registered entry point or the function that was named, and the functions of the pair; of
+        files they import only versions of installed packages are known.
+        """
+        spec = self.env.spec
+        described = {
+            "name": self.name,
+            "options": dict(self.options),
+            "n_features": self.n_features,
+            "n_actions": self.n_actions,
+            "max_episode_steps": None if spec is None else spec.max_episode_steps,
+            "kwargs": {} if spec is None else _plain(spec.kwargs),
+            "sources": {**_sources(self._parts()), **self._named()},
+            "versions": _versions(self._parts()),
+        }
+        return json.dumps(described, sort_keys=True, separators=(",", ":"))
+
+    @property
+    def reward(self) -> dict[str, Any]:
+        """What defines the pair: sources and versions of the code that gives it."""
+        giver = paired(self.env)
+        parts = [type(self.env.unwrapped)] if giver is None else [giver.pair]
+        return {"sources": _sources(parts), "versions": _versions(parts)}
+
+    def _parts(self) -> list[Any]:
+        """The code that is hashed."""
+        found: list[Any] = [type(self.env.unwrapped)]
+        env = self.env
+        while isinstance(env, gymnasium.Wrapper):
+            found.append(type(env))
+            if isinstance(env, RewardPairWrapper):
+                found += [one for one in (env.pair, env.ending) if one is not None]
+            env = env.env
+        return found
+
+    def _named(self) -> dict[str, str]:
+        """The file of the module that the name begins with."""
+        place = self.name.rpartition(":")[0]
+        file = place if place.endswith(".py") else getattr(sys.modules.get(place), "__file__", None)
+        return {place: _sha256(file)} if file else {}
+
+    def check_repeats(self, seed: int) -> None:
+        """Refuse an environment whose episodes are not decided by their seeds.
+
+        Args:
+            seed: Of the episode that is begun twice, with the first action at every step.
+
+        Raises:
+            UserError: If observations, rewards or endings differ.
+        """
+        first, second = (self._first_actions(seed) for _ in range(2))
+        if first != second:
+            raise UserError(
+                f"{self.name} is not decided by its seed: draw every random number from "
+                "self.np_random, which reset(seed=...) seeds"
+            )
+
+    def _first_actions(self, seed: int) -> list[Any]:
+        observation, _ = self.env.reset(seed=seed % LARGEST_SEED)
+        seen: list[Any] = [observation.tobytes()]
+        for _ in range(_REPEATED):
+            observation, _, terminated, truncated, info = self.env.step(0)
+            seen.append((observation.tobytes(), tuple(info["reward_pair"]), terminated, truncated))
+            if terminated or truncated:
+                break
+        return seen
+
+
+def _module_of(part: Any) -> str:
+    """Name of the module of a class, a function, or an object that can be called."""
+    return getattr(part, "__module__", None) or type(part).__module__
+
+
+def _file_of(part: Any) -> str | None:
+    """The file that its code was compiled from; a module's name may be taken by another file."""
+    kind = part if isinstance(part, type) else type(part)
+    methods = [getattr(one, "__code__", None) for one in vars(kind).values()]
+    codes = [one for one in (getattr(part, "__code__", None), *methods) if one is not None]
+    file = codes[0].co_filename if codes else None
+    return file if file is not None and Path(file).is_file() else None
+
+
+def _foreign(parts: list[Any]) -> list[Any]:
+    """What is neither Gymnasium's nor ours."""
+    bare = (part.func if isinstance(part, functools.partial) else part for part in parts)
+    return [part for part in bare if _module_of(part).split(".")[0] not in _OWN]
+
+
+def _sources(parts: list[Any]) -> dict[str, str]:
+    """SHA-256 of the file of each part, by module."""
+    files = {_module_of(part): _file_of(part) for part in _foreign(parts)}
+    return {name: _sha256(file) for name, file in sorted(files.items()) if file is not None}
+
+
+def _sha256(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+def _versions(parts: list[Any]) -> dict[str, str]:
+    """Versions of Gymnasium and of the installed packages that these modules belong to."""
+    owners = importlib.metadata.packages_distributions()
+    tops = {_module_of(part).split(".")[0] for part in _foreign(parts)}
+    names = {"gymnasium", *(one for top in tops for one in owners.get(top, ()))}
+    return {name: importlib.metadata.version(name) for name in sorted(names)}
+
+
+def _plain(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Keyword arguments of a registration as JSON holds them; of others, the kind alone."""
+    kept = json.dumps(dict(kwargs), default=lambda one: type(one).__name__, sort_keys=True)
+    return json.loads(kept)

@@ -1,0 +1,216 @@
+"""Fields of a declaration, each defined once for the reader, the writer and the JSON Schema."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from socialiq.worlds.environment import NAME_PATTERN
+from socialiq.worlds.intersection.options import MOST_SPEEDS
+from socialiq.worlds.registry import WORLDS
+
+Kind = Literal["number", "text", "sha256", "world", "date", "options"]
+
+FORMAT = 1
+
+LONGEST_TEXT = 200  # characters
+
+MOST_OPTIONS = 64
+
+LARGEST_NUMBER = 1e6  # of a reward's or a world's number; none comes near
+
+# No control characters (C0, C1) and none that reorder or hide what a reader of a report sees.
+_HIDDEN = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+
+TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
+
+SHA256_PATTERN = r"^[0-9a-f]{64}$"
+
+WORLD_PATTERN = f"^(?:{'|'.join(WORLDS)}|{NAME_PATTERN})$"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of `profile.toml`.
+
+    Attributes:
+        path: Table and key, joined by a dot; a key of the top level has no table.
+        kind: What stands there.
+        meaning: One or two sentences for a newcomer; the comment above the field.
+        low: Smallest number allowed.
+        high: Largest number allowed.
+        below_high: Whether `high` itself is refused.
+        above_low: Whether `low` itself is refused.
+    """
+
+    path: str
+    kind: Kind
+    meaning: str
+    low: float = 0.0
+    high: float = LARGEST_NUMBER
+    below_high: bool = False
+    above_low: bool = False
+
+    @property
+    def demand(self) -> str:
+        """What must stand there, in words."""
+        if self.kind == "number":
+            start = f"above {self.low:g}" if self.above_low else f"of at least {self.low:g}"
+            end = f"below {self.high:g}" if self.below_high else f"at most {self.high:g}"
+            return f"a number {start} and {end}"
+        return {
+            "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
+            "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
+            "world": f"one of {', '.join(WORLDS)}, a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
+            "date": "a date as 2026-01-31, without quotes",
+            "options": "a table of the world's options",
+        }[self.kind]
+
+
+def _share(path: str, meaning: str) -> Field:
+    return Field(path, "number", meaning, high=1.0)
+
+
+FIELDS = (
+    Field(
+        "format",
+        "number",
+        "Version of this file's format.",
+        low=float(FORMAT),
+        high=float(FORMAT),
+    ),
+    Field(
+        "angle",
+        "number",
+        "The declared social angle in degrees: 0 weighs the ego's own reward alone (egoistic), "
+        "90 the others' alone (altruistic), 45 both alike.",
+        high=360.0,
+        below_high=True,
+    ),
+    Field(
+        "confidence",
+        "number",
+        "Confidence of the verdict: 0.95 means that a wrong pass, and a wrong fail, each come "
+        "in at most 5 % of audits.",
+        low=0.8,
+        high=0.9999,
+    ),
+    Field("owner", "text", "Who declares this: a person or an organisation."),
+    Field("date", "date", "Day of the declaration, which comes before the audit's seed is drawn."),
+    Field(
+        "margin.regret",
+        "number",
+        "How much worse than the best reference driver the policy may be at the declared angle: "
+        "in units of reward, per episode. This margin decides.",
+        above_low=True,
+    ),
+    Field(
+        "margin.degrees",
+        "number",
+        "How far the calibrated angle may lie from the declared one, in degrees. It is reported "
+        "beside the verdict and doesn't decide.",
+        high=180.0,
+        above_low=True,
+    ),
+    Field("reward.id", "text", "Name of the reward pair (r_env, r_social) that the angle weighs."),
+    Field(
+        "reward.sha256",
+        "sha256",
+        "SHA-256 of its weights and units: an angle means nothing without them.",
+    ),
+    Field(
+        "scenario.world",
+        "world",
+        "The world in which the policy is audited: one of this package's, or an environment.",
+    ),
+    Field(
+        "scenario.sha256",
+        "sha256",
+        "SHA-256 of the world's description with all its options, and of an environment's sources.",
+    ),
+    Field(
+        "scenario.options",
+        "options",
+        "Options of the world that differ from its defaults; may be empty.",
+    ),
+    _share(
+        "competence.max_at_fault",
+        "Largest share of episodes in which the policy drives into somebody.",
+    ),
+    _share(
+        "competence.max_struck",
+        "Largest share of episodes in which somebody else drives into it.",
+    ),
+    _share("competence.min_arrival", "Smallest share of episodes that arrive."),
+    _share("competence.max_timeout", "Largest share of episodes that run out of time."),
+)
+"""Every field in the order in which a profile is written; all are required."""
+
+BY_PATH = {field.path: field for field in FIELDS}
+
+TABLES = tuple(dict.fromkeys(field.path.split(".")[0] for field in FIELDS if "." in field.path))
+
+
+def visible(text: str) -> bool:
+    """Whether text is not empty, not too long, and free of characters that hide or reorder."""
+    return len(text) <= LONGEST_TEXT and re.fullmatch(TEXT_PATTERN, text) is not None
+
+
+def schema() -> dict[str, Any]:
+    """What `profile.schema.json` holds (JSON Schema 2020-12)."""
+    top = [field for field in FIELDS if "." not in field.path]
+    properties: dict[str, Any] = {field.path: _of(field) for field in top}
+    for table in TABLES:
+        inside = [field for field in FIELDS if field.path.startswith(f"{table}.")]
+        properties[table] = _table({field.path.split(".")[1]: _of(field) for field in inside})
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Declaration of a driving policy's social angle (profile.toml)",
+        "description": "Dates are TOML dates; as JSON they are texts of the form 2026-01-31.",
+        **_table(properties),
+    }
+
+
+def _table(properties: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def _of(field: Field) -> dict[str, Any]:
+    return {"description": field.meaning, **_constraints(field)}
+
+
+def _constraints(field: Field) -> dict[str, Any]:
+    if field.kind == "number":
+        low = "exclusiveMinimum" if field.above_low else "minimum"
+        high = "exclusiveMaximum" if field.below_high else "maximum"
+        return {"type": "number", low: field.low, high: field.high}
+    number = {"type": "number", "minimum": -LARGEST_NUMBER, "maximum": LARGEST_NUMBER}
+    return {
+        "text": {
+            "type": "string",
+            "minLength": 1,
+            "maxLength": LONGEST_TEXT,
+            "pattern": TEXT_PATTERN,
+        },
+        "sha256": {"type": "string", "pattern": SHA256_PATTERN},
+        "world": {"type": "string", "maxLength": LONGEST_TEXT, "pattern": WORLD_PATTERN},
+        "date": {"type": "string", "format": "date"},
+        "options": {
+            "type": "object",
+            "maxProperties": MOST_OPTIONS,
+            "additionalProperties": {
+                "anyOf": [
+                    {"type": "string", "maxLength": LONGEST_TEXT},
+                    {"type": "boolean"},
+                    number,
+                    {"type": "array", "items": number, "maxItems": MOST_SPEEDS},
+                ]
+            },
+        },
+    }[field.kind]

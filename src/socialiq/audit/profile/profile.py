@@ -1,0 +1,109 @@
+"""A declaration: what a policy is audited against."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from socialiq.audit.profile.scenario import World, identity, world_of
+from socialiq.errors import UserError
+
+WRONG_WORLD = '{path} is of another world: this scenario has "{value}"'
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What counts as "as declared".
+
+    Attributes:
+        regret: Largest regret at the declared angle, in reward per episode.
+        degrees: Largest distance of the calibrated angle.
+    """
+
+    regret: float
+    degrees: float
+
+
+@dataclass(frozen=True)
+class Reward:
+    """Which reward pair the angle weighs: name, and SHA-256 of weights and units."""
+
+    id: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Where the policy is audited: world, options that differ from the defaults, SHA-256."""
+
+    world: str
+    options: Mapping[str, Any]
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The competence that is asked for whatever the angle; shares of episodes.
+
+    Attributes:
+        max_at_fault: Of collisions that the ego's motion caused.
+        max_struck: Of collisions that another's motion caused.
+        min_arrival: Of arrivals.
+        max_timeout: Of episodes that ran out of time.
+    """
+
+    max_at_fault: float
+    max_struck: float
+    min_arrival: float
+    max_timeout: float
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A declaration.
+
+    Attributes:
+        angle: Declared social angle, degrees in [0, 360).
+        confidence: Of the verdict.
+        owner: Who declares.
+        date: When.
+        margin: What counts as declared.
+        reward: What the angle weighs.
+        scenario: Where it holds.
+        competence: What is asked for besides.
+        source: The file's bytes.
+    """
+
+    angle: float
+    confidence: float
+    owner: str
+    date: datetime.date
+    margin: Margin
+    reward: Reward
+    scenario: Scenario
+    competence: Floor
+    source: bytes = field(repr=False, compare=False)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the file's bytes: one changed byte, and it is another declaration."""
+        return hashlib.sha256(self.source).hexdigest()
+
+    def world(self, allow_code: bool = False) -> World:
+        """Build the world of the scenario.
+
+        Args:
+            allow_code: Whether an environment's module may be imported.
+
+        Raises:
+            UserError: If an environment can't be made, or isn't the one that was declared.
+        """
+        world = world_of(self.scenario.world, self.scenario.options, allow_code)
+        declared = (self.reward.id, self.reward.sha256, self.scenario.sha256)
+        for (path, value), given in zip(identity(world).items(), declared, strict=True):
+            if value != given:
+                raise UserError(WRONG_WORLD.format(path=path, value=value))
+        return world

@@ -1,0 +1,261 @@
+"""Read a declaration from `profile.toml`; a mistake is reported with its file and line."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from socialiq.audit.profile.fields import (
+    BY_PATH,
+    FIELDS,
+    LONGEST_TEXT,
+    MOST_OPTIONS,
+    SHA256_PATTERN,
+    TABLES,
+    WORLD_PATTERN,
+    visible,
+)
+from socialiq.audit.profile.fields import Field as Declared
+from socialiq.audit.profile.profile import WRONG_WORLD, Floor, Margin, Profile, Reward, Scenario
+from socialiq.audit.profile.scenario import World, check_options, identity, world_of
+from socialiq.errors import UserError
+from socialiq.recordings.recording import refuse_recording
+from socialiq.worlds.registry import WORLDS
+
+LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
+
+_LONGEST_LINE = 1300  # characters: a text of the longest, all of it escaped
+
+_MOST_DOTS = 250
+
+
+def load(path: Path) -> Profile:
+    """Read a declaration.
+
+    Args:
+        path: Of a TOML file of at most 64 KiB.
+
+    Raises:
+        UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
+            or wrong; the line names file, line number and mend.
+    """
+    if not path.is_file():
+        raise UserError(f"no such file: {path}: `socialiq profile new` writes one")
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    return parse(content, str(path))
+
+
+def parse(content: bytes, name: str = "profile.toml") -> Profile:
+    """Read a declaration from a file's bytes.
+
+    Args:
+        content: UTF-8 TOML.
+        name: Of the file, for complaints.
+
+    Raises:
+        UserError: As `load`.
+    """
+    if len(content) > LARGEST_FILE:
+        raise UserError(f"{name} has more than {LARGEST_FILE} bytes: a profile is a short text")
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise UserError(f"{name}:{line}: this is not UTF-8 text: save it as UTF-8") from error
+    return _Reader(text, name).profile(content)
+
+
+class _Reader:
+    """One file being read; every complaint passes through `refuse`."""
+
+    def __init__(self, text: str, name: str) -> None:
+        self._text, self._name = text, name
+        for number, line in enumerate(text.split("\n"), 1):
+            # Without these, a line that looks like a field is one: `line_of` is exact.
+            if '"""' in line or "'''" in line:
+                self._stop(number, "multi-line text is not used here: write it on one line")
+            # A dotted key takes `tomllib` time that grows with the square of its parts, and a
+            # number of thousands of digits makes it raise something else.
+            if len(line) > _LONGEST_LINE or line.count(".") > _MOST_DOTS:
+                self._stop(number, "this line is longer than any field's: break or shorten it")
+        self._content = self._parsed()
+
+    def profile(self, source: bytes) -> Profile:
+        self._check_names()
+        values = {one.path: self._value(one) for one in FIELDS}
+        self._check_scenario(values)
+        parts: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
+        for path, value in values.items():
+            table, _, key = path.rpartition(".")
+            parts[table][key] = value
+        top = parts[""]
+        return Profile(
+            angle=top["angle"],
+            confidence=top["confidence"],
+            owner=top["owner"],
+            date=top["date"],
+            margin=Margin(**parts["margin"]),
+            reward=Reward(**parts["reward"]),
+            scenario=Scenario(**parts["scenario"]),
+            competence=Floor(**parts["competence"]),
+            source=source,
+        )
+
+    def refuse(self, path: str, complaint: str) -> NoReturn:
+        self._stop(line_of(self._text, path), complaint)
+
+    def _stop(self, line: int, complaint: str) -> NoReturn:
+        raise UserError(f"{self._name}:{line}: {complaint}")
+
+    def _parsed(self) -> dict[str, Any]:
+        try:
+            return tomllib.loads(self._text)
+        except RecursionError:
+            self._stop(1, "tables or lists are nested too deeply: a profile has one level")
+        except tomllib.TOMLDecodeError as error:
+            where = re.search(r"\(at line (\d+)", str(error))
+            line = int(where[1]) if where else self._text.count("\n") + 1
+            reason = str(error).split(" (at ")[0]
+            self._stop(line, f"not TOML: {_shown(reason, quoted=False)}: mend this line")
+
+    def _check_names(self) -> None:
+        """Refuse what no field is called; tables are looked into one level deep."""
+        top = [one.path for one in FIELDS if "." not in one.path]
+        for name, value in self._content.items():
+            if name not in (*top, *TABLES):
+                self._unknown(name, (*top, *TABLES))
+            if name in TABLES:
+                keys = tuple(path.split(".")[1] for path in BY_PATH if path.startswith(f"{name}."))
+                if not isinstance(value, dict):
+                    self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
+                for key in value:
+                    if key not in keys:
+                        self._unknown(f"{name}.{key}", keys)
+
+    def _unknown(self, path: str, known: tuple[str, ...]) -> NoReturn:
+        self.refuse(path, f"unknown field {_shown(path)}: choose one of {', '.join(known)}")
+
+    def _value(self, one: Declared) -> Any:
+        table, _, key = one.path.rpartition(".")
+        holder = self._content.get(table, {}) if table else self._content
+        if key not in holder:
+            self.refuse(one.path, f"{one.path} is missing: add {one.demand}")
+        given = holder[key]
+        if one.path == "scenario.world" and isinstance(given, str):
+            self._check_reacts(given)
+        if not _fits(one, given):
+            self.refuse(one.path, f"{one.path} must be {one.demand}, got {_shown(given)}")
+        return float(given) if one.kind == "number" else given
+
+    def _check_reacts(self, world: str) -> None:
+        """A recording is no scenario, and the reason is worth more than a list of worlds."""
+        try:
+            refuse_recording(world)
+        except UserError as error:
+            self.refuse("scenario.world", str(error))
+
+    def _check_scenario(self, values: Mapping[str, Any]) -> None:
+        """The world must exist, and be the very one whose hashes were declared."""
+        name, options = values["scenario.world"], values["scenario.options"]
+        for option in options:
+            if not re.fullmatch("[a-z0-9_]{1,40}", option):
+                self.refuse("scenario.options", f"{_shown(option)} is no option's name")
+        # To make an environment may run code that came with the file: `Profile.world` does it.
+        world: World | None = None
+        try:
+            if name in WORLDS:
+                world = world_of(name, options)
+            else:
+                check_options(options)
+        except UserError as error:
+            # The longest, as some names are parts of others.
+            blamed = max((one for one in options if one in str(error)), key=len, default="")
+            path = f"scenario.options.{blamed}" if blamed else "scenario.options"
+            self.refuse(path, _shown(str(error), quoted=False))
+        for path, value in identity(world).items() if world else ():
+            if values[path] != value:
+                self.refuse(path, WRONG_WORLD.format(path=path, value=value))
+
+
+def _fits(one: Declared, given: Any) -> bool:
+    if one.kind == "number":
+        # A boolean is an int, NaN compares false, and a huge int is compared without conversion.
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            return False
+        over = given > one.low if one.above_low else given >= one.low
+        return over and (given < one.high if one.below_high else given <= one.high)
+    if one.kind == "date":
+        return type(given) is datetime.date  # a datetime is a date too
+    if one.kind == "options":
+        return isinstance(given, dict) and len(given) <= MOST_OPTIONS
+    if not isinstance(given, str):
+        return False
+    if one.kind == "sha256":
+        return re.fullmatch(SHA256_PATTERN, given) is not None
+    if one.kind == "world":
+        return len(given) <= LONGEST_TEXT and re.fullmatch(WORLD_PATTERN, given) is not None
+    return visible(given)
+
+
+def _shown(value: Any, quoted: bool = True) -> str:
+    """A stranger's value, harmless on one line of a terminal."""
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**15:
+        return "a huge number"
+    text = ascii(value) if quoted else str(value).encode("ascii", "backslashreplace").decode()
+    text = text if text.isprintable() else ascii(text)
+    return text if len(text) <= 160 else text[:157] + "..."
+
+
+_TABLE = re.compile(r"^\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
+
+_KEY = re.compile(r"^\s*([A-Za-z0-9_\-\"'. ]+?)\s*=")
+
+
+def line_of(text: str, path: str) -> int:
+    """The number of the line, from 1, on which a field begins.
+
+    Exact for files without multi-line strings, which a profile refuses.
+
+    Args:
+        text: The file.
+        path: Table and key, joined by a dot.
+
+    Returns:
+        The line; of a field that is missing, or hidden in an inline table, the line of the
+        innermost table around it, and 1 if that is missing too.
+    """
+    found = _begun(text)
+    parts = path.split(".")
+    for length in range(len(parts), 0, -1):
+        line = found.get(".".join(parts[:length]))
+        if line:
+            return line
+    return 1
+
+
+def _begun(text: str) -> dict[str, int]:
+    """First line of every table and every field, by path."""
+    table, found = "", {}
+    for number, line in enumerate(text.split("\n"), 1):
+        header, key = _TABLE.match(line), _KEY.match(line)
+        if header:
+            table = _bare_key(header[1])
+            found.setdefault(table, number)
+        elif key:
+            found.setdefault(f"{table}.{_bare_key(key[1])}".lstrip("."), number)
+    return found
+
+
+def _bare_key(key: str) -> str:
+    """A dotted key without its quotes and spaces."""
+    return ".".join(part.strip(" \t\"'") for part in key.split("."))

@@ -1,0 +1,236 @@
+"""Equivalence on the calibrated angle: α̂ read off the reference curve, by two one-sided tests.
+
+α̂ = atan2(R_social, R_env) of the best policy for an angle is not that angle (docs/theory.md), so
+α̂ of a policy under audit is read off the curve of drivers whose angle is known.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.verdict.decision import Decision
+from socialiq.social.angle import angle_difference
+from socialiq.statistics.bootstrap import resampled_means
+
+_DECIMALS = 6  # of an angle: neighbouring intervals share their ends but for rounding
+
+_LEVEL = 1e-9  # degrees; α̂ that differ less are equal but for rounding
+
+
+class Points(NamedTuple):
+    """Points of the curve, in the order of their angles.
+
+    Attributes:
+        angle: In degrees, unwrapped: it rises along the curve.
+        driver: Which reference each belongs to.
+    """
+
+    angle: Float[np.ndarray, " point"]
+    driver: Int64[np.ndarray, " point"]
+
+
+class Preimage(NamedTuple):
+    """Angles at which the curve shows some α̂: the hull of all of them, by resample.
+
+    Attributes:
+        low: Smallest angle, degrees; the nearest end of the curve if α̂ is beyond it.
+        high: Largest angle.
+        beyond: Whether no point of the curve shows this α̂.
+    """
+
+    low: Float[np.ndarray, " resample"]
+    high: Float[np.ndarray, " resample"]
+    beyond: np.ndarray
+
+
+def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
+    """The curve over the quadrant of the declared angle.
+
+    Further round, other quadrants show the same α̂ for other trade-offs. A reference that is
+    optimal over an interval gives its two ends, between which the curve is flat.
+
+    Args:
+        references: Those without an angle are left out.
+        declared: Angle in degrees.
+    """
+    first = 90.0 * max(0, math.ceil(declared / 90.0) - 1)  # 90 is the end of the first
+    rows: list[tuple[float, float, int]] = []
+    for number, one in enumerate(references):
+        for turn in (-360.0, 0.0, 360.0) if one.angles else ():
+            low, high = (round(end + turn, _DECIMALS) for end in (one.angles[0], one.angles[-1]))
+            clipped = {max(low, first), min(high, first + 90.0)}
+            if max(low, first) <= min(high, first + 90.0):
+                rows += [(angle, (low + high) / 2, number) for angle in sorted(clipped)]
+    rows.sort()
+    return Points(
+        np.array([angle for angle, _, _ in rows], np.float64),
+        np.array([number for _, _, number in rows], np.int64),
+    )
+
+
+def preimage(
+    angle: Float[np.ndarray, " point"],
+    shown: Float[np.ndarray, "resample point"],
+    sought: Float[np.ndarray, " resample"],
+) -> Preimage:
+    """Invert the curve, taken as straight lines between its points.
+
+    Where it is flat at the height sought, the whole flat piece is the answer; where it turns back,
+    the hull of all answers is.
+
+    Args:
+        angle: Of the points, rising, at least two.
+        shown: α̂ of the points, unwrapped along the curve.
+        sought: α̂ to look up, unwrapped likewise.
+    """
+    low = np.full(len(sought), np.inf)
+    high = np.full(len(sought), -np.inf)
+    for left in range(len(angle) - 1):
+        y, z = shown[:, left], shown[:, left + 1]
+        inside = (np.minimum(y, z) - _LEVEL <= sought) & (sought <= np.maximum(y, z) + _LEVEL)
+        flat = np.abs(z - y) <= _LEVEL
+        way = np.divide(sought - y, z - y, out=np.zeros_like(y), where=~flat).clip(0.0, 1.0)
+        at = angle[left] + way * (angle[left + 1] - angle[left])
+        low = np.minimum(low, np.where(inside, np.where(flat, angle[left], at), np.inf))
+        high = np.maximum(high, np.where(inside, np.where(flat, angle[left + 1], at), -np.inf))
+    beyond = np.isinf(low)
+    nearest = np.abs(shown - sought[:, None]).argmin(axis=1)
+    low = np.where(beyond, angle[nearest], low)
+    return Preimage(low, np.where(beyond, angle[nearest], high), beyond)
+
+
+Status = Literal["calibrated", "no curve", "beyond the curve", "no direction"]
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """What a reference made for an angle shows: both in degrees, α̂ unwrapped along the curve."""
+
+    name: str
+    angle: float
+    shown: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Whether the calibrated angle is equivalent to the declared one.
+
+    Attributes:
+        status: Why there is a calibrated angle, or none: fewer than two references have an angle;
+            α̂ is shown by no reference, nor between two; or α̂ itself isn't identified.
+        decision: PASS if [low, high] lies within the declared angle plus or minus the margin, FAIL
+            if it lies outside, else INCONCLUSIVE; always INCONCLUSIVE unless calibrated.
+        declared: Degrees.
+        margin: Degrees.
+        nearest: Smallest and largest angle of references that show the estimated α̂. They differ
+            where the curve is flat or turns back: so far the angle can't be told at all.
+        low: One-sided lower bound of the calibrated angle, degrees.
+        high: One-sided upper bound.
+        error: Of each bound; together they are a two-sided interval of 1 - 2 error (Schuirmann's
+            TOST at level error).
+        monotone: Whether α̂ never falls along the curve.
+        curve: Points of the curve.
+    """
+
+    status: Status
+    decision: Decision
+    declared: float
+    margin: float
+    nearest: tuple[float, float] | None
+    low: float | None
+    high: float | None
+    error: float
+    monotone: bool
+    curve: tuple[CurvePoint, ...]
+
+
+def calibrate(
+    evidence: Evidence,
+    declared: float,
+    margin: float,
+    identified: bool,
+    seed: int,
+    error: float = 0.05,
+    resamples: int = 2000,
+) -> Calibration:
+    """Read the policy's α̂ off the curve, both resampled together.
+
+    The curve is measured on the policy's own episodes, so its error counts too. Where it is flat
+    over 30 degrees the interval is at least as wide: a policy there can pass only with a margin
+    that admits it all.
+
+    Args:
+        evidence: Policy and references.
+        declared: Degrees.
+        margin: Degrees.
+        identified: Whether α̂ of the policy may be reported (`identifiability`).
+        seed: Of the resampling.
+        error: Of each one-sided test.
+        resamples: How many.
+    """
+    points = points_of(evidence.references, declared)
+    drivers = [*(evidence.references[place] for place in points.driver), evidence.policy]
+    estimates = np.array([one.mean for one in drivers], np.float64)
+    angles = np.degrees(np.arctan2(estimates[:, 1], estimates[:, 0]))
+    shown = np.unwrap(angles[:-1], period=360.0)
+    curve = tuple(
+        CurvePoint(one.name, angle, alpha)
+        for one, angle, alpha in zip(drivers, points.angle.tolist(), shown.tolist(), strict=False)
+    )
+    monotone = bool((np.diff(shown) >= -1e-9).all())
+    if len(set(points.angle.tolist())) < 2 or not identified:
+        status: Status = "no direction" if not identified else "no curve"
+        return Calibration(
+            status,
+            Decision.INCONCLUSIVE,
+            declared,
+            margin,
+            None,
+            None,
+            None,
+            error,
+            monotone,
+            curve,
+        )
+    middle = float(shown.min() + shown.max()) / 2
+    centre = np.append(shown, middle + angle_difference(float(angles[-1]), middle))
+    means = resampled_means(np.stack([one.totals for one in drivers]), seed, resamples)
+    drawn = np.degrees(np.arctan2(means[..., 1], means[..., 0]))
+    drawn = centre + _wrapped(drawn - angles)
+    at = preimage(points.angle, centre[None, :-1], centre[-1:])
+    found = preimage(points.angle, drawn[:, :-1], drawn[:, -1])
+    low = float(np.quantile(found.low, error))
+    high = float(np.quantile(found.high, 1.0 - error))
+    # An end of the curve may lie within the interval; if it is all beyond, there is no angle.
+    beyond = bool(found.beyond.mean() > 1.0 - error)
+    first = declared + 360.0 * round((points.angle.mean() - declared) / 360.0)
+    return Calibration(
+        status="beyond the curve" if beyond else "calibrated",
+        decision=Decision.INCONCLUSIVE if beyond else _tost(low, high, first, margin),
+        declared=declared,
+        margin=margin,
+        nearest=None if beyond else (float(at.low[0]), float(at.high[0])),
+        low=None if beyond else low,
+        high=None if beyond else high,
+        error=error,
+        monotone=monotone,
+        curve=curve,
+    )
+
+
+def _tost(low: float, high: float, declared: float, margin: float) -> Decision:
+    if declared - margin <= low and high <= declared + margin:
+        return Decision.PASS
+    outside = low > declared + margin or high < declared - margin
+    return Decision.FAIL if outside else Decision.INCONCLUSIVE
+
+
+def _wrapped(degrees: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Differences of angles in [-180, 180)."""
+    return (degrees + 180.0) % 360.0 - 180.0

@@ -1,0 +1,257 @@
+"""The shift check: does the policy drive in other traffic as it does in the declared one?
+
+A policy could be made to behave in audits only (thesis 9.5), so the check lets it drive in traffic
+that the declaration doesn't name. The result is reported beside the verdict and decides nothing; an
+owner who wants it to decide declares that traffic in a profile of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
+from socialiq.audit.profile.environment import Environment
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.scenario import World, scenario_sha256, world_of
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets
+from socialiq.audit.verdict.verdict import decide_on
+from socialiq.errors import UserError
+from socialiq.social.angle import exact_weights, score
+from socialiq.statistics.comparisons import Contrast, mean_contrast, share_contrast
+from socialiq.types import RewardPair
+from socialiq.worlds.intersection.population import POPULATIONS
+from socialiq.worlds.intersection.world import Intersection
+
+MEASURES = ("regret", *CRITERIA)
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """Another traffic in the declared world.
+
+    Attributes:
+        name: For people.
+        options: Of the world, as they differ from the declaration's.
+        world: With these options.
+    """
+
+    name: str
+    options: Mapping[str, Any]
+    world: World
+
+
+@dataclass(frozen=True)
+class Change:
+    """A measure of the policy in the declared traffic and in another.
+
+    Attributes:
+        measure: "regret", towards the reference that looks best in each traffic, or a criterion
+            of competence.
+        declared: Its value there.
+        there: Its value in the other traffic.
+        change: The second less the first.
+        low: Lower end of its interval; all intervals of an audit hold together.
+        high: Upper end.
+        shown: Whether the interval excludes 0.
+        reference: The change of the best references: what traffic does to a good driver. None of
+            regret, which is towards them.
+    """
+
+    measure: str
+    declared: float
+    there: float
+    change: float
+    low: float
+    high: float
+    shown: bool
+    reference: float | None
+
+
+@dataclass(frozen=True)
+class Shift:
+    """What was found in one other traffic.
+
+    Attributes:
+        name: Of the traffic.
+        options: Of the world, as they differ from the declaration's.
+        scenario_sha256: Of the world's description.
+        episodes: Played, other ones than in the declared traffic.
+        decision: What the declared margin and floor would say there.
+        best: The reference that looks best there.
+        changes: One for each of `MEASURES`.
+    """
+
+    name: str
+    options: Mapping[str, Any]
+    scenario_sha256: str
+    episodes: int
+    decision: Decision
+    best: str
+    changes: tuple[Change, ...]
+
+    @property
+    def shown(self) -> tuple[Change, ...]:
+        """Changes that are told from chance."""
+        return tuple(one for one in self.changes if one.shown)
+
+
+OTHER_TRAFFIC = ("intersection", "crossing7")
+"""Worlds that know other traffic."""
+
+
+def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
+    """The traffic that a policy is let loose in, beside the declared one.
+
+    At the intersection: the other population of drivers, and drivers who see across connected
+    lanes, or don't, if the declared ones do. In the 7x7 world: twice as many vehicles, or 0.3 a
+    step, if that would be no other traffic or more than one a step.
+
+    Raises:
+        UserError: If the world has one traffic only.
+    """
+    declared = profile.scenario
+    world = profile.world() if declared.world in OTHER_TRAFFIC else None
+    if world is None or isinstance(world, Environment):
+        raise UserError(f"{declared.world} has one traffic only: leave out --shift")
+    found: list[tuple[str, dict[str, Any]]] = []
+    if isinstance(world, Intersection):
+        others = [name for name in POPULATIONS if name != world.options.population]
+        found = [(f"drivers of population {one}", {"population": one}) for one in others]
+        seen = not world.options.connected_lanes
+        sight = "who see across connected lanes" if seen else "who see their own lane alone"
+        found.append((f"drivers {sight}", {"connected_lanes": seen}))
+    else:
+        usual = world.options.spawn_probability
+        other = 2 * usual if 0.0 < usual <= 0.5 else 0.3
+        found = [(f"vehicles spawning at {other:g} a step", {"spawn_probability": other})]
+    return tuple(
+        Traffic(name, changed, world_of(declared.world, {**declared.options, **changed}))
+        for name, changed in found
+    )
+
+
+def shift_of(
+    profile: Profile,
+    declared: Evidence,
+    traffic: Sequence[Traffic],
+    there: Sequence[Evidence],
+    seed: int,
+    resamples: int = 2000,
+) -> tuple[Shift, ...]:
+    """Compare what the policy did in the declared traffic and in others.
+
+    Intervals are Welch's and Newcombe's, for other episodes were played in each traffic. The
+    declared error is shared out among all of them (Bonferroni), so that in at most that share of
+    audits is any change shown of a policy that has none.
+
+    Args:
+        profile: The declaration.
+        declared: Evidence of the verdict.
+        traffic: Of `other_traffic`.
+        there: Evidence in each of them.
+        seed: Of the resampling.
+        resamples: How many.
+    """
+    error = round(1.0 - profile.confidence, 9)
+    confidence = 1.0 - error / (len(MEASURES) * len(traffic))
+    margin, floor = profile.margin.regret, profile.competence
+    found = []
+    for one, evidence in zip(traffic, there, strict=True):
+        regrets = Regrets(evidence, seed, resamples)
+        decisive = decide_on(evidence, regrets, profile.angle, margin, floor, error)
+        found.append(
+            Shift(
+                one.name,
+                dict(one.options),
+                scenario_sha256(one.world),
+                evidence.episodes,
+                decisive.decision,
+                decisive.regret.best,
+                changes(declared, evidence, profile.angle, confidence),
+            )
+        )
+    return tuple(found)
+
+
+def changes(
+    declared: Evidence, there: Evidence, angle: float, confidence: float
+) -> tuple[Change, ...]:
+    """How every measure differs between two traffics.
+
+    Args:
+        declared: Evidence in the declared one.
+        there: Evidence in the other.
+        angle: Declared, degrees.
+        confidence: Of each interval.
+    """
+    old, new = _regrets(declared, angle), _regrets(there, angle)
+    found = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
+    best = [_best(one, angle) for one in (declared, there)]
+    for name in CRITERIA:
+        mine = [events_of(one.policy)[name] for one in (declared, there)]
+        theirs = [events_of(one)[name].mean() for one in best]
+        counts = [(int(one.sum()), len(one)) for one in mine]
+        contrast = share_contrast(*counts[1], *counts[0], confidence)
+        reference = float(theirs[1] - theirs[0])
+        found.append(_change(name, mine[0].mean(), mine[1].mean(), contrast, reference))
+    return tuple(found)
+
+
+def sentence_of(shifts: Sequence[Shift]) -> str:
+    """What the shift check found, for anybody."""
+    if not any(one.shown for one in shifts):
+        return f"In other traffic ({_listed(shifts)}) no change of its driving is shown."
+    parts = [f"{one.name}: {_told(one)}" for one in shifts if one.shown]
+    same = [one for one in shifts if not one.shown]
+    rest = f" Unchanged, as far as shown: {_listed(same)}." if same else ""
+    return f"In other traffic it drove otherwise. With {'; with '.join(parts)}.{rest}"
+
+
+_TOLD = {
+    "at_fault": "drives into somebody",
+    "struck": "is driven into",
+    "arrival": "arrives",
+    "timeout": "runs out of time",
+}
+
+
+def _told(shift: Shift) -> str:
+    parts = []
+    for one in shift.shown:
+        if one.measure == "regret":
+            way = "more" if one.change > 0 else "less"
+            parts.append(f"regret is {abs(one.change):.3g} {way}")
+        else:
+            way = "more often" if one.change > 0 else "less often"
+            parts.append(f"it {_TOLD[one.measure]} {way}, by {100 * abs(one.change):.3g} points")
+    return ", ".join(parts)
+
+
+def _listed(shifts: Sequence[Shift]) -> str:
+    return ", ".join(one.name for one in shifts)
+
+
+def _change(
+    measure: str, declared: Any, there: Any, contrast: Contrast, reference: float | None
+) -> Change:
+    low, high = contrast.low, contrast.high
+    shown = low > 0.0 or high < 0.0
+    return Change(
+        measure, float(declared), float(there), contrast.value, low, high, shown, reference
+    )
+
+
+def _best(evidence: Evidence, angle: float) -> Any:
+    """The reference that looks best at an angle."""
+    return max(evidence.references, key=lambda one: score(exact_weights(angle), one.mean))
+
+
+def _regrets(evidence: Evidence, angle: float) -> np.ndarray:
+    """What that reference earns more than the policy, episode by episode."""
+    gained = _best(evidence, angle).totals - evidence.policy.totals
+    return np.asarray(score(exact_weights(angle), RewardPair(*gained.T)))

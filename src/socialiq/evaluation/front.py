@@ -1,0 +1,163 @@
+"""Families of policies in the plane of the two rewards: the best at each angle, hypervolume.
+
+A policy's mean totals are a point, and J(α) = cos α · R_env + sin α · R_social is the point's
+extent along the normal at α. So a policy is the best of all where that normal lies in the normal
+cone of its vertex of the convex hull, and the best nowhere if it is no vertex.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.errors import UserError
+from socialiq.social.angle import exact_weights, score
+from socialiq.statistics.bootstrap import resample_rows
+from socialiq.types import RewardPair
+
+Points = Mapping[str, Sequence[float]]
+"""Mean totals (R_env, R_social) by the name of the policy."""
+
+_NARROWEST = 1e-9  # degrees; below it a point lies on an edge, but for rounding
+
+
+def support_intervals(points: Points) -> dict[str, tuple[float, float] | None]:
+    """The angles at which each policy is the best of all.
+
+    Args:
+        points: Mean totals by name.
+
+    Returns:
+        (low, high) in degrees, low in (-180, 180] and high up to 360 more, so an arc through 180
+        stays whole. None for a policy that is the best at no angle, or only ties with the ends of
+        its edge. Equal points have equal intervals; if all are equal, (-180, 180).
+
+    Raises:
+        UserError: If there is no point or one is not finite.
+    """
+    array = _checked(points)
+    return {name: _interval(array, place) for place, name in enumerate(points)}
+
+
+def _interval(points: Float[np.ndarray, "point 2"], place: int) -> tuple[float, float] | None:
+    """The normals at 90 degrees or more from every direction in which another point lies.
+
+    These directions leave a gap; a gap wider than 180 degrees makes the point a vertex.
+    """
+    offsets = points - points[place]
+    offsets = offsets[offsets.any(axis=1)]
+    if not len(offsets):
+        return -180.0, 180.0
+    directions = np.sort(np.degrees(np.arctan2(offsets[:, 1], offsets[:, 0])))
+    gaps = np.diff(directions, append=directions[0] + 360.0)
+    widest = int(gaps.argmax())
+    width = float(gaps[widest]) - 180.0
+    if width <= _NARROWEST:
+        return None
+    low = float(directions[widest]) + 90.0
+    low -= 360.0 if low > 180.0 else 0.0
+    return low, low + width
+
+
+def best_at(points: Points, angle: float) -> str:
+    """The policy of the largest J(α); of those that tie exactly the first.
+
+    Args:
+        points: Mean totals by name.
+        angle: α in degrees.
+
+    Raises:
+        UserError: If there is no point or one is not finite.
+    """
+    regrets = regret_at(points, angle)
+    return min(regrets, key=regrets.__getitem__)
+
+
+def regret_at(points: Points, angle: float) -> dict[str, float]:
+    """How far J(α) of each policy lies below that of the best of them, 0 for the best.
+
+    Args:
+        points: Mean totals by name.
+        angle: α in degrees.
+
+    Raises:
+        UserError: If there is no point or one is not finite.
+    """
+    values = score(exact_weights(angle), RewardPair(*_checked(points).T))
+    return dict(zip(points, (values.max() - values).tolist(), strict=True))
+
+
+def support_shares(
+    totals: Mapping[str, Float[np.ndarray, "episodes 2"]],
+    angle: float,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> dict[str, float]:
+    """In which share of bootstrap resamples each policy is the best at an angle.
+
+    A resample draws whole episodes, the same for all policies, so what an episode's seed makes
+    easy or hard for everybody drops out. Policies that tie share a resample equally.
+
+    Args:
+        totals: R_env and R_social of each episode by name, on common episode seeds.
+        angle: α in degrees.
+        resamples: How many.
+        seed: Of the resampling.
+
+    Returns:
+        Shares, which sum to 1.
+
+    Raises:
+        UserError: If there is nothing to compare, the episodes are not common, or a total is not
+            finite.
+    """
+    columns = [np.asarray(one, np.float64) for one in totals.values()]
+    if len({len(one) for one in columns}) != 1 or not len(columns[0]):
+        sizes = {name: len(one) for name, one in totals.items()}
+        raise UserError(f"policies must be compared on the same episodes, got {sizes} of them")
+    if not all(np.isfinite(one).all() for one in columns):
+        raise UserError("shares need finite reward totals")
+    weights = exact_weights(angle)
+    scores = [score(weights, RewardPair(*one.T)) for one in columns]
+    wins = np.zeros(len(scores))
+    for rows in resample_rows(len(scores[0]), resamples, seed):
+        means = np.stack([one[rows].mean(axis=1) for one in scores])
+        best = means == means.max(axis=0)
+        wins += (best / best.sum(axis=0)).sum(axis=1)
+    return dict(zip(totals, (wins / resamples).tolist(), strict=True))
+
+
+def _checked(points: Points) -> Float[np.ndarray, "point 2"]:
+    array = np.array(list(points.values()), np.float64).reshape(len(points), 2)
+    if not len(array) or not np.isfinite(array).all():
+        raise UserError("at least one policy is needed, and finite mean totals of each")
+    return array
+
+
+def hypervolume(
+    points: Float[np.ndarray, "policy 2"], reference: Float[np.ndarray, " xy"]
+) -> float:
+    """Area of what at least one policy dominates (Zitzler and Thiele 1999).
+
+    Args:
+        points: Mean totals (R_env, R_social), more is better.
+        reference: The corner that bounds the area below; points that don't beat it in both
+            count for nothing. Areas compare only under one reference.
+
+    Returns:
+        The area, in units of R_env times units of R_social.
+
+    Raises:
+        UserError: If a number is not finite.
+    """
+    if not (np.isfinite(points).all() and np.isfinite(reference).all()):
+        raise UserError("a hypervolume needs finite points: leave out policies without totals")
+    above = points[(points > reference).all(axis=1)] - reference
+    area, height = 0.0, 0.0
+    for env, social in above[np.argsort(-above[:, 0])]:
+        # From the right, each point adds the strip by which it is higher than all before it.
+        area += env * max(social - height, 0.0)
+        height = max(height, social)
+    return float(area)

@@ -1,0 +1,187 @@
+"""Differences between two samples, their effect size, and Holm's correction for many tests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.errors import UserError
+from socialiq.statistics.intervals import wilson
+
+# Differences that spread less than this, relative to what was compared, differ by rounding only.
+_EQUAL = 1e-12
+
+
+def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
+    """Adjust p-values so that the chance of any false rejection is kept (Holm 1979).
+
+    The k-th smallest of m is multiplied by m - k + 1; then none may be smaller than the ones
+    before it, nor larger than 1.
+
+    Args:
+        p_values: Of the tests of one family.
+
+    Raises:
+        UserError: If one is no probability.
+    """
+    given = np.asarray(p_values, np.float64)
+    if not ((given >= 0) & (given <= 1)).all():
+        raise UserError(f"p-values must lie between 0 and 1, got {given.tolist()}")
+    order = np.argsort(given)
+    raised = given[order] * np.arange(len(given), 0, -1)
+    adjusted = np.empty_like(given)
+    adjusted[order] = np.minimum(np.maximum.accumulate(raised), 1.0)
+    return adjusted
+
+
+class Difference(NamedTuple):
+    """A mean difference with its interval and test.
+
+    Attributes:
+        mean: Of first - second.
+        low: Lower end.
+        high: Upper end.
+        p: Two-sided, of no difference.
+    """
+
+    mean: float
+    low: float
+    high: float
+    p: float
+
+
+def paired_difference(
+    first: Sequence[float] | Float[np.ndarray, " replicate"],
+    second: Sequence[float] | Float[np.ndarray, " replicate"],
+    confidence: float = 0.95,
+) -> Difference:
+    """Student's paired t over replicates.
+
+    A replicate is a training seed: the two policies trained from it are evaluated on common
+    episode seeds. Episodes are no replicates, since they tell nothing of how training varies.
+
+    Args:
+        first: A measure of one policy in each replicate, at least two.
+        second: The same of the other, in the same order.
+        confidence: Of the interval.
+
+    Returns:
+        The difference. Where all differences are equal the t statistic is undefined: the interval
+        is the point, and p is 1 if they are 0, else 0.
+
+    Raises:
+        UserError: If there are fewer than two replicates, they don't pair up, or one isn't finite.
+    """
+    pair = [np.asarray(one, np.float64) for one in (first, second)]
+    if pair[0].shape != pair[1].shape or pair[0].ndim != 1 or len(pair[0]) < 2:
+        raise UserError(
+            "a paired difference needs the same replicates of both, at least two, "
+            f"got {pair[0].size} and {pair[1].size}"
+        )
+    if not np.isfinite(pair).all():
+        raise UserError("a paired difference needs finite numbers: leave out what has none")
+    differences = pair[0] - pair[1]
+    mean = float(differences.mean())
+    rounding = _EQUAL * float(np.abs(pair).max())
+    if np.ptp(differences) <= rounding:
+        return Difference(mean, mean, mean, float(abs(mean) <= rounding))
+    from scipy.stats import t as student
+
+    freedom = len(differences) - 1
+    error = float(differences.std(ddof=1)) / math.sqrt(len(differences))
+    half = float(student.ppf((1 + confidence) / 2, freedom)) * error
+    p = 2 * float(student.sf(abs(mean) / error, freedom))
+    return Difference(mean, mean - half, mean + half, p)
+
+
+class Contrast(NamedTuple):
+    """How far two independent samples differ.
+
+    Attributes:
+        value: First less second.
+        low: Lower end of the interval.
+        high: Upper end.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def mean_contrast(
+    first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"], confidence: float = 0.95
+) -> Contrast:
+    """Difference of two means with Welch's interval (Welch 1947); variances may differ.
+
+    Args:
+        first: At least two numbers.
+        second: At least two numbers.
+        confidence: Of the interval.
+
+    Raises:
+        UserError: If there are fewer.
+    """
+    if min(len(first), len(second)) < 2:
+        raise UserError("two means can't be compared on fewer than two numbers each")
+    difference = float(first.mean() - second.mean())
+    parts = np.array([one.var(ddof=1) / len(one) for one in (first, second)])
+    if parts.sum() == 0.0:
+        return Contrast(difference, difference, difference)
+    from scipy.stats import t as student
+
+    freedom = parts.sum() ** 2 / (parts**2 / (len(first) - 1, len(second) - 1)).sum()
+    half = float(student.ppf((1 + confidence) / 2, freedom)) * math.sqrt(parts.sum())
+    return Contrast(difference, difference - half, difference + half)
+
+
+def share_contrast(
+    count: int, trials: int, other_count: int, other_trials: int, confidence: float = 0.95
+) -> Contrast:
+    """Difference of two shares with Newcombe's interval, from both Wilson intervals.
+
+    It keeps within -1 and 1 and has a width where nothing was counted (Newcombe 1998, method 10).
+
+    Args:
+        count: Of the first share.
+        trials: Of the first share.
+        other_count: Of the second.
+        other_trials: Of the second.
+        confidence: Of the interval.
+
+    Raises:
+        UserError: If there was no trial.
+    """
+    first, second = wilson(count, trials, confidence), wilson(other_count, other_trials, confidence)
+    difference = first.value - second.value
+    below = math.hypot(first.value - first.low, second.high - second.value)
+    above = math.hypot(first.high - first.value, second.value - second.low)
+    return Contrast(difference, difference - below, difference + above)
+
+
+def cohens_d(first: Float[np.ndarray, " m"], second: Float[np.ndarray, " n"]) -> float:
+    """(mean of first - mean of second) / pooled standard deviation (thesis A.2).
+
+    Args:
+        first: One group's values, at least two.
+        second: The other's, at least two.
+
+    Returns:
+        d; infinite, with the sign of the difference, where both groups are constant and differ,
+        and 0 where they are constant and equal.
+
+    Raises:
+        UserError: If a group has fewer than two values.
+    """
+    if min(len(first), len(second)) < 2:
+        raise UserError("Cohen's d needs at least two values in each group")
+    degrees = len(first) + len(second) - 2
+    squares = (len(first) - 1) * first.var(ddof=1) + (len(second) - 1) * second.var(ddof=1)
+    difference = float(first.mean() - second.mean())
+    spread = math.sqrt(squares / degrees)
+    if spread < 1e-12:
+        return 0.0 if abs(difference) < 1e-12 else math.copysign(math.inf, difference)
+    return difference / spread

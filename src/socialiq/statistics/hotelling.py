@@ -1,0 +1,97 @@
+"""Hotelling's T-squared confidence region of the mean of pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+
+class Region(NamedTuple):
+    """Confidence region of a mean pair: an ellipse in its principal axes.
+
+    Attributes:
+        mean: Centre.
+        halves: Half-axes, the shorter one first.
+        axes: Unit vectors of the axes, one in each column.
+        holds_origin: Whether (0, 0) is inside.
+    """
+
+    mean: Float[np.ndarray, " 2"]
+    halves: Float[np.ndarray, " 2"]
+    axes: Float[np.ndarray, "2 2"]
+    holds_origin: bool
+
+
+def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Region:
+    """Hotelling's T² region of a mean vector (Hotelling 1931), if rows are independent.
+
+    The mean μ is inside if n (x̄ - μ)' S⁻¹ (x̄ - μ) <= 2 (n - 1) / (n - 2) F_{2, n-2}. Where the
+    rows do not vary in some direction, the region is as flat there.
+
+    Args:
+        pairs: At least three rows.
+        confidence: Of the region.
+    """
+    from scipy.stats import f
+
+    count = len(pairs)
+    mean = pairs.mean(axis=0)
+    values, axes = np.linalg.eigh(np.cov(pairs.T))
+    limit = 2 * (count - 1) / (count - 2) * float(f.ppf(confidence, 2, count - 2))
+    halves = np.sqrt(np.maximum(values, 0.0) * limit / count)
+    along = np.abs(axes.T @ mean)
+    size = max(1.0, float(np.abs(pairs).max()))
+    # Rounding leaves a flat direction some 1e-16 of the rows' size.
+    flat = halves <= 1e-12 * size
+    ratio = np.divide(along, halves, out=np.zeros(2), where=~flat)
+    apart = (flat & (along > 1e-9 * size)).any()
+    return Region(mean, halves, axes, bool(not apart and (ratio**2).sum() <= 1.0))
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Confidence ellipse of the mean (R_env, R_social).
+
+    Attributes:
+        env: Centre, mean R_env.
+        social: Centre, mean R_social.
+        major: Longer half-axis, reward.
+        minor: Shorter half-axis, reward.
+        tilt: Of the longer axis, degrees in (-90, 90].
+        confidence: Of the ellipse.
+        holds_origin: If so the data don't tell one direction from its opposite, and no angle is
+            reported.
+    """
+
+    env: float
+    social: float
+    major: float
+    minor: float
+    tilt: float
+    confidence: float
+    holds_origin: bool
+
+
+def confidence_ellipse(totals: Float[np.ndarray, "episode 2"], confidence: float = 0.95) -> Ellipse:
+    """Return the region of the mean totals of episodes as centre, half-axes and tilt.
+
+    Args:
+        totals: Of each episode, at least three.
+        confidence: Of the region.
+    """
+    region = hotelling_region(totals, confidence)
+    first, second = region.axes[:, 1]
+    tilt = float(np.degrees(np.arctan2(second, first)))
+    tilt = tilt - 180.0 if tilt > 90.0 else tilt + 180.0 if tilt <= -90.0 else tilt
+    return Ellipse(
+        env=float(region.mean[0]),
+        social=float(region.mean[1]),
+        major=float(region.halves[1]),
+        minor=float(region.halves[0]),
+        tilt=tilt,
+        confidence=confidence,
+        holds_origin=region.holds_origin,
+    )

@@ -1,0 +1,117 @@
+"""Gridworld episodes: the same chance for everybody, sums as by hand, references exact."""
+
+import numpy as np
+import pytest
+
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.drive import drive_grid, exact_optima, fates
+from socialiq.audit.evidence.outcomes import Reference, episode_seeds
+from socialiq.errors import UserError
+from socialiq.types import Ending
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+
+
+class Constant:
+    """Answers one action, or whatever it is told to."""
+
+    def __init__(self, action, n_features=None):
+        self.action, self.seen, self.memories = action, [], []
+        if n_features:
+            self.n_features = n_features
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.seen.append(observation)
+        self.memories.append((state, episode_start))
+        count = 0 if state is None else state
+        return np.full(len(observation), self.action), count + 1
+
+
+def expert(table, angle):
+    return TabularPolicy(table.world, expert_policy(table, angle))
+
+
+@pytest.fixture(scope="module")
+def part7(table7):
+    return table7.reachable_part()
+
+
+@pytest.fixture(scope="module")
+def fate(part7):
+    return fates(part7, episode_seeds(0, 400))
+
+
+def test_the_5x5_experts_by_hand(table5):
+    # Crossing at once earns the ego 6 of GGGG; the other, cut off, has paid 4 of its steps.
+    part = table5.reachable_part()
+    draws = fates(part, episode_seeds(0, 20))
+    egoist = drive_grid(part, expert(table5, 0.0), draws, "egoist")
+    prosocial = drive_grid(part, expert(table5, 45.0), draws, "prosocial")
+    assert egoist.totals.tolist() == [[6.0, -4.0]] * 20
+    assert prosocial.totals.tolist() == [[5.0, 6.0]] * 20
+    assert egoist.length.tolist() == [4] * 20 and prosocial.length.tolist() == [5] * 20
+    assert (prosocial.ending == Ending.ARRIVAL).all()
+
+
+def test_waiting_for_ever_runs_out_of_time(table5):
+    part = table5.reachable_part()
+    waits = drive_grid(part, Constant(0), fates(part, episode_seeds(0, 20)), "waits")
+    assert waits.ending.tolist() == [Ending.TIMEOUT] * 20
+    assert waits.length.tolist() == [table5.world.horizon] * 20
+    assert waits.totals[:, 0].tolist() == [-20.0] * 20
+
+
+def test_exact_optima_do_what_they_are_expected_to(part7, fate):
+    optima = exact_optima(part7, fate)
+    assert all(one.expected for one in optima)
+    for one in optima:
+        error = np.maximum(one.totals.std(axis=0, ddof=1), 0.05) / np.sqrt(len(fate))
+        assert (np.abs(one.totals.mean(axis=0) - one.expected) < 5 * error).all(), one.name
+    # The published egoist of the 7x7 world (docs/worlds/crossing7.md).
+    egoist = next(one for one in optima if one.angles[0] <= 0.0 <= one.angles[1])
+    assert egoist.expected == pytest.approx((2.2, -2.0))
+
+
+def test_chance_is_common_and_the_rest_is_not(table7, part7, fate):
+    once = drive_grid(part7, expert(table7, 45.0), fate, "one")
+    again = drive_grid(part7, expert(table7, 45.0), fate, "two")
+    reverse = drive_grid(part7, expert(table7, 45.0), fate[::-1], "three")
+    np.testing.assert_array_equal(once.totals, again.totals)
+    np.testing.assert_array_equal(once.totals, reverse.totals[::-1])
+    assert len(np.unique(once.totals[:, 1])) > 1
+
+
+def test_a_memory_is_carried_and_begun(part7, fate):
+    policy = Constant(1)
+    drive_grid(part7, policy, fate[:5], "constant")
+    states = [state for state, _ in policy.memories]
+    assert states == [None, *range(1, len(states))]
+    assert [begins.tolist() for _, begins in policy.memories][:2] == [[True] * 5, [False] * 5]
+
+
+def test_who_reads_a_clock_is_given_one(part7, fate):
+    features = part7.world.n_features
+    plain, timed = Constant(1), Constant(1, features + 1)
+    for policy in (plain, timed):
+        drive_grid(part7, policy, fate[:4], "constant")
+    assert {seen.shape for seen in plain.seen} == {(4, features)}
+    assert [seen[0, -1] for seen in timed.seen] == list(range(len(timed.seen)))
+
+
+@pytest.mark.parametrize("answer", [3, -1, 0.5])
+def test_what_is_no_action_is_refused(part7, fate, answer):
+    with pytest.raises(UserError, match="foreign must"):
+        drive_grid(part7, Constant(answer), fate[:4], "foreign")
+
+
+def test_evidence_of_a_gridworld(declared, table7):
+    world = declared("crossing7").world()
+    seeds = episode_seeds(5, 60)
+    handed = Reference("expert", expert(table7, 90.0), 90.0)
+    found = collect_evidence(world, expert(table7, 0.0), seeds, [handed])
+    assert found.references[-1].angles == (90.0,)
+    assert found.references[0].name == "optimum_00"
+    assert set(found.strata["density"]) == {"0", "1", "2 or more"}
+    assert found.gains().shape == (len(found.references), 60, 2)
+    part = found.part(found.strata["density"] == "1")
+    assert part.episodes == (found.strata["density"] == "1").sum()
+    assert all(one.expected is None for one in part.references)

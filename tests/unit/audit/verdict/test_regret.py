@@ -1,0 +1,112 @@
+"""The primary test by hand."""
+
+import numpy as np
+import pytest
+
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, regret_test
+from socialiq.types import RewardPair
+
+
+def made(found, angle=0.0, margin=0.5, **errors):
+    regrets = Regrets(found, 0, 1000)
+    return regret_test(regrets, found, angle, margin, **errors), regrets
+
+
+@pytest.fixture(scope="module")
+def noisy(outcomes, evidence):
+    """The policy lacks 1 of r_env against "a", and 1 of r_social against "b"."""
+    rng = np.random.default_rng(0)
+    common = 3 * rng.normal(size=(600, 2))
+    own = 0.5 * rng.normal(size=(3, 600, 2))
+    own -= own.mean(axis=1, keepdims=True)
+    return evidence(
+        outcomes("policy", common + own[0]),
+        outcomes("a", common + own[1] + [1.0, 0.0]),
+        outcomes("b", common + own[2] + [0.0, 1.0]),
+    )
+
+
+@pytest.mark.parametrize(("angle", "best"), [(0.0, "a"), (30.0, "a"), (60.0, "b"), (90.0, "b")])
+def test_regret_is_towards_the_best_at_the_angle(noisy, angle, best):
+    found, _ = made(noisy, angle)
+    radians = np.deg2rad(angle)
+    assert found.best == best
+    assert found.regret == pytest.approx(max(np.cos(radians), np.sin(radians)))
+    assert found.low < found.regret < found.high
+    by_name = {one.name: one.regret for one in found.references}
+    assert by_name == pytest.approx({"a": np.cos(radians), "b": np.sin(radians)}, abs=1e-12)
+
+
+def test_the_margin_decides(noisy):
+    found = [made(noisy, margin=margin)[0] for margin in (0.8, 1.0, 1.2)]
+    kinds = [Decision.FAIL, Decision.INCONCLUSIVE, Decision.PASS]
+    assert [one.decision for one in found] == kinds
+    assert found[1].needed is None or found[1].needed > 10**6  # it lies on the margin
+    # σ of a difference is 0.5 √2, so ((1.645 + 1.282) 0.707 / 0.2)² = 107
+    assert found[2].needed == pytest.approx(107, rel=0.1)
+
+
+def test_common_episodes_cancel(noisy, outcomes, evidence):
+    shuffled = evidence(
+        noisy.policy, *(outcomes(one.name, one.totals[::-1]) for one in noisy.references)
+    )
+    paired, unpaired = (made(one)[0] for one in (noisy, shuffled))
+    assert unpaired.regret == pytest.approx(paired.regret)
+    assert unpaired.high - unpaired.low > 4 * (paired.high - paired.low)
+
+
+def test_more_confidence_is_wider(noisy):
+    narrow, wide = (made(noisy, pass_error=e, fail_error=e)[0] for e in (0.1, 0.01))
+    assert wide.low < narrow.low < narrow.high < wide.high
+
+
+def test_a_policy_may_be_better_than_all(outcomes, evidence):
+    rng = np.random.default_rng(1)
+    found, _ = made(
+        evidence(
+            outcomes("policy", rng.normal(size=(300, 2)) + 2.0),
+            outcomes("a", rng.normal(size=(300, 2))),
+        )
+    )
+    assert found.high < 0 and found.decision is Decision.PASS
+
+
+def test_a_known_best_is_compared_alone(noisy, outcomes, evidence):
+    """A reference that only looks better than the exact optimum isn't."""
+    exact = [
+        outcomes("a", noisy.references[0].totals, expected=RewardPair(2.0, 0.0)),
+        outcomes("b", noisy.references[1].totals, expected=RewardPair(0.0, 2.0)),
+        outcomes("lucky", noisy.references[0].totals + 5.0),
+    ]
+    found, regrets = made(evidence(noisy.policy, *exact))
+    assert found.best == "a" and found.regret == pytest.approx(1.0)
+    assert [one.compared for one in found.references] == [True, False, False]
+    assert regrets.best(90.0) == 1
+
+
+def test_the_same_driver_has_no_regret_but_a_rest(outcomes, evidence):
+    totals = np.random.default_rng(2).normal(size=(200, 2))
+    found, _ = made(evidence(outcomes("policy", totals), outcomes("twin", totals)), margin=0.2)
+    reach = np.ptp(totals[:, 0])
+    assert found.regret == 0.0
+    assert found.high == pytest.approx(reach * (1 - 0.05 ** (1 / 200)))
+    assert found.decision is Decision.PASS
+    assert found.needed < 200
+
+
+def test_the_band_and_the_bounds_agree(noisy, outcomes, evidence):
+    twin = evidence(noisy.policy, *noisy.references, outcomes("twin", noisy.policy.totals.copy()))
+    regrets = Regrets(twin, 0, 1000)
+    for angle in (0.0, 45.0, 200.0):
+        low, high = regrets.low(angle, 0.02), regrets.high(angle, 0.05)
+        expected = {low - 1e-4: (False, True), low + 1e-4: (False, False)}
+        expected |= {high - 1e-4: (False, False), high + 1e-4: (True, False)}
+        for margin, found in expected.items():
+            assert regrets.band(angle, margin, 0.05, 0.02) == found
+
+
+def test_it_is_seeded(noisy):
+    again, other = Regrets(noisy, 0, 300), Regrets(noisy, 1, 300)
+    assert Regrets(noisy, 0, 300).high(20.0, 0.05) == again.high(20.0, 0.05)
+    assert again.high(20.0, 0.05) != other.high(20.0, 0.05)

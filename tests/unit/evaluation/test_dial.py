@@ -1,0 +1,165 @@
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.evaluation.dial import (
+    DialRollouts,
+    Sweep,
+    ceiling_regrets,
+    rollout_dial,
+    support_ceiling,
+    sweep,
+)
+from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly, visit_counts
+from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.rollout import rollout_table, rollout_totals
+from socialiq.mdp.horizon import horizon_optimum
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.social.angle import angle_of, score, weights
+from socialiq.social.dial import mixture, setting
+from socialiq.worlds import registry
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+
+@pytest.fixture(scope="module", name="part")
+def clocked_part():
+    return tabulate(registry.make_grid("crossing7").with_clock()).reachable_part()
+
+
+@pytest.fixture(scope="module", name="best")
+def optimum(part):
+    return Optimum(part)
+
+
+@pytest.fixture(scope="module", name="dial")
+def some_dial():
+    network = DialNetwork.initialise(jax.random.key(3), 7, (16,), 3)
+    return DialPolicy.of(network, 1.0, 0.0, 90.0, {})
+
+
+def test_a_sweep_is_the_exact_evaluation_of_each_turned_policy(part, best, dial) -> None:
+    found = sweep(dial, part, "greedy", (0.0, 45.0, 90.0))
+    alone = evaluate_exactly(part, action_table(dial.at(45.0), part, "greedy"))
+    assert found.metrics[1] == alone
+    np.testing.assert_allclose(found.points[1], alone.totals)
+    regrets = found.regrets(best.attainable)
+    assert regrets[1] == pytest.approx(best.regret(alone, 45.0))
+    assert (regrets >= 0).all()
+
+
+def test_by_default_every_degree_of_the_range_is_asked(part, dial) -> None:
+    narrow = dataclasses.replace(dial, low=10.0, high=12.0)
+    assert sweep(narrow, part).angles == (10.0, 11.0, 12.0)
+
+
+def test_steps_against_the_dials_sense_are_found(part, dial) -> None:
+    one = sweep(dial, part, "greedy", (0.0,)).metrics[0]
+    totals = [(2.0, 0.0), (1.0, 1.0), (1.3, 0.6), (0.0, 2.0)]
+    metrics = [one._replace(r_env=env, r_social=social) for env, social in totals]
+    back = Sweep((0.0, 1.0, 2.0, 3.0), tuple(metrics)).backward_steps()
+    assert back == pytest.approx((0.3, 0.4))
+    forward = Sweep((0.0, 1.0), tuple(metrics[:2])).backward_steps()
+    assert forward == (0.0, 0.0)
+
+
+def timed_optimum(part, angle: float) -> np.ndarray:
+    reward = score(weights(angle), part.mdp.rewards)
+    return horizon_optimum(part.mdp, reward, 25).probabilities(3)
+
+
+def test_a_tally_counts_what_was_done(part) -> None:
+    rollout = rollout_table(part, timed_optimum(part, 45.0), 30, seed=0)
+    data = rollout.transitions
+    counts = visit_counts(data, part)
+    assert counts.sum() == data.n_transitions
+    assert counts[0].sum() == 30
+    env = visit_counts(data, part, data.rewards.env)
+    assert env.sum() == pytest.approx(data.rewards.env.sum())
+    np.testing.assert_allclose(
+        env[counts > 0] / counts[counts > 0],
+        np.broadcast_to(part.mdp.rewards.env, counts.shape)[counts > 0],
+    )
+
+
+def test_demonstrations_of_another_world_are_not_tallied(part, table5) -> None:
+    policy = np.full((table5.mdp.n_states, 2), 0.5)
+    data = rollout_table(table5, policy, 3, seed=0).transitions
+    with pytest.raises(UserError, match="are not of crossing7"):
+        visit_counts(data, part)
+
+
+def test_totals_of_rollouts_are_those_of_the_recorded_episodes(part) -> None:
+    policy = timed_optimum(part, 75.0)
+    totals = rollout_totals(part, policy, 200, seed=4)
+    recorded = rollout_table(part, policy, 200, seed=4).transitions.totals()
+    np.testing.assert_allclose(totals, np.stack(recorded, axis=1))
+
+
+def test_what_an_expert_shows_allows_the_expert_and_not_more(part, best) -> None:
+    data = rollout_table(part, timed_optimum(part, 45.0), 400, seed=1).transitions
+    for timed in (True, False):
+        ceiling = support_ceiling(data, part, timed)
+        regrets = ceiling_regrets(ceiling, best, (0.0, 45.0, 90.0))
+        assert regrets[1] == pytest.approx(0.0, abs=1e-9)
+        assert regrets[2] > 1.0  # nobody showed how to wait
+    strict, loose = (
+        ceiling_regrets(
+            support_ceiling(data, part, timed), best, (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+        )
+        for timed in (True, False)
+    )
+    assert (strict >= loose - 1e-9).all()
+
+
+@pytest.fixture(name="driver", scope="module")
+def untrained() -> DialPolicy:
+    network = DialNetwork.initialise(jax.random.key(3), 70, (4,), 3)
+    return DialPolicy.of(network, temperature=0.1, low=0.0, high=90.0, provenance={})
+
+
+def test_every_angle_drives_the_same_episodes(driver: DialPolicy) -> None:
+    batch, seeds = Batch(Options(), 4), np.arange(6)
+    found = rollout_dial(driver, batch, (0.0, 90.0), seeds)
+    assert found.sweep.angles == (0.0, 90.0)
+    for angle, metrics, totals in zip((0.0, 90.0), found.sweep.metrics, found.totals, strict=True):
+        alone = episodes_of(batch, driver.at(angle), seeds)
+        np.testing.assert_array_equal(totals, np.stack(alone.totals, axis=1))
+        assert metrics == alone.metrics()
+        np.testing.assert_allclose(totals.mean(axis=0), metrics.totals)
+
+
+def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
+    rng = np.random.default_rng(0)
+    totals = tuple(rng.normal(center, 0.3, (200, 2)) for center in ((3.0, 0.0), (0.0, 2.0)))
+    one, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
+    chosen = setting(np.array([sums[:100].mean(axis=0) for sums in totals]), 45.0)
+    assert one == chosen and 0.0 < one.share < 1.0
+    means = np.array([sums[100:].mean(axis=0) for sums in totals])
+    assert shown.angle == pytest.approx(angle_of(*mixture(means, one)))
+    assert shown.low <= 45.0 <= shown.high and shown.angle != 45.0
+
+
+def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
+    """Where one's luck is the other's misfortune the mixture's angle is nearly certain."""
+    rng = np.random.default_rng(0)
+    luck, east, north = rng.normal(0.0, 1.0, (400, 2)), np.array([3.0, 0.0]), np.array([0.0, 3.0])
+    widths = []
+    for sign in (1.0, -1.0):
+        totals = (luck + east, sign * luck + north)
+        _, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
+        widths.append(shown.high - shown.low)
+    assert widths[1] < 0.2 * widths[0]
+
+
+def test_a_mixture_out_of_reach_and_too_few_episodes_are_said(driver: DialPolicy) -> None:
+    totals = (np.ones((4, 2)), np.ones((4, 2)))
+    with pytest.raises(UserError, match="no mixture of these policies lies at 90 degrees"):
+        DialRollouts(Sweep((0.0, 90.0), ()), totals).mixture(90.0, seed=0)
+    with pytest.raises(UserError, match="two episodes or more"):
+        rollout_dial(driver, Batch(Options(), 1), (0.0,), np.arange(1))

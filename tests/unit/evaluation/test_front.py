@@ -1,0 +1,210 @@
+"""Where each of several policies is the best: by hand, against a search, against the front's."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+
+from socialiq.errors import UserError
+from socialiq.evaluation.front import (
+    best_at,
+    hypervolume,
+    regret_at,
+    support_intervals,
+    support_shares,
+)
+from socialiq.mdp.front import AttainableSet
+from socialiq.statistics import bootstrap
+
+TABLE_A1 = {"ego": (7.13, -2.00), "pro": (4.88, 0.68), "alt": (0.01, 1.76)}
+
+
+coordinates = st.integers(-4, 4).map(float)
+
+
+clouds = st.lists(st.tuples(coordinates, coordinates), min_size=1, max_size=7)
+
+
+def named(points):
+    return {f"p{number}": point for number, point in enumerate(points)}
+
+
+def test_the_thesis_three_points_by_hand():
+    # Between two points the normal of their chord: atan(2.25 / 2.68) and atan(4.87 / 1.08). The
+    # longest chord closes the hull below, with the normal (-3.76, -7.12).
+    found = support_intervals(TABLE_A1)
+    first, second = np.degrees(np.arctan([2.25 / 2.68, 4.87 / 1.08]))
+    below = np.degrees(np.arctan2(-7.12, -3.76))
+    assert found["ego"] == pytest.approx((below, first))
+    assert found["pro"] == pytest.approx((first, second))
+    assert found["alt"] == pytest.approx((second, below + 360.0))
+    assert (first, second) == pytest.approx((40.0, 77.5), abs=0.05)
+
+
+def test_one_point_is_the_best_everywhere():
+    assert support_intervals({"a": (3.0, 1.0)}) == {"a": (-180.0, 180.0)}
+    assert support_intervals({"a": (3.0, 1.0), "b": (3.0, 1.0)}) == {
+        "a": (-180.0, 180.0),
+        "b": (-180.0, 180.0),
+    }
+
+
+def test_two_points_share_the_circle():
+    assert support_intervals({"a": (1.0, 0.0), "b": (0.0, 0.0)}) == {
+        "a": (-90.0, 90.0),
+        "b": (90.0, 270.0),
+    }
+    found = support_intervals({"up": (0.0, 1.0), "down": (0.0, 0.0)})
+    assert found == {"up": (0.0, 180.0), "down": (180.0, 360.0)}
+
+
+def test_points_inside_an_edge_or_the_hull_are_the_best_nowhere():
+    corners = {"a": (2.0, 0.0), "b": (0.0, 2.0), "c": (0.0, 0.0)}
+    inside = {"middle": (1.0, 1.0), "third": (0.6, 1.4), "within": (0.5, 0.5)}
+    found = support_intervals({**corners, **inside})
+    assert {name for name, interval in found.items() if interval is None} == set(inside)
+    assert {name: found[name] for name in corners} == support_intervals(corners)
+    line = support_intervals({"a": (0.0, 0.0), "b": (1.0, 1.0), "c": (2.0, 2.0)})
+    assert line == {"a": (135.0, 315.0), "b": None, "c": (-45.0, 135.0)}
+
+
+def test_equal_points_have_equal_intervals():
+    twice = support_intervals({**TABLE_A1, "again": TABLE_A1["pro"]})
+    assert twice["again"] == twice["pro"] == support_intervals(TABLE_A1)["pro"]
+
+
+@given(clouds)
+def test_the_intervals_cover_the_circle_once(points):
+    found = support_intervals(named(points))
+    distinct = {points[int(name[1:])]: interval for name, interval in found.items() if interval}
+    assert sum(high - low for low, high in distinct.values()) == pytest.approx(360.0)
+    if len(set(points)) > 1:
+        assert all(-180.0 < low <= 180.0 and low < high for low, high in distinct.values())
+
+
+@given(clouds, st.floats(-180, 180))
+def test_who_is_the_best_at_an_angle_supports_it(points, angle):
+    cloud = named(points)
+    values = np.array(points) @ [np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))]
+    found = support_intervals(cloud)
+    for number, name in enumerate(cloud):
+        low, high = found[name] or (np.nan, np.nan)
+        within = any(low + 1e-6 < angle + turn < high - 1e-6 for turn in (0.0, 360.0))
+        if within:
+            assert values[number] == pytest.approx(values.max(), abs=1e-9)
+        regret = regret_at(cloud, angle)[name]
+        assert regret == pytest.approx(values.max() - values[number], abs=1e-9)
+    assert regret_at(cloud, angle)[best_at(cloud, angle)] == 0.0
+
+
+def test_they_are_the_intervals_of_the_front():
+    points = np.random.default_rng(1).normal(size=(30, 2))
+    corners = ConvexHull(points).vertices
+    polygon = AttainableSet(points[corners])
+    found = support_intervals(named(points.tolist()))
+    assert {name for name, one in found.items() if one} == {f"p{corner}" for corner in corners}
+    for vertex, corner in enumerate(corners):
+        expected = polygon.supporting_interval(vertex)
+        assert found[f"p{corner}"] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("angle", "best", "regrets"),
+    [(0.0, "ego", (0.0, 2.25, 7.12)), (90.0, "alt", (3.76, 1.08, 0.0))],
+)
+def test_regret_by_hand(angle, best, regrets):
+    assert best_at(TABLE_A1, angle) == best
+    assert tuple(regret_at(TABLE_A1, angle).values()) == pytest.approx(regrets)
+
+
+def test_the_first_of_those_that_tie_is_named():
+    assert best_at({"a": (1.0, 5.0), "b": (2.0, 5.0)}, 90.0) == "a"
+
+
+@pytest.mark.parametrize("points", [{}, {"a": (np.nan, 0.0)}])
+def test_nothing_and_not_finite_have_no_support(points):
+    with pytest.raises(UserError, match="at least one policy is needed"):
+        support_intervals(points)
+
+
+def test_shares_of_two_episodes_by_hand():
+    # At 0 degrees a earns (0, 4) and b (1, 1): a loses only where both draws are the first
+    # episode, a quarter of the resamples.
+    totals = {"a": np.array([[0.0, 9.0], [4.0, 9.0]]), "b": np.array([[1.0, 0.0], [1.0, 0.0]])}
+    found = support_shares(totals, 0.0, resamples=4000, seed=0)
+    assert found["b"] == pytest.approx(0.25, abs=0.03)
+    assert sum(found.values()) == pytest.approx(1.0)
+
+
+def test_what_episodes_do_to_everybody_drops_out_of_the_shares():
+    hard = np.random.default_rng(0).normal(0.0, 100.0, (50, 2))
+    found = support_shares({"a": hard + 0.1, "b": hard}, 45.0, 200)
+    assert found == {"a": 1.0, "b": 0.0}
+
+
+def test_equal_policies_share_equally():
+    one = np.random.default_rng(0).normal(size=(20, 2))
+    assert support_shares({"a": one, "b": one, "worse": one - 5.0}, 30.0, 100) == {
+        "a": 0.5,
+        "b": 0.5,
+        "worse": 0.0,
+    }
+
+
+def test_shares_do_not_depend_on_the_blocks(monkeypatch):
+    rng = np.random.default_rng(2)
+    totals = {name: rng.normal(size=(40, 2)) for name in "abc"}
+    whole = support_shares(totals, 20.0, 101, seed=4)
+    monkeypatch.setattr(bootstrap, "_BLOCK", 300)
+    assert support_shares(totals, 20.0, 101, seed=4) == pytest.approx(whole, abs=1e-12)
+    assert support_shares(totals, 20.0, 101, seed=5) != whole
+
+
+@pytest.mark.parametrize(
+    ("totals", "line"),
+    [
+        ({}, "the same episodes, got {}"),
+        ({"a": np.zeros((0, 2))}, "the same episodes, got {'a': 0}"),
+        ({"a": np.zeros((2, 2)), "b": np.zeros((3, 2))}, "got {'a': 2, 'b': 3} of them"),
+        ({"a": np.full((2, 2), np.inf)}, "finite"),
+    ],
+)
+def test_episodes_that_are_not_common_are_refused(totals, line):
+    with pytest.raises(UserError, match=line):
+        support_shares(totals, 0.0)
+
+
+CORNER = np.zeros(2)
+
+
+POINTS = st.lists(st.tuples(st.integers(-3, 12), st.integers(-3, 12)), min_size=1, max_size=8).map(
+    lambda rows: np.array(rows, float)
+)
+
+
+def test_two_steps_of_a_stair() -> None:
+    assert hypervolume(np.array([[2.0, 1.0], [1.0, 3.0]]), CORNER) == pytest.approx(2.0 + 2.0)
+
+
+def test_what_does_not_beat_the_corner_counts_for_nothing() -> None:
+    assert hypervolume(np.array([[5.0, -1.0], [0.0, 9.0]]), CORNER) == 0.0
+
+
+@given(POINTS)
+def test_it_is_the_number_of_cells_below_a_point(points: np.ndarray) -> None:
+    cells = [
+        any(x < env and y < social for env, social in points) for x in range(12) for y in range(12)
+    ]
+    assert hypervolume(points, CORNER) == pytest.approx(sum(cells))
+
+
+@given(POINTS)
+def test_a_dominated_point_adds_nothing(points: np.ndarray) -> None:
+    more = np.vstack([points, points[:1] - 1.0])
+    assert hypervolume(more, CORNER) == pytest.approx(hypervolume(points, CORNER))
+
+
+def test_points_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(UserError, match="finite"):
+        hypervolume(np.array([[np.nan, 1.0]]), CORNER)
