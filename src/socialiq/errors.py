@@ -1,23 +1,23 @@
-"""The one exception that a user's mistake raises."""
+"""Exception for mistakes of the user."""
 
 
 class UserError(Exception):
-    """A mistake that the user can mend; its text is one line that says what to do.
+    """Mistake that the user can correct. Its text is one line that says how.
 
     The command line prints the line and exits with status 2. Library callers may catch it.
     """
 
 
 def one_of(what: str, value: str, known: tuple[str, ...] | list[str]) -> None:
-    """Refuse a name that is not among the known ones.
+    """Raise an error for a name that is not among the known names.
 
     Args:
-        what: What the name stands for, as the user calls it ("world", "target kind").
+        what: Kind of thing that the name denotes, in the user's words ("world", "target kind").
         value: The name given.
-        known: The names that would do.
+        known: The valid names.
 
     Raises:
-        UserError: If `value` is not in `known`; the line lists what is.
+        UserError: If `value` is not in `known`; the line lists the valid names.
     """
     if value not in known:
         raise UserError(f"unknown {what} '{value}': choose one of {', '.join(known)}")

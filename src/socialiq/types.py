@@ -1,4 +1,4 @@
-"""The words that every other room uses: reward pairs, endings of episodes, policies."""
+"""Shared types: reward pairs, endings of episodes, policies, simulators, transitions."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 
 Row = dict[str, Any]
-"""A row of a table: a value by column."""
+"""Row of a table: a value by column."""
 
 
 class RewardPair(NamedTuple):
-    """The two rewards of a transition (thesis 4.1), always kept apart until they are scored.
+    """Two rewards of a transition (thesis 4.1), kept separate until they are scored.
 
     Either scalars or arrays of one common shape.
 
@@ -30,25 +30,25 @@ class RewardPair(NamedTuple):
 
     @staticmethod
     def of_step(reward: Any, info: Mapping[str, Any]) -> RewardPair:
-        """The pair of a Gymnasium step, `info["reward_pair"]`.
+        """Return the pair of a Gymnasium step, `info["reward_pair"]`.
 
         Without it the scalar reward is r_env, and r_social is 0.
 
         Raises:
-            UserError: If it is no pair of finite numbers.
+            UserError: If it is not a pair of finite numbers.
         """
         return RewardPair.of(info.get("reward_pair", (reward, 0.0)), 'info["reward_pair"]')
 
     @staticmethod
     def of(given: Any, what: str) -> RewardPair:
-        """A pair of scalars from whatever holds two numbers.
+        """Return a pair of scalars from a sequence of two numbers.
 
         Args:
             given: For instance a tuple or an array of length 2.
-            what: How a complaint calls it.
+            what: Name of the quantity in error messages.
 
         Raises:
-            UserError: If it has another length, or one is no finite number.
+            UserError: If it has another length, or a number is not finite.
         """
         try:
             pair = tuple(float(one) for one in given)
@@ -61,10 +61,10 @@ class RewardPair(NamedTuple):
 
 
 class Ending(enum.IntEnum):
-    """How a transition ended its episode.
+    """Kind of ending of an episode, by its last transition.
 
-    `TIMEOUT` is the world's clock, not a state: it is a truncation. The others are terminal
-    states. `OTHER` is the terminal state of an environment that names no kind.
+    `TIMEOUT` is a truncation by the world's time limit. The others are terminal
+    states. `OTHER` is a terminal state of an environment that reports no kind.
     """
 
     NONE = 0
@@ -75,10 +75,10 @@ class Ending(enum.IntEnum):
 
     @staticmethod
     def of_step(terminated: bool, truncated: bool, info: Mapping[str, Any]) -> Ending:
-        """The ending of a Gymnasium step; `info["ending"]` names the kind of a terminal state.
+        """Return the ending of a Gymnasium step; `info["ending"]` is the kind of a terminal state.
 
         Raises:
-            UserError: If it names none of the kinds that a terminal state may have.
+            UserError: If it is not a kind of a terminal state.
         """
         if terminated:
             name = str(info.get("ending", "other")).lower()
@@ -92,7 +92,7 @@ _TERMINAL = tuple(kind.name.lower() for kind in Ending if kind not in (Ending.NO
 
 @runtime_checkable
 class Policy(Protocol):
-    """Anything that chooses actions, in the form of Stable-Baselines3's `predict`."""
+    """Protocol of a policy: `predict` as in Stable-Baselines3."""
 
     def predict(
         self,
@@ -106,12 +106,12 @@ class Policy(Protocol):
 
 
 class Step(NamedTuple):
-    """What one step of a simulator returns, before any reset.
+    """Result of one step of a simulator, before any reset.
 
     Attributes:
-        observation: Of the state reached, shape (features,), float32.
+        observation: Observation of the state reached, shape (features,), float32.
         rewards: The reward pair of the transition.
-        ending: Value of `Ending`; 0 while the episode goes on.
+        ending: Value of `Ending`; 0 while the episode continues.
     """
 
     observation: Any
@@ -121,7 +121,7 @@ class Step(NamedTuple):
 
 @runtime_checkable
 class Simulator(Protocol):
-    """A world that learners can step inside a compiled program: pure functions of JAX arrays."""
+    """Protocol of a world that compiled programs can step: pure functions of JAX arrays."""
 
     @property
     def n_actions(self) -> int:
@@ -135,7 +135,7 @@ class Simulator(Protocol):
 
     @property
     def description(self) -> str:
-        """The world and its options in words; two worlds of one description are the same."""
+        """Name and options of the world; worlds with equal descriptions are identical."""
         ...
 
     def reset(self, key: Any) -> tuple[Any, Any]:
@@ -143,13 +143,13 @@ class Simulator(Protocol):
         ...
 
     def advance(self, key: Any, episode: Any, action: Any) -> tuple[Any, Step]:
-        """Take one step: (next episode state, what was seen)."""
+        """Take one step: (next episode state, result)."""
         ...
 
 
 @runtime_checkable
 class Transitions(Protocol):
-    """The columns of a demonstrations table, as learners read them.
+    """Protocol of the columns of a demonstrations table that learners read.
 
     Rows of an episode are adjacent and in order.
     """
@@ -181,7 +181,7 @@ class Transitions(Protocol):
 
     @property
     def episode_starts(self) -> np.ndarray:
-        """Row of the first transition of each episode."""
+        """Row of each episode's first transition."""
         ...
 
     @property
@@ -190,5 +190,5 @@ class Transitions(Protocol):
         ...
 
     def returns(self, kind: str, discount: float) -> RewardPair:
-        """The pair of cumulative returns under one reading of "cumulative"."""
+        """Return the pair of cumulative returns of a kind of `social.returns.TARGET_KINDS`."""
         ...

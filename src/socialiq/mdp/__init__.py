@@ -1,1 +1,1 @@
-"""Exact finite MDPs: value iteration, evaluation, occupancy and the attainable reward pairs."""
+"""Exact finite MDPs: value iteration, evaluation, occupancy and attainable reward pairs."""

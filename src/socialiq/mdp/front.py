@@ -1,4 +1,4 @@
-"""What reward pairs a horizon allows: the attainable polygon and its Pareto front (thesis 4.2)."""
+"""Attainable reward pairs of a horizon: the convex polygon and its Pareto front (thesis 4.2)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from socialiq.types import RewardPair
 _TOLERANCE = 1e-9
 # Two policies whose scores differ by less than rounding are equally good.
 _TIE = 1e-12
-# In degrees; wider than the rounding of an edge's normal, narrower than any dial's step.
+# In degrees; wider than the rounding of an edge's normal, narrower than any grid of angles.
 _ANGLE_TOLERANCE = 1e-7
 
 
 class Optimum(NamedTuple):
-    """The best attainable pair for one angle.
+    """Best attainable pair for an angle.
 
     Attributes:
-        vertex: Its row in `AttainableSet.vertices`.
-        point: Its expected sums (E Σ r_env, E Σ r_social).
+        vertex: Row of the pair in `AttainableSet.vertices`.
+        point: Expected sums (E Σ r_env, E Σ r_social).
         value: J*(α) = cos α · point.env + sin α · point.social.
     """
 
@@ -37,9 +37,9 @@ class Optimum(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AttainableSet:
-    """All (E Σ r_env, E Σ r_social) of time-aware randomised policies: a convex polygon.
+    """Set of (E Σ r_env, E Σ r_social) of all time-aware randomised policies: a convex polygon.
 
-    It may be as little as a segment (two vertices) or a point (one).
+    It may degenerate to a segment (two vertices) or a point (one vertex).
 
     Attributes:
         vertices: Extreme points, counter-clockwise, the best one for r_env first; each is
@@ -50,14 +50,14 @@ class AttainableSet:
 
     @property
     def scale(self) -> float:
-        """Largest absolute coordinate of the set, to which its tolerances are relative."""
+        """Largest absolute coordinate of the set. Tolerances are relative to it."""
         return float(np.abs(self.vertices).max())
 
     def front(self) -> Float[np.ndarray, "front 2"]:
-        """The Pareto-optimal vertices, egoistic to altruistic.
+        """Return the Pareto-optimal vertices, from egoistic to altruistic.
 
         They are the vertices that are optimal for an angle strictly between 0 and 90 degrees. A
-        vertex that ties at 0 or 90 degrees only is dominated, and left out.
+        vertex that ties at 0 or 90 degrees only is dominated, and omitted.
         """
         spans = [self.supporting_interval(vertex) for vertex in range(len(self.vertices))]
         kept = [
@@ -68,11 +68,11 @@ class AttainableSet:
         return self.vertices[[vertex for _, vertex in sorted(kept)]]
 
     def optimum(self, angle: float) -> Optimum:
-        """The best vertex for R(α) of Eq 4.3.
+        """Return the best vertex for R(α) of Eq 4.3.
 
         Args:
-            angle: α in degrees. Between vertices that tie, the one of the larger sum is taken,
-                which at 0 and 90 degrees is the Pareto-optimal one.
+            angle: α in degrees. Of vertices that tie, the vertex with the larger sum is returned,
+                which at 0 and 90 degrees is Pareto-optimal.
         """
         values = self.vertices @ direction(angle)
         tied = values >= values.max() - _TIE * self.scale
@@ -80,9 +80,9 @@ class AttainableSet:
         return Optimum(vertex, RewardPair(*map(float, self.vertices[vertex])), float(values.max()))
 
     def supporting_interval(self, vertex: int) -> tuple[float, float]:
-        """Angles in degrees, low in [-180, 180) and high >= low, at which a vertex is optimal.
+        """Return the interval of angles in degrees at which a vertex is optimal.
 
-        The high end may exceed 180. A point is optimal at all angles, (-180, 180).
+        Its low end is in [-180, 180); its high end may exceed 180. A single point: (-180, 180).
         """
         if len(self.vertices) == 1:
             return -180.0, 180.0
@@ -92,15 +92,15 @@ class AttainableSet:
         return float(low), float(low + (high - low) % 360.0)
 
     def radius(self, angle: float) -> float:
-        """Largest r >= 0 with r (cos, sin) attainable: how much a policy at this angle can earn.
+        """Return the largest r >= 0 for which r (cos, sin) is attainable, in units of reward.
 
-        It is 0 where the ray meets the set in the origin only.
+        It is 0 if the ray meets the set in the origin only.
 
         Args:
-            angle: Of the ray, in degrees.
+            angle: Direction of the ray, in degrees.
 
         Raises:
-            UserError: If the ray misses the set: no policy has this angle.
+            UserError: If the ray does not meet the set: no policy has this angle.
         """
         ray = direction(angle)
         normals, offsets = self._half_planes()
@@ -120,7 +120,7 @@ class AttainableSet:
 
         Args:
             point: (E Σ r_env, E Σ r_social).
-            tolerance: Distance allowed outside, relative to the set's largest coordinate.
+            tolerance: Allowed distance outside, relative to the set's largest coordinate.
         """
         normals, offsets = self._half_planes()
         callbacks = normals @ np.array([point.env, point.social], np.float64) - offsets
@@ -130,7 +130,7 @@ class AttainableSet:
         return np.roll(self.vertices, -1, axis=0) - self.vertices
 
     def _half_planes(self) -> tuple[Float[np.ndarray, "side 2"], Float[np.ndarray, " side"]]:
-        """Unit outward normals and offsets, whose half-planes intersect in the set."""
+        """Return unit outward normals and offsets of half-planes whose intersection is the set."""
         edges = self._edges()
         if len(edges) == 1:
             edges = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
@@ -145,29 +145,29 @@ class AttainableSet:
 def attainable_set(
     mdp: TabularMDP, horizon: int, allowed: Bool[np.ndarray, "*time state action"] | None = None
 ) -> AttainableSet:
-    """Find every vertex of the attainable set of a finite horizon.
+    """Compute all vertices of the attainable set of a finite horizon.
 
-    Chords are split until none can be moved outwards: from the extreme points of four directions,
-    the direction normal to the chord of two neighbours either finds a point beyond it, or proves
-    the chord to be an edge (dichotomic search; Cohon 1978; Roijers et al. 2015).
+    The method is dichotomic search (Cohon 1978; Roijers et al. 2015). It starts from the extreme
+    points of four directions. The optimum for the normal of the chord between two neighbours
+    either lies beyond the chord, or proves that the chord is an edge.
     A vertex counts if it lies more than 1e-9 of the largest coordinate beyond its neighbours.
 
     Args:
         mdp: The dynamics and the reward pair.
         horizon: Largest number of steps of an episode.
-        allowed: Which actions may be taken, as in `horizon_optimum`; none given, all.
+        allowed: Actions that may be taken, as in `horizon_optimum`; by default all.
 
     Raises:
         UserError: If the horizon is not positive, or `allowed` has another shape.
     """
-    # Some fifty optima are computed, and in the 7x7 world 276 of 12,096 states can be visited.
+    # About fifty optima are computed; in the 7x7 world only 276 of 12,096 states are reachable.
     mdp, states = mdp.reachable_part()
     best = _Extremes(mdp, horizon, None if allowed is None else allowed[..., states, :])
     corners = [best(np.array(d)) for d in ((1.0, 0), (0, 1.0), (-1.0, 0), (0, -1.0))]
     tolerance = _TOLERANCE * float(np.abs(corners).max())
     points: list[np.ndarray] = []
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        # A stack in place of recursion: `pending` is what lies ahead, counter-clockwise.
+        # A stack in place of recursion: `pending` holds the points ahead, counter-clockwise.
         done, pending = start, [end]
         while pending:
             beyond = _beyond(best, done, pending[-1], tolerance)
@@ -180,13 +180,13 @@ def attainable_set(
 
 
 def direction(angle: float) -> Float[np.ndarray, " xy"]:
-    """(cos α, sin α) of an angle in degrees (Eq 4.3)."""
+    """Return (cos α, sin α) of an angle in degrees (Eq 4.3)."""
     radians = np.deg2rad(angle)
     return np.array([np.cos(radians), np.sin(radians)])
 
 
 class _Extremes(NamedTuple):
-    """Finds the pair of a policy that is optimal for given weights of r_env and r_social."""
+    """Function from weights of r_env and r_social to the pair of an optimal policy."""
 
     mdp: TabularMDP
     horizon: int
@@ -203,7 +203,7 @@ class _Extremes(NamedTuple):
 def _beyond(
     best: _Extremes, start: np.ndarray, end: np.ndarray, tolerance: float
 ) -> np.ndarray | None:
-    """The attainable point farthest beyond a counter-clockwise chord, or None if it is an edge."""
+    """Return the attainable point farthest beyond a counter-clockwise chord; None for an edge."""
     along = end - start
     length = np.linalg.norm(along)
     if length <= tolerance:
@@ -214,7 +214,7 @@ def _beyond(
 
 
 def _extreme_points(points: list[np.ndarray], tolerance: float) -> Float[np.ndarray, "vertex 2"]:
-    """Drop repeated points and points inside an edge, which ties between actions leave behind."""
+    """Drop repeated points and points inside an edge, which ties between actions produce."""
     followed = zip(points, [*points[1:], points[0]], strict=True)
     kept = [here for here, after in followed if np.linalg.norm(after - here) > tolerance]
     kept = kept or points[:1]
@@ -233,7 +233,7 @@ def _extreme_points(points: list[np.ndarray], tolerance: float) -> Float[np.ndar
 def _on_chord(before: np.ndarray, here: np.ndarray, after: np.ndarray, tolerance: float) -> bool:
     """Whether a point lies between its neighbours, no farther than the tolerance outside.
 
-    Beyond the chord's ends it is kept: the tip of a segment lies on the line of its neighbours,
+    A point beyond the chord's ends is kept: a segment's end lies on the line of its neighbours,
     which may even coincide.
     """
     chord = after - before

@@ -1,4 +1,4 @@
-"""Episodes of a fixed longest length, undiscounted and with a clock (thesis 5.1, 5.4)."""
+"""Finite-horizon optimisation and evaluation, undiscounted (thesis 5.1, 5.4)."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from socialiq.types import Ending, RewardPair
 
 @dataclass(frozen=True, eq=False)
 class HorizonPolicy:
-    """An optimal policy that knows the time.
+    """Time-dependent optimal policy.
 
     Attributes:
         actions: Action at each time and state.
         values: Largest expected sum of rewards from each time and state to the episode's end.
-        value: The same from the initial distribution at time 0.
+        value: Largest expected sum from the initial distribution at time 0.
     """
 
     actions: Int[np.ndarray, "time state"]
@@ -29,20 +29,20 @@ class HorizonPolicy:
     value: float
 
     def probabilities(self, n_actions: int) -> Float[np.ndarray, "time state action"]:
-        """The policy as one-hot action probabilities, the form of `horizon_evaluation`."""
+        """Return the policy as one-hot action probabilities, for `horizon_evaluation`."""
         return np.eye(n_actions)[self.actions]
 
 
 @dataclass(frozen=True, eq=False)
 class HorizonEvaluation:
-    """What a policy does in one episode, in expectation.
+    """Expected results of a policy in one episode.
 
     Attributes:
         totals: Expected undiscounted sums of r_env and r_social (thesis 5.4).
         length: Expected number of steps.
-        endings: Probability of each `Ending`; TIMEOUT is what still runs after the horizon.
+        endings: Probability of each `Ending`; TIMEOUT is that of reaching the horizon.
         visits: Expected number of times that an action is taken in a state, summed over time.
-            Weighted with any signal of (state, action) it gives that signal's expected sum.
+            The sum of its products with a signal of (state, action) is the signal's expected sum.
     """
 
     totals: RewardPair
@@ -63,15 +63,15 @@ def horizon_optimum(
 
     Args:
         mdp: The dynamics.
-        reward: The one reward to maximise, usually R(α) of Eq 4.3.
+        reward: Reward to maximise, usually R(α) of Eq 4.3.
         horizon: Largest number of steps of an episode.
         tie_tolerance: Relative difference below which two actions tie (`solve.greedy_policy`).
-        prefer: Which of tied actions is taken.
-        allowed: Which actions may be taken, by state or by time and state; none given, all. Where
-            a state allows none, all are: nothing is known there, and the best is assumed.
+        prefer: Whether the first or the last of tied actions is taken.
+        allowed: Actions that may be taken, by state or by time and state; by default all. In a
+            state that allows no action, all are allowed, an optimistic assumption.
 
     Raises:
-        UserError: If the reward or the horizon will not do.
+        UserError: If the reward or the horizon is invalid.
     """
     check_reward(mdp, reward)
     _check_horizon(horizon)
@@ -82,17 +82,17 @@ def horizon_optimum(
     for time in reversed(range(horizon)):
         q = np.where(barred[time], -np.inf, reward + mdp.expected_next(after))
         actions[time] = best_action(q, tie_tolerance, prefer)
-        # The maximum and not the tied action's value, so that no tolerance adds up over time.
+        # The maximum and not the tied action's value, so that tolerances don't add up over time.
         after = values[time] = q.max(axis=1)
     return HorizonPolicy(actions, values, float(mdp.initial @ after))
 
 
 @dataclass(frozen=True, eq=False)
 class SoftHorizonPolicy:
-    """The optimal policy with an entropy bonus that knows the time.
+    """Time-dependent optimal policy with an entropy bonus.
 
     Attributes:
-        probabilities: Of each action at each time and state.
+        probabilities: Probability of each action at each time and state.
         value: Expected sum of rewards and entropy bonus from the initial distribution.
     """
 
@@ -107,12 +107,12 @@ def soft_horizon_optimum(
 
     Args:
         mdp: The dynamics.
-        reward: The one reward.
+        reward: Reward of each state and action.
         horizon: Largest number of steps of an episode.
         temperature: τ > 0.
 
     Raises:
-        UserError: If the reward, the horizon or the temperature will not do.
+        UserError: If the reward, the horizon or the temperature is invalid.
     """
     check_reward(mdp, reward)
     check_temperature(temperature)
@@ -133,12 +133,12 @@ def horizon_evaluation(
 
     Args:
         mdp: The dynamics.
-        policy: Action probabilities, (state, action), or (time, state, action) for a policy that
-            knows the time, with `horizon` times.
+        policy: Action probabilities, (state, action), or (time, state, action) with `horizon`
+            times for a time-dependent policy.
         horizon: Largest number of steps of an episode.
 
     Raises:
-        UserError: If the policy or the horizon will not do.
+        UserError: If the policy or the horizon is invalid.
     """
     _check_horizon(horizon)
     check_policy(mdp, policy)
@@ -153,7 +153,7 @@ def horizon_evaluation(
         visits += mass
         running = mdp.arrivals(mass)
     endings = np.einsum("sa,sak->k", visits, mdp.ending_probability)
-    # Until here the two slots hold: steps that went on, and nothing, for no outcome times out.
+    # So far the two entries hold the continuing steps and 0, as no outcome is a timeout.
     endings[Ending.NONE], endings[Ending.TIMEOUT] = 0.0, running.sum()
     totals = RewardPair(*(float((visits * reward).sum()) for reward in mdp.rewards))
     return HorizonEvaluation(totals, float(visits.sum()), endings, visits)
@@ -162,7 +162,7 @@ def horizon_evaluation(
 def _barred(
     mdp: TabularMDP, horizon: int, allowed: Bool[np.ndarray, "*time state action"] | None
 ) -> Bool[np.ndarray, "time state action"]:
-    """Which actions may not be taken, at each time."""
+    """Return whether each action is barred, by time, state and action."""
     shape = (horizon, mdp.n_states, mdp.n_actions)
     if allowed is None:
         return np.broadcast_to(False, shape)

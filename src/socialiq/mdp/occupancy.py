@@ -1,4 +1,4 @@
-"""How often a policy visits each state and action: the measure ρ of IQ-Learn."""
+"""Discounted occupancy measure ρ of a policy, as in IQ-Learn."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from socialiq.mdp.tabular import TabularMDP
 def discounted_occupancy(
     mdp: TabularMDP, policy: Float[np.ndarray, "state action"], discount: float
 ) -> Float[np.ndarray, "state action"]:
-    """ρ(s, a) = (1 - γ) Σ_t γ^t P(s_t = s, a_t = a) (thesis 2.2.2; Garg et al. 2021).
+    """Return ρ(s, a) = (1 - γ) Σ_t γ^t P(s_t = s, a_t = a) (thesis 2.2.2; Garg et al. 2021).
 
-    An ended episode leaves no mass behind, so the total is (1 - γ) times the expected discounted
-    length: 1 where nothing ends, less where something does. That is the measure under which
+    The sum over states and actions is (1 - γ) times the expected discounted length of an episode:
+    1 if episodes never end, less otherwise. For this measure
     E_ρ[V(s) - γ V(s')] = (1 - γ) E_p0[V(s_0)], with V(s') = 0 where the episode ends.
 
     Args:

@@ -1,4 +1,4 @@
-"""Optimal and given policies of a finite MDP, discounted: the exact peers of what is learned."""
+"""Discounted optimal policies and policy evaluation of a finite MDP, exact."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from socialiq.errors import UserError
 from socialiq.mdp.tabular import TabularMDP, check_discount, check_reward, closure
 from socialiq.types import Ending
 
-# Sweeps that small values still get, at least, once the large ones have settled.
+# Least number of further sweeps for small values once the large values have converged.
 _PATIENCE = 100
 
 Backup = Callable[[Float[np.ndarray, "action state"]], Float[np.ndarray, " state"]]
 
 
 class Solution(NamedTuple):
-    """Action values, state values, and how well they are known.
+    """Action values, state values, and their accuracy.
 
     Attributes:
         q: Q(s, a).
         v: V(s).
-        sweeps: Bellman sweeps made; 0 where a linear system was solved instead.
+        sweeps: Number of Bellman sweeps; 0 if a linear system was solved instead.
         residual: Largest change of V in the last sweep, or largest error of the linear system.
     """
 
@@ -48,16 +48,16 @@ def value_iteration(
 
     Args:
         mdp: The dynamics.
-        reward: The one reward to maximise, usually R(α) of Eq 4.3.
+        reward: Reward to maximise, usually R(α) of Eq 4.3.
         discount: γ in [0, 1]; at 1 only if the optimum is finite.
-        tolerance: Change per sweep at which to stop, relative to the values. Each state must
-            meet it with its own value: cos 90° leaves values of 1e-16 in the 5x5 world that
-            choose the thesis' altruistic expert. Values that cancel to almost 0 may swing by a
-            rounding for ever, and are given up when the largest has met it for half of all sweeps.
-        max_sweeps: When to give up.
+        tolerance: Change per sweep at which to stop, relative to the value of each state. Values
+            of 1e-16, a residue of cos 90°, select the thesis' altruistic expert of the 5x5 world.
+            Values that cancel to almost 0 may oscillate by a rounding error. They are ignored
+            once the largest value has met the tolerance for half of all sweeps.
+        max_sweeps: Largest number of sweeps.
 
     Raises:
-        UserError: If the reward or the discount will not do, or the sweeps do not converge.
+        UserError: If the reward or the discount is invalid, or the sweeps do not converge.
     """
     return _sweep(mdp, reward, discount, lambda q: q.max(axis=0), tolerance, max_sweeps)
 
@@ -74,14 +74,14 @@ def soft_value_iteration(
 
     Args:
         mdp: The dynamics.
-        reward: The one reward to maximise, together with τ times the policy's entropy.
+        reward: Reward to maximise, together with τ times the policy's entropy.
         discount: γ in [0, 1].
         temperature: τ > 0.
         tolerance: As in `value_iteration`.
-        max_sweeps: When to give up.
+        max_sweeps: Largest number of sweeps.
 
     Raises:
-        UserError: If an argument will not do, or the sweeps do not converge.
+        UserError: If an argument is invalid, or the sweeps do not converge.
     """
     check_temperature(temperature)
 
@@ -98,19 +98,19 @@ def evaluate_policy(
     discount: float,
     temperature: float = 0.0,
 ) -> Solution:
-    """Value of a stationary policy, by one sparse linear system (Eq 2.1).
+    """Return the value of a stationary policy, by one sparse linear system (Eq 2.1).
 
     V(s) = Σ_a π(a|s) [Q(s, a) - τ log π(a|s)], Q(s, a) = r(s, a) + γ E V(s').
 
     Args:
         mdp: The dynamics.
         policy: Action probabilities.
-        reward: The one reward.
+        reward: Reward of each state and action.
         discount: γ in [0, 1]; at 1 the policy must be able to end from every state.
-        temperature: τ >= 0 of the entropy bonus of Eq 2.5; 0 leaves it out.
+        temperature: τ >= 0 of the entropy bonus of Eq 2.5; 0 omits it.
 
     Raises:
-        UserError: If an argument will not do, or the undiscounted value is not finite.
+        UserError: If an argument is invalid, or the undiscounted value is not finite.
     """
     check_reward(mdp, reward)
     check_discount(discount)
@@ -131,9 +131,9 @@ def evaluate_policy(
 def soft_value(
     q: Float[np.ndarray, "state action"], temperature: float
 ) -> Float[np.ndarray, " state"]:
-    """V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5), without overflow.
+    """Return V(s) = τ log Σ_a exp(Q(s, a) / τ) (Eq 2.5), without overflow.
 
-    Written out because scipy's logsumexp takes most of a sweep's time on small tables.
+    SciPy's logsumexp would take most of a sweep's time on small tables.
     """
     highest = q.max(axis=1)
     above = np.exp((q.T - highest) / temperature).sum(axis=0)
@@ -145,10 +145,10 @@ def greedy_policy(
     tie_tolerance: float = 1e-12,
     prefer: Literal["first", "last"] = "first",
 ) -> Float[np.ndarray, "state action"]:
-    """One-hot policy of the first, or last, action whose Q is the largest up to rounding.
+    """Return the one-hot policy of the first, or last, action of largest Q up to rounding.
 
     The tolerance is relative to the largest `|Q|` of the state alone, with no absolute part: at
-    90 degrees the 5x5 world's expert is chosen by values of 1e-16 (docs/worlds/crossing5.md).
+    90 degrees values of 1e-16 select the 5x5 world's expert (docs/worlds/crossing5.md).
     """
     return np.eye(q.shape[1])[best_action(q, tie_tolerance, prefer)]
 
@@ -158,7 +158,7 @@ def best_action(
     tie_tolerance: float = 1e-12,
     prefer: Literal["first", "last"] = "first",
 ) -> Int[np.ndarray, " state"]:
-    """Index of the action that `greedy_policy` takes."""
+    """Return the index of the action that `greedy_policy` takes."""
     highest = q.max(axis=1, keepdims=True)
     tied = highest - q <= tie_tolerance * np.abs(highest)
     if prefer == "first":
@@ -169,7 +169,7 @@ def best_action(
 def soft_policy(
     q: Float[np.ndarray, "state action"], temperature: float
 ) -> Float[np.ndarray, "state action"]:
-    """π(a|s) = exp((Q(s, a) - V(s)) / τ), the optimal policy of Eq 2.5.
+    """Return π(a|s) = exp((Q(s, a) - V(s)) / τ), the optimal policy of Eq 2.5.
 
     Raises:
         UserError: If the temperature is not positive.
@@ -184,7 +184,7 @@ def bellman_reward(
     v: Float[np.ndarray, " state"],
     discount: float,
 ) -> Float[np.ndarray, "state action"]:
-    """r(s, a) = Q(s, a) - γ E V(s'), the inverse soft Bellman operator (Eq 2.6)."""
+    """Return r(s, a) = Q(s, a) - γ E V(s'), the inverse soft Bellman operator (Eq 2.6)."""
     return q - discount * mdp.expected_next(v)
 
 
@@ -196,7 +196,7 @@ def _sweep(
     tolerance: float,
     max_sweeps: int,
 ) -> Solution:
-    """Iterate V <- backup(r + γ E V) from V = 0 until no value moves any more."""
+    """Iterate V <- backup(r + γ E V) from V = 0 until the values have converged."""
     check_reward(mdp, reward)
     check_discount(discount)
     # Action-major, because a maximum over the leading axis is many times as fast.
@@ -220,7 +220,7 @@ def _sweep(
 
 
 def check_temperature(temperature: float) -> None:
-    """Refuse what is no temperature.
+    """Raise an error for an invalid temperature.
 
     Raises:
         UserError: If it is not positive and finite.

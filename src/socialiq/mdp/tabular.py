@@ -1,4 +1,4 @@
-"""A finite MDP as arrays: every chance outcome of every state and action, with its ending."""
+"""Finite MDP as arrays: every chance outcome of every state and action, with its ending."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _SUM_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class TabularMDP:
-    """A finite MDP with the pair of rewards of thesis 4.1, float64.
+    """Finite MDP with the pair of rewards of thesis 4.1, float64.
 
-    An outcome with an ending other than `Ending.NONE` ends the episode: nothing is earned
-    afterwards, so its successor is kept for reference only. Time is not part of the MDP, hence
-    `Ending.TIMEOUT` does not occur; `mdp.horizon` has a clock.
+    An outcome with an ending other than `Ending.NONE` ends the episode. Its successor has no
+    effect on values. Time is not part of the MDP, so `Ending.TIMEOUT` does not occur;
+    `mdp.horizon` adds a time limit.
 
     Attributes:
         successor: Index of the next state of each chance outcome.
-        probability: Of each outcome; sums to 1 over the outcomes of a state and action.
-        ending: `Ending` of each outcome, NONE where the episode goes on.
+        probability: Probability of each outcome; sums to 1 for a state and action.
+        ending: `Ending` of each outcome, NONE where the episode continues.
         rewards: Expected r_env and r_social, each of shape (state, action).
         initial: Distribution of the first state.
 
@@ -69,35 +69,35 @@ class TabularMDP:
 
     @cached_property
     def flow(self) -> csr_array:
-        """P(s' and the episode goes on | s, a): sparse (state * action, state), action fastest."""
+        """P(s', episode continues | s, a), sparse (state * action, state), action fastest."""
         shape = (self.n_states * self.n_actions, self.n_states)
         rows = np.repeat(np.arange(shape[0]), self.successor.shape[2])
-        # Impossible outcomes are left out, so that the pattern is the graph of what can happen.
+        # Impossible outcomes are omitted, so that the pattern is the graph of possible transitions.
         kept = ((self.ending == Ending.NONE) & (self.probability > 0.0)).ravel()
         entries = self.probability.ravel()[kept]
         return csr_array((entries, (rows[kept], self.successor.ravel()[kept])), shape=shape)
 
     @cached_property
     def ending_probability(self) -> Float[np.ndarray, "state action kind"]:
-        """P(ending | s, a), indexed by `Ending`; at NONE the probability that it goes on."""
+        """P(ending | s, a), indexed by `Ending`; at NONE the probability of continuing."""
         chances = [np.where(self.ending == kind, self.probability, 0.0).sum(2) for kind in Ending]
         return np.stack(chances, axis=2)
 
     def expected_next(
         self, values: Float[np.ndarray, " state"]
     ) -> Float[np.ndarray, "state action"]:
-        """E[V(s') | s, a] with V(s') = 0 where the episode ends (Eq 2.5-2.7)."""
+        """Return E[V(s') | s, a] with V(s') = 0 where the episode ends (Eq 2.5-2.7)."""
         return (self.flow @ values).reshape(self.n_states, self.n_actions)
 
     def arrivals(self, mass: Float[np.ndarray, "state action"]) -> Float[np.ndarray, " state"]:
-        """Mass that reaches each state and goes on, one step after `mass`.
+        """Return the mass that reaches each state and continues, one step after `mass`.
 
         The adjoint of `expected_next`: <mass, expected_next(v)> = <arrivals(mass), v>.
         """
         return self.flow.T @ mass.ravel()
 
     def under(self, policy: Float[np.ndarray, "state action"]) -> csr_array:
-        """P(s' and the episode goes on | s) under a stationary policy: sparse (state, state).
+        """Return P(s' and the episode continues | s) of a stationary policy: sparse (state, state).
 
         Raises:
             UserError: If `policy` is not a table of action probabilities of this MDP.
@@ -108,18 +108,18 @@ class TabularMDP:
         return csr_array((policy.ravel(), columns, starts)) @ self.flow
 
     def reachable(self) -> Bool[np.ndarray, " state"]:
-        """States that an episode can visit under some policy, the possible first states included.
+        """Return the states that some policy can visit, including the possible first states.
 
-        Successors of outcomes that end the episode do not count: nothing is decided there.
+        Successors of outcomes that end the episode do not count: no action is taken there.
         """
         sources, targets = self.flow.nonzero()
         edges = (np.ones(len(targets)), (targets, sources // self.n_actions))
         return closure(csr_array(edges, shape=(self.n_states,) * 2), self.initial > 0.0)
 
     def reachable_part(self) -> tuple[TabularMDP, Int[np.ndarray, " part"]]:
-        """The same MDP without the states that no episode can visit, and its states' old indices.
+        """Return the MDP restricted to its reachable states, and their indices in this MDP.
 
-        Successors of outcomes that end the episode, or are impossible, may point anywhere.
+        Successors of outcomes that end the episode, or are impossible, are arbitrary.
         """
         states = np.flatnonzero(self.reachable())
         index = np.zeros(self.n_states, np.int64)
@@ -135,12 +135,12 @@ class TabularMDP:
 
 
 def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndarray, " state"]:
-    """Every state connected to `start` by a chain of edges, `start` included.
+    """Return every state connected to `start` by a chain of edges, including `start`.
 
     Args:
         edges: Sparse (state, state) with non-negative entries; a positive one at (i, j) adds i
             once j is in.
-        start: The states to begin with.
+        start: Initial states.
     """
     found = frontier = start
     while frontier.any():
@@ -150,10 +150,10 @@ def closure(edges: csr_array, start: Bool[np.ndarray, " state"]) -> Bool[np.ndar
 
 
 def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> None:
-    """Refuse a reward that is not one finite float64 per state and action.
+    """Raise an error for a reward that is not a finite float64 per state and action.
 
     Raises:
-        UserError: If its shape, its type or a number in it will not do.
+        UserError: If its shape, its type or a number in it is invalid.
     """
     shape = (mdp.n_states, mdp.n_actions)
     if np.shape(reward) != shape:
@@ -163,14 +163,14 @@ def check_reward(mdp: TabularMDP, reward: np.ndarray, name: str = "reward") -> N
 
 
 def check_policy(mdp: TabularMDP, policy: np.ndarray) -> None:
-    """Refuse a policy that is not a distribution over actions at every state.
+    """Raise an error for a policy that is not a distribution over actions at every state.
 
     Args:
-        mdp: The MDP it is for.
+        mdp: MDP of the policy.
         policy: Action probabilities, (state, action) or (time, state, action).
 
     Raises:
-        UserError: If its shape or its probabilities will not do.
+        UserError: If its shape or its probabilities are invalid.
     """
     shape = (mdp.n_states, mdp.n_actions)
     if np.shape(policy)[-2:] != shape:
@@ -179,17 +179,17 @@ def check_policy(mdp: TabularMDP, policy: np.ndarray) -> None:
 
 
 def check_discount(discount: float) -> None:
-    """Refuse a discount outside [0, 1].
+    """Raise an error for a discount outside [0, 1].
 
     Raises:
-        UserError: If it is outside, or not a number.
+        UserError: If it is outside, or NaN.
     """
     if not 0.0 <= discount <= 1.0:
         raise UserError(f"discount {discount:g} is outside [0, 1]")
 
 
 def _check_shapes(mdp: TabularMDP) -> None:
-    """Refuse arrays whose shapes disagree or that are empty."""
+    """Raise an error for arrays whose shapes disagree or that are empty."""
     shape = np.shape(mdp.successor)
     if len(shape) != 3 or 0 in shape:
         raise UserError(f"successor has shape {shape}: give (state, action, outcome), none empty")
@@ -207,7 +207,7 @@ def _check_shapes(mdp: TabularMDP) -> None:
 
 
 def _check_distribution(what: str, chances: np.ndarray) -> None:
-    """Refuse float64 chances that are negative, not finite, or do not sum to 1 at the last axis."""
+    """Raise an error unless `chances` are distributions along the last axis."""
     if chances.dtype != np.float64 or not np.isfinite(chances).all() or chances.min() < 0.0:
         raise UserError(f"{what} must be finite float64 numbers, none negative")
     error = np.abs(chances.sum(axis=-1) - 1.0).max()

@@ -1,1 +1,1 @@
-"""Networks as plain frozen data, and trained networks as policies."""
+"""Networks as frozen data, and trained networks as policies."""

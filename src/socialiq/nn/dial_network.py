@@ -1,4 +1,4 @@
-"""One network for every social angle: Q(s, · ; α), with the angle as two further inputs."""
+"""Angle-conditioned Q-network Q(s, · ; α): one network for all social angles (a dial)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from socialiq.types import RewardPair
 
 
 class DialNetwork(eqx.Module):
-    """Observation and direction (cos α, sin α) in, one value per action out.
+    """Angle-conditioned Q-network, from observation and (cos α, sin α) to a value per action.
 
     Attributes:
         layers: Affine layers; the first one's last two inputs are the direction.
-        activation: Name in `q_network.ACTIVATIONS`, between the layers.
-        view: What the first layer reads instead of the observation itself.
+        activation: Name in `q_network.ACTIVATIONS` of the activation between layers.
+        view: Encoding of the observation that the first layer reads; None for none.
     """
 
     layers: tuple[eqx.nn.Linear, ...]
@@ -40,9 +40,9 @@ class DialNetwork(eqx.Module):
             n_features: Length of an observation.
             hidden: Widths of the hidden layers.
             n_actions: Number of actions.
-            activation: Between the layers.
+            activation: Activation between layers.
             view: A name of `nn.view.CHOICES`.
-            one_hot: Smallest value and number of values of each feature; none for the view.
+            one_hot: Smallest value and number of values of each feature; None for the view.
 
         Raises:
             UserError: If the view is unknown or doesn't fit the observation.
@@ -54,13 +54,13 @@ class DialNetwork(eqx.Module):
     def __call__(
         self, observation: Float[Array, " feature"], direction: RewardPair
     ) -> Float[Array, " action"]:
-        """Values of one observation at one angle's weights; `jax.vmap` for a batch."""
+        """Return the values of one observation at (cos α, sin α); use `jax.vmap` for a batch."""
         value = self.view(observation) if self.view else observation
         turned = jnp.concatenate([value, jnp.stack([direction.env, direction.social])])
         return through(self.layers, self.activation, turned)
 
     def at(self, direction: RewardPair) -> QNetwork:
-        """The network of one angle: with the direction fixed, it only moves the first bias."""
+        """Return the network of one angle. A fixed direction changes the first bias only."""
         first, *others = self.layers
         assert first.bias is not None
         fixed = first.weight[:, -2:] @ jnp.stack([direction.env, direction.social])

@@ -1,4 +1,4 @@
-"""A trained dial: one file, a policy for every social angle of its range."""
+"""Trained dial (angle-conditioned Q-network): a policy for every social angle of its range."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class DialPolicy:
-    """What `learners.dial` trains; `at` turns it into the policy of one angle.
+    """Trained dial of `learners.dial`; `at` returns the policy of one angle.
 
     Attributes:
-        turned: The network as a policy whose first layer reads the direction too, as its last two
-            inputs; `at` alone knows what to do with them.
-        low: Smallest social angle that it was trained for, in degrees.
-        high: Largest.
+        turned: The network as a policy whose first layer also reads the direction, as its last two
+            inputs. Only `at` uses it.
+        low: Smallest trained social angle, in degrees.
+        high: Largest trained social angle, in degrees.
     """
 
     turned: QPolicy
@@ -42,7 +42,7 @@ class DialPolicy:
         high: float,
         provenance: Mapping[str, Any],
     ) -> DialPolicy:
-        """Take the parameters out of a trained network."""
+        """Build the policy from a trained network."""
         turned = QNetwork(network.layers, network.activation, network.view)
         return DialPolicy(QPolicy.of(turned, temperature, provenance), low, high)
 
@@ -59,17 +59,17 @@ class DialPolicy:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """JSON-able record of how the dial was made."""
+        """JSON-compatible record of how the dial was made."""
         return self.turned.provenance
 
     def at(self, angle: float) -> QPolicy:
-        """The policy of one angle, as good as any other: it predicts, and can be saved.
+        """Return the policy of one angle, an ordinary `QPolicy`.
 
         Args:
             angle: Social angle in degrees.
 
         Raises:
-            UserError: If the dial was not trained for it.
+            UserError: If the angle is outside the trained range.
         """
         if not self.low <= angle <= self.high:
             raise UserError(
@@ -90,7 +90,7 @@ class DialPolicy:
         """Write the dial to one safetensors file.
 
         Returns:
-            The content's SHA-256.
+            SHA-256 of the content.
 
         Raises:
             UserError: If the file can't be written.
@@ -101,7 +101,7 @@ class DialPolicy:
 
     @staticmethod
     def load(path: Path) -> DialPolicy:
-        """Read a dial that `save` wrote.
+        """Read a dial written by `save`.
 
         Raises:
             UserError: If the file is missing, damaged, or holds something else.

@@ -1,7 +1,7 @@
-"""Integer features put before a perceptron one place for each value, as a table would index them.
+"""One-hot encoding of integer features.
 
-A perceptron over raw coordinates has to bend around every rule that holds in one cell only. In a
-gridworld one place for each value takes that off it.
+A perceptron over raw coordinates fits rules that hold in one cell only with difficulty. In a
+gridworld an input for each value of a feature makes this easy.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from socialiq.errors import UserError
 
 
 class OneHot(eqx.Module):
-    """From integer features to zeros and ones; works on JAX and on NumPy arrays alike.
+    """Encoder from integer features to zeros and ones, for JAX and NumPy arrays.
 
-    A value outside its feature's range is all zeros.
+    A value outside its feature's range is encoded as all zeros.
 
     Attributes:
         lows: Smallest value of each feature.
@@ -30,10 +30,10 @@ class OneHot(eqx.Module):
 
     @staticmethod
     def of(values: tuple[tuple[int, int], ...]) -> OneHot:
-        """Of (smallest value, number of values) for each feature.
+        """Build the encoder from (smallest value, number of values) of each feature.
 
         Raises:
-            UserError: If there is no feature, or one without values.
+            UserError: If there is no feature, or a feature without values.
         """
         if not values or any(size < 1 for _, size in values):
             raise UserError("one_hot needs (smallest value, number of values) for each feature")
@@ -41,7 +41,7 @@ class OneHot(eqx.Module):
         return OneHot(tuple(map(int, lows)), tuple(map(int, sizes)))
 
     def in_numpy(self) -> OneHot:
-        """Itself: it has no weights."""
+        """Return the encoder itself: it has no weights."""
         return self
 
     @property
@@ -51,11 +51,11 @@ class OneHot(eqx.Module):
 
     @property
     def width(self) -> int:
-        """Numbers that the perceptron reads."""
+        """Number of inputs of the perceptron."""
         return sum(self.sizes)
 
     def __call__(self, observation: Shaped[Any, "*batch feature"]) -> Shaped[Any, "*batch width"]:
-        """Encode one observation, or any number of them."""
+        """Encode observations along the last axis."""
         xp = observation.__array_namespace__()
         places = [
             observation[..., number, None] == np.arange(low, low + size, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""The multi-layer perceptron Q(s, ·) of Table C.1, over the observation or a view of it."""
+"""Multi-layer perceptron Q(s, ·) of Table C.1, over the observation or a view of it."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from socialiq.nn.view import View
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"relu": jax.nn.relu, "elu": jax.nn.elu}
 
 Encoding = View | OneHot
-"""What a first layer may read instead of the observation."""
+"""Encodings that a first layer may read instead of the observation."""
 
 
 class QNetwork(eqx.Module):
-    """Observation in, one value per action out.
+    """Q-network, from an observation to a value per action.
 
     Attributes:
-        layers: Affine layers; the activation stands between them.
+        layers: Affine layers, with the activation between them.
         activation: Name in `ACTIVATIONS`.
-        view: What the first layer reads instead of the observation itself.
+        view: Encoding of the observation that the first layer reads; None for none.
     """
 
     layers: tuple[eqx.nn.Linear, ...]
@@ -51,7 +51,7 @@ class QNetwork(eqx.Module):
         return QNetwork(affine_layers(key, (inputs, *hidden, n_actions)), activation, seen)
 
     def __call__(self, observation: Float[Array, " feature"]) -> Float[Array, " action"]:
-        """Values of one observation; `jax.vmap` for a batch."""
+        """Return the values of one observation; use `jax.vmap` for a batch."""
         value = self.view(observation) if self.view else observation
         return through(self.layers, self.activation, value)
 
@@ -59,7 +59,7 @@ class QNetwork(eqx.Module):
 def encoding(
     key: PRNGKeyArray, n_features: int, view: str, one_hot: tuple[tuple[int, int], ...]
 ) -> Encoding | None:
-    """What a first layer reads: one place for each value if the values are told, else a view.
+    """Return the encoding of a first layer: one-hot if the values are given, else a view.
 
     Raises:
         UserError: If the view is unknown or doesn't fit the observation.
@@ -70,7 +70,7 @@ def encoding(
 
 
 def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linear, ...]:
-    """Layers of these widths, the inputs' first."""
+    """Return affine layers of the given widths, beginning with the input's."""
     keys = jax.random.split(key, len(sizes) - 1)
     return tuple(
         eqx.nn.Linear(inputs, outputs, key=one)
@@ -81,7 +81,7 @@ def affine_layers(key: PRNGKeyArray, sizes: Sequence[int]) -> tuple[eqx.nn.Linea
 def through(
     layers: Sequence[eqx.nn.Linear], activation: str, value: Float[Array, " input"]
 ) -> Float[Array, " output"]:
-    """Pass a value through layers, with the activation between them."""
+    """Apply layers to a value, with the activation between them."""
     *inner, last = layers
     for layer in inner:
         value = ACTIVATIONS[activation](layer(value))
@@ -89,5 +89,5 @@ def through(
 
 
 def network_of(networks: Any, run: int) -> Any:
-    """One network of many whose arrays share a leading run axis."""
+    """Return one of many networks whose arrays share a leading run axis."""
     return jax.tree.map(lambda leaf: leaf[run], networks)

@@ -1,4 +1,4 @@
-"""A trained network as a policy: NumPy only, `predict` as in Stable-Baselines3, safe files."""
+"""Trained network as a policy: NumPy only, `predict` as in Stable-Baselines3, safetensors."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ SCHEMA_VERSION = 2
 _ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "relu": lambda x: np.maximum(x, 0.0),
     "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
-    "tanh": np.tanh,  # of imported policies; our own networks are trained with the others
+    "tanh": np.tanh,  # for imported policies; this project's networks are trained with the others
 }
 
 ACTIVATIONS = tuple(_ACTIVATIONS)
-"""Names of the activations that a policy may have."""
+"""Names of the activations of a policy."""
 
 
 @dataclass(frozen=True)
 class QPolicy:
-    """Greedy or softmax choice over the outputs of a small network.
+    """Policy that selects actions from a Q-network: greedy, or from softmax(Q/τ).
 
     Attributes:
         weights: Weight matrix of each layer, (outputs, inputs).
         biases: Bias of each layer.
-        activation: One of `ACTIVATIONS`, between the layers.
-        temperature: τ of the soft policy softmax(Q/τ).
-        provenance: JSON-able record of how the policy was made.
-        rng: Source of the soft policy's draws.
-        view: What the first layer reads instead of the observation, with NumPy weights.
-        sha256: Of the file's content, for a policy that was loaded.
+        activation: One of `ACTIVATIONS`, applied between layers.
+        temperature: τ of the stochastic policy softmax(Q/τ).
+        provenance: JSON-compatible record of how the policy was made.
+        rng: Generator of the stochastic policy's draws.
+        view: Encoding of the observation that the first layer reads, with NumPy weights.
+        sha256: SHA-256 of the file's content, for a policy that was loaded.
     """
 
     weights: tuple[np.ndarray, ...]
@@ -60,7 +60,7 @@ class QPolicy:
         provenance: Mapping[str, Any],
         rng: np.random.Generator | None = None,
     ) -> QPolicy:
-        """Take the parameters out of a trained network."""
+        """Build the policy from a trained network."""
         return QPolicy(
             tuple(np.asarray(layer.weight) for layer in network.layers),
             tuple(np.asarray(layer.bias) for layer in network.layers),
@@ -84,7 +84,7 @@ class QPolicy:
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Q of each observation and action.
+        """Return Q of each observation and action, shape (batch, actions).
 
         Raises:
             UserError: If an observation has another length or is not finite.
@@ -101,7 +101,7 @@ class QPolicy:
         return value
 
     def _check_shape(self, batch: np.ndarray) -> None:
-        """Refuse anything but rows of observations of this policy's length."""
+        """Raise an error for observations of another length."""
         if batch.ndim != 2 or batch.shape[1] != self.n_features:
             raise UserError(
                 f"observation of shape {batch.shape[1:]}: this policy takes ({self.n_features},)"
@@ -110,7 +110,7 @@ class QPolicy:
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """The soft policy softmax(Q/τ), in float64 so that the rows sum to 1."""
+        """Return softmax(Q/τ), in float64 so that the rows sum to 1."""
         return softmax(self.q_values(observations).astype(np.float64) / self.temperature, axis=1)
 
     def predict(
@@ -120,13 +120,13 @@ class QPolicy:
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """Choose actions, greedily or from the soft policy.
+        """Choose actions, greedily or from softmax(Q/τ).
 
         Args:
             observation: Shape (features,) or (batch, features).
-            state: Passed through; the policy has no memory.
+            state: Returned unchanged; the policy has no memory.
             episode_start: Ignored, for the same reason.
-            deterministic: Greedy if true, else sampled from softmax(Q/τ).
+            deterministic: Whether to select greedily; else sample from softmax(Q/τ).
 
         Raises:
             UserError: If an observation is nested, has another shape or is not finite.
@@ -146,7 +146,7 @@ class QPolicy:
         """Write the policy to one safetensors file.
 
         Returns:
-            The content's SHA-256.
+            SHA-256 of the content.
 
         Raises:
             UserError: If the file can't be written.
@@ -155,7 +155,7 @@ class QPolicy:
 
     @staticmethod
     def load(path: Path) -> QPolicy:
-        """Read a policy that `save` wrote.
+        """Read a policy written by `save`.
 
         Raises:
             UserError: If the file is missing, damaged, or holds something else.
@@ -163,7 +163,7 @@ class QPolicy:
         return QPolicy.of_content(*load_arrays(path, "policy", SCHEMA_VERSION))
 
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """The named arrays and the header that a file holds."""
+        """Return the named arrays and the header of the policy's file."""
         arrays = {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
         arrays |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
         header = {
@@ -187,7 +187,7 @@ class QPolicy:
 
     @staticmethod
     def of_content(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> QPolicy:
-        """The policy of a file's content, the inverse of `content`."""
+        """Build a policy from a file's content, the inverse of `content`."""
         layers = range(header["layers"])
         return QPolicy(
             tuple(arrays[f"weight_{i}"] for i in layers),
@@ -201,10 +201,10 @@ class QPolicy:
 
 
 def _numbers(observation: object) -> np.ndarray:
-    """An observation as float32.
+    """Return an observation as float32.
 
     Raises:
-        UserError: If it is nested, or no numbers.
+        UserError: If it is nested or not numeric.
     """
     if isinstance(observation, Mapping):
         raise UserError("observation is a dict: this policy takes one array, so flatten it")
@@ -215,7 +215,7 @@ def _numbers(observation: object) -> np.ndarray:
 
 
 def _view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Encoding | None:
-    """The view that a file describes."""
+    """Return the view described by a file."""
     if places := header.get("one_hot"):
         return OneHot(tuple(places["lows"]), tuple(places["sizes"]))
     described = header["view"]

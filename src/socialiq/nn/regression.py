@@ -1,7 +1,7 @@
-"""Regression by a small network, each row told by a network that has not seen its group.
+"""Cross-fitted regression by a small network (Chernozhukov et al. 2018).
 
-What is fitted to a row's own noise would be subtracted from it again, wherever the fit is used as
-a baseline. Cross-fitting (Chernozhukov et al. 2018) avoids that.
+Each row is predicted by a network that was not trained on its group. As a baseline, a fit to a
+row's own noise would otherwise subtract that noise from the row.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FOLDS = 5
 HIDDEN = (64, 64)
 STEPS = 3000
 BATCH = 128
-LEARNING_RATE = 1e-3  # at the start; it falls to 0 in a straight line
+LEARNING_RATE = 1e-3  # initial value; it decreases linearly to 0
 
 
 def cross_fitted(
@@ -33,20 +33,20 @@ def cross_fitted(
     seed: int = 0,
     steps: int = STEPS,
 ) -> Float[np.ndarray, "row output"]:
-    """The mean of the targets given the observation, from networks that saw other groups only.
+    """Return the mean target given the observation, from networks trained on other groups.
 
-    Groups are dealt out to at most `FOLDS` folds. For each fold one network is fitted by least
-    squares to the rows of the others, all in one program.
+    Groups are divided into at most `FOLDS` folds. For each fold a network is fitted by least
+    squares to the rows of the other folds, all in one program.
 
     Args:
-        observation: What is known of a row.
-        target: What is to be told, in any unit.
+        observation: Features of each row.
+        target: Quantity to predict, in any unit.
         group: Rows of one group share noise: the number of a row's episode, from 0 without gaps.
-        seed: Of the folds, the networks and the batches.
+        seed: Seed of the folds, the networks and the batches.
         steps: Gradient steps of each network.
 
     Returns:
-        What is told of each row, in the targets' unit.
+        Prediction for each row, in the targets' unit.
 
     Raises:
         UserError: If there is one group only.
@@ -57,7 +57,7 @@ def cross_fitted(
     rng, folds = np.random.default_rng(seed), min(FOLDS, n_groups)
     fold = (rng.permutation(n_groups) % folds)[group]
     mean, spread = target.mean(axis=0), np.maximum(target.std(axis=0), 1e-9)
-    # Drawn here, because random numbers inside the program take longer to compile than all else.
+    # Drawn here, because random numbers inside the program dominate its compile time.
     batches = [rng.choice(np.flatnonzero(fold != one), (steps, BATCH)) for one in range(folds)]
     networks = [
         QNetwork.initialise(key, observation.shape[1], HIDDEN, target.shape[1])
@@ -79,7 +79,7 @@ def _fit_all(
     observation: Float[Array, "row feature"],
     target: Float[Array, "row output"],
 ) -> Float[Array, "fold row output"]:
-    """What the network of each fold tells of every row."""
+    """Return the predictions of each fold's network for every row."""
     return jax.vmap(partial(_fit, observation, target))(networks, batches)
 
 
@@ -89,7 +89,7 @@ def _fit(
     network: QNetwork,
     batches: Int[Array, "step batch"],
 ) -> Float[Array, "row output"]:
-    """Fit one network, a step for each batch of rows; of all rows it tells the target."""
+    """Fit a network with one step per batch of rows, and return its predictions for all rows."""
     adam = optax.scale_by_adam()
     rates = LEARNING_RATE * (1.0 - jnp.arange(len(batches)) / len(batches))
 

@@ -1,8 +1,8 @@
-"""How vehicles are put before a perceptron: as they are listed, or as a set seen from the ego.
+"""Encodings of vehicles for a perceptron: the plain list, or a set relative to the ego.
 
 The intersection's observation is rows of seven numbers (presence, x, y, vx, vy, cos h, sin h), the
-ego's first. A perceptron over the flat list has to learn every crossing vehicle once for each row
-it may stand in, and distances from pairs of absolute positions. A view takes both off it.
+ego's first. A perceptron over the flat list has to learn each vehicle's effect once for each row
+that it may occupy, and distances from pairs of absolute positions. A view avoids both.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ ROW = 7  # numbers of a vehicle
 
 
 class Choice(NamedTuple):
-    """What a view does.
+    """Properties of a view.
 
     Attributes:
         pooled: Encode every other vehicle by the same layers, and keep sum and maximum over them,
-            so that their order doesn't matter; else the rows stand side by side.
-        relative: Add each vehicle's position, velocity and heading as the ego sees them.
-        scale: Factor on positions and velocities: 5 makes 20 m and 4 m/s one.
+            so that their order doesn't matter; else the rows are concatenated.
+        relative: Add each vehicle's position, velocity and heading relative to the ego.
+        scale: Factor on positions and velocities: 5 maps 20 m and 4 m/s to 1.
     """
 
     pooled: bool
@@ -44,21 +44,21 @@ CHOICES: dict[str, Choice | None] = {
     "set_relative": Choice(True, True, 1.0),
     "set": Choice(True, True, 5.0),
 }
-"""Views by name: "flat" is the thesis' plain list, "set" does all three."""
+"""Views by name: "flat" is the thesis' plain list, "set" has all three properties."""
 
-_ENCODER = (64, 64)  # widths of the layers that all vehicles share
+_ENCODER = (64, 64)  # widths of the shared layers of all vehicles
 
 
 class View(eqx.Module):
-    """From an observation to what the first layer of a perceptron reads.
+    """Encoder from an observation to the inputs of a perceptron's first layer.
 
-    Works on JAX and on NumPy arrays alike, whichever its weights and its input are.
+    It accepts JAX and NumPy arrays, as weights and as input.
 
     Attributes:
-        weights: Of the layers that all vehicles share, each (outputs, inputs); none where rows
-            stand side by side.
-        biases: Of the same layers.
-        choice: What it does.
+        weights: Weights of the layers shared by all vehicles, each (outputs, inputs); empty if
+            rows are concatenated.
+        biases: Biases of the same layers.
+        choice: Properties of the view.
         n_features: Length of an observation.
     """
 
@@ -69,10 +69,10 @@ class View(eqx.Module):
 
     @staticmethod
     def initialise(key: PRNGKeyArray, name: str, n_features: int) -> View | None:
-        """Draw a view's layers; the flat view has nothing to draw and is None.
+        """Draw a view's layers; the flat view has none and is None.
 
         Raises:
-            UserError: If the name is unknown, or the observation is no list of vehicles.
+            UserError: If the name is unknown, or the observation is not a list of vehicles.
         """
         one_of("view", name, tuple(CHOICES))
         choice = CHOICES[name]
@@ -93,18 +93,18 @@ class View(eqx.Module):
         return View(weights, biases, choice, n_features)
 
     def in_numpy(self) -> View:
-        """The same view with NumPy weights."""
+        """Return the same view with NumPy weights."""
         return jax.tree.map(np.asarray, self)
 
     @property
     def width(self) -> int:
-        """Numbers that the perceptron reads."""
+        """Number of inputs of the perceptron."""
         if self.choice.pooled:
             return ROW - 1 + 2 * _ENCODER[-1]
         return ROW - 1 + (self.n_features // ROW - 1) * _row_width(self.choice)
 
     def __call__(self, observation: Shaped[Any, "*batch feature"]) -> Shaped[Any, "*batch width"]:
-        """View one observation, or any number of them."""
+        """Encode observations along the last axis."""
         xp = observation.__array_namespace__()
         rows = observation.reshape(*observation.shape[:-1], -1, ROW)
         ego, others = rows[..., 0, :], rows[..., 1:, :]
@@ -113,7 +113,7 @@ class View(eqx.Module):
             return xp.concatenate([own, seen.reshape(*seen.shape[:-2], -1)], axis=-1)
         for weight, bias in zip(self.weights, self.biases, strict=True):
             seen = xp.maximum(seen @ weight.T + bias, 0.0)
-        seen = seen * others[..., :1]  # rows without a vehicle count for nothing
+        seen = seen * others[..., :1]  # rows without a vehicle have weight 0
         return xp.concatenate([own, seen.sum(axis=-2), seen.max(axis=-2)], axis=-1)
 
     def _absolute(self, row: Any) -> Any:
@@ -121,7 +121,7 @@ class View(eqx.Module):
         return xp.concatenate([row[..., 1:5] * self.choice.scale, row[..., 5:]], axis=-1)
 
     def _of_others(self, ego: Any, others: Any) -> Any:
-        """Each other vehicle: presence, absolute, and where chosen as the ego sees it."""
+        """Return features of the other vehicles: presence, absolute, and optionally relative."""
         xp = ego.__array_namespace__()
         columns = [others[..., :1], self._absolute(others)]
         if self.choice.relative:
@@ -135,7 +135,7 @@ class View(eqx.Module):
 
 
 def _turned(vector: Any, along: Any) -> list[Any]:
-    """Components along a heading (cos, sin) and to its left, each with a last axis of one."""
+    """Return components along a heading (cos, sin) and to its left, last axes of length 1."""
     x, y, cos, sin = vector[..., :1], vector[..., 1:], along[..., :1], along[..., 1:]
     return [x * cos + y * sin, y * cos - x * sin]
 

@@ -1,1 +1,1 @@
-"""What the regularized objective does, exactly: closed forms and a reliable minimiser."""
+"""Exact analysis of the regularized objective: closed forms and a reliable minimiser."""

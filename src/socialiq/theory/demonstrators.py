@@ -1,4 +1,4 @@
-"""What several demonstrators look like to one learner: pooled occupancy and mean target."""
+"""Several demonstrators pooled for one learner: occupancy and mean target."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def occupancies(
     shares: Sequence[float],
     discount: float,
 ) -> Float[np.ndarray, "demonstrator state action"]:
-    """Each demonstrator's share of ρ_E; the sum over demonstrators is ρ_E.
+    """Return each demonstrator's part of ρ_E; the sum over demonstrators is ρ_E.
 
     Args:
         mdp: The dynamics.
-        policies: One for each demonstrator.
-        shares: The share of episodes that each has made.
+        policies: Policy of each demonstrator.
+        shares: Share of episodes of each demonstrator.
         discount: γ.
 
     Raises:
-        UserError: If the shares are no distribution over the demonstrators.
+        UserError: If the shares are not a distribution over the demonstrators.
     """
     check_shares(shares, len(policies))
     pairs = zip(shares, policies, strict=True)
@@ -47,24 +47,24 @@ def mean_target(
     kind: str,
     discount: float,
 ) -> Float[np.ndarray, "state action"]:
-    """T̄(s, a): the mean of the prior's target over the rows of (s, a).
+    """Return T̄(s, a), the mean of the prior's target over the rows of (s, a), reward.
 
     - instantaneous: R(s, a).
-    - to_go: Σ_k p(k|s, a) Q_k(s, a), the returns-to-go of whoever takes a in s.
+    - to_go: Σ_k p(k|s, a) Q_k(s, a), the returns-to-go of the demonstrators that take a in s.
     - advantage: R + γ E V(s') - V(s) with V of the pooled policy: a shaping of R.
-    - own_advantage: Σ_k p(k|s, a) A_k(s, a), each against its own V. No shaping of R, for p(k|s, a)
-      depends on a; a demonstrator without chance in its choices has A_k = 0 wherever it goes.
+    - own_advantage: Σ_k p(k|s, a) A_k(s, a), each against its own V. It is not a shaping of R,
+      because p(k|s, a) depends on a. A deterministic demonstrator has A_k = 0 on its own actions.
 
     Args:
         mdp: The dynamics.
-        policies: One for each demonstrator.
-        parts: Of `occupancies`; p(k|s, a) is a part's share at (s, a).
+        policies: Policy of each demonstrator.
+        parts: Result of `occupancies`; p(k|s, a) is a part's share at (s, a).
         reward: R(α) of Eq 4.3.
         kind: One of `TARGET_KINDS`.
         discount: γ, and γ_svo of the returns.
 
     Returns:
-        T̄, 0 where nothing is demonstrated, except for the kind instantaneous.
+        T̄, 0 where no action is demonstrated, except for the kind instantaneous.
 
     Raises:
         UserError: If the kind is unknown, or no function of state and action.
@@ -88,7 +88,7 @@ def mean_target(
 
 
 def check_kind(kind: str) -> None:
-    """Refuse targets that no formula here covers.
+    """Raise an error for a target kind that is not covered by the formulas of this module.
 
     Raises:
         UserError: If the kind is unknown, or no function of state and action.
@@ -102,7 +102,7 @@ def check_kind(kind: str) -> None:
 
 
 def check_shares(shares: Sequence[float], count: int) -> None:
-    """Refuse shares that are no distribution over the demonstrators.
+    """Raise an error for shares that are not a distribution over the demonstrators.
 
     Raises:
         UserError: If their number, a sign or their sum is wrong.

@@ -1,4 +1,4 @@
-"""The minimum of the regularized objective, by Newton's method on the table Q."""
+"""Minimum of the regularized objective, by Newton's method on the table Q."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from socialiq.theory.objective import Problem
 from socialiq.theory.support import Point, Support, Vector
 
 _ROUNDING = 1e-14  # of the loss, relative to its greatest terms
-_MAX_STEPS = 200  # at one temperature; ten are common
-_SUFFICIENT = 1e-4  # share of the linear decrease that a step must reach (Armijo)
+_MAX_STEPS = 200  # at one temperature; ten are typical
+_SUFFICIENT = 1e-4  # share of the linear decrease that a step must achieve (Armijo)
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where the objective is least. Off the support Q and r̂ are -inf, π and ρ_π are 0.
+    """Minimum of the objective. Off the support Q and r̂ are -inf, π and ρ_π are 0.
 
     Attributes:
         q: Q(s, a).
-        v: V(s), the soft value of the demonstrated actions; 0 where none is demonstrated.
+        v: V(s), the soft value of the demonstrated actions; 0 if none is demonstrated.
         reward: r̂(s, a) of Eq 2.6.
-        policy: π = softmax(Q / τ); even over all actions where none is demonstrated.
-        occupancy: ρ_π(s, a), of the scale of ρ_E.
+        policy: π = softmax(Q / τ); uniform over all actions if none is demonstrated.
+        occupancy: ρ_π(s, a), with the scale of ρ_E.
         loss: The objective.
         residual: Largest distance of r̂ from its closed form on the support; reward.
-        steps: Newton steps.
+        steps: Number of Newton steps.
     """
 
     q: Float[np.ndarray, "state action"]
@@ -46,19 +46,19 @@ def minimise(
     start: Float[np.ndarray, "state action"] | None = None,
     entry: Float[np.ndarray, " state"] | None = None,
 ) -> Minimum:
-    """Find the minimum over all tables Q, with the gradient through every V.
+    """Return the minimum over all tables Q, with the gradient through every V.
 
-    Only demonstrated actions take part: elsewhere the objective falls for ever as Q falls. States
-    without any are never reached, because what is demonstrated leads to demonstrated states only.
-    From a temperature of 1 or more the minimum is followed down to the problem's own.
+    Only demonstrated actions are included: elsewhere the objective decreases without bound with Q.
+    States without any are never reached, because demonstrated actions lead to demonstrated states
+    only. The minimum is tracked from a temperature of 1 or more down to that of the problem.
 
     Args:
-        problem: What to minimise.
-        start: Q at the minimum of a similar problem on the same support, from which to begin.
-        entry: What term 2 weighs V(s) by, if not by (1 - γ) p_0: for a mixture with replay.
+        problem: Problem to minimise.
+        start: Initial Q: that at the minimum of a similar problem on the same support.
+        entry: Weight of V(s) in term 2, by default (1 - γ) p_0: for a mixture with replay.
 
     Raises:
-        UserError: If Newton's method doesn't settle.
+        UserError: If Newton's method doesn't converge.
     """
     support = Support(problem, entry)
     steps, residual = 0, np.inf
@@ -76,10 +76,10 @@ def minimise(
 def _newton(
     support: Support, q: Vector, temperature: float, tolerance: float
 ) -> tuple[Point, float, int]:
-    """Newton's method with a matrix that is positive everywhere and exact at the minimum.
+    """Run Newton's method with a matrix that is positive everywhere and exact at the minimum.
 
-    The second derivative of V(s) is weighed by the policy's occupancy of s. At the minimum that is
-    its true weight; elsewhere the true weight may be negative, which would lead uphill.
+    The second derivative of V(s) is weighted by the policy's occupancy of s. At the minimum that is
+    its true weight; elsewhere the true weight may be negative, and the step would go uphill.
     """
     problem, point, residual = support.problem, support.at(q, temperature), np.inf
     for step in range(_MAX_STEPS):
@@ -110,7 +110,7 @@ def _curvature(
     occupancy: Vector,
     temperature: float,
 ) -> Float[np.ndarray, "pair pair"]:
-    """J' diag(2κ ρ_E) J + d(s)/τ (diag π - π π') with J = dr/dQ = 1 - γ F Π."""
+    """Return J' diag(2κ ρ_E) J + d(s)/τ (diag π - π π') with J = dr/dQ = 1 - γ F Π."""
     visited = support.total(occupancy)[support.first] / temperature
     jacobian = np.eye(len(occupancy)) - support.problem.discount * (support.flow @ averages)
     weight = 2.0 * support.problem.curvature * support.weight
@@ -121,7 +121,7 @@ def _curvature(
 def _line_search(
     support: Support, point: Point, direction: Vector, slope: float, temperature: float
 ) -> Point:
-    """Halve the step until it lowers the loss as far as rounding lets one see."""
+    """Halve the step until it decreases the loss, up to rounding."""
     size = 1.0
     rounding = _ROUNDING * support.weight.sum() * support.problem.curvature * support.scale**2
     while True:
@@ -132,7 +132,7 @@ def _line_search(
 
 
 def _as_tables(support: Support, point: Point, residual: float, steps: int) -> Minimum:
-    """The support's vectors as tables over all states and actions."""
+    """Return the support's vectors as tables over all states and actions."""
     v = np.zeros(support.problem.mdp.n_states)
     v[support.states] = point.v
     occupancy = support.occupancy(point.pi, support.averages(point.pi))

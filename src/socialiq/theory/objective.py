@@ -1,4 +1,4 @@
-"""The regularized objective of Eq 4.5 on a finite MDP, exactly: its terms and one loss."""
+"""Exact regularized objective of Eq 4.5 on a finite MDP: its terms and the loss."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from socialiq.errors import UserError
 from socialiq.mdp.solve import bellman_reward
 from socialiq.mdp.tabular import TabularMDP, check_reward
 
-# Of the first states' mass; a measure that is an occupancy misses it by rounding alone.
+# Relative to the first states' mass; an exact occupancy differs by rounding only.
 _FLOW_TOLERANCE = 1e-9
-# A share of the greatest occupancy; exact occupancies leave no smaller dust than this behind.
+# Relative to the largest occupancy; smaller values are rounding errors.
 _DUST = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Minimise L_IQ + w L_reg over tables Q, with exact measures (Eq 2.7, 4.4, 4.5).
+    """Problem of minimising L_IQ + w L_reg over tables Q, with exact measures (Eq 2.7, 4.4, 4.5).
 
-    A measure that no policy has is refused, because every theorem here rests on it: ρ_E must obey
-    the flow of the MDP. Its scale is free. Evenly drawn rows of episodes are an occupancy too, of
-    a slightly other MDP (`theory.rows`).
+    ρ_E must satisfy the flow equations of the MDP, because every theorem here depends on it. Its
+    scale is free. Uniformly drawn rows of episodes are an occupancy of a modified MDP
+    (`theory.rows`).
 
     Attributes:
         mdp: The dynamics.
         demonstrated: ρ_E(s, a), the demonstrators' discounted occupancy.
-        target: T̄(s, a), the mean target of the prior; read where ρ_E > 0 only. Reward.
+        target: T̄(s, a), the mean target of the prior, reward; read where ρ_E > 0 only.
         strength: λ >= 0 of Eq 4.4.
         discount: γ in [0, 1).
         temperature: τ > 0 of Eq 2.5, in units of reward.
@@ -37,7 +37,7 @@ class Problem:
         prior_weight: w >= 0 of Eq 4.5.
 
     Raises:
-        UserError: If a number is out of range, or ρ_E is no occupancy of the MDP.
+        UserError: If a number is out of range, or ρ_E is not an occupancy of the MDP.
     """
 
     mdp: TabularMDP
@@ -63,30 +63,30 @@ class Problem:
 
     @property
     def chi2_coefficient(self) -> float:
-        """The c = 1 / (4 α_χ) that multiplies E_E[r̂²] in Eq 2.7."""
+        """Coefficient c = 1 / (4 α_χ) of E_E[r̂²] in Eq 2.7."""
         return 1.0 / (4.0 * self.chi2_alpha)
 
     @property
     def curvature(self) -> float:
-        """κ = c + w, what multiplies the one quadratic that the two make."""
+        """Coefficient κ = c + w of the sum of both quadratic terms."""
         return self.chi2_coefficient + self.prior_weight
 
     @property
     def support(self) -> Bool[np.ndarray, "state action"]:
-        """Whether a pair is demonstrated."""
+        """Whether each (state, action) is demonstrated."""
         return demonstrated_pairs(self.demonstrated)
 
     @property
     def entry(self) -> Float[np.ndarray, " state"]:
-        """(1 - γ) p_0(s), of the scale of ρ_E: what term 2 of Eq 2.7 weighs V(s) by."""
+        """Weight (1 - γ) p_0(s) of V(s) in term 2 of Eq 2.7, with the scale of ρ_E."""
         scale = entry_mass(self.mdp, self.demonstrated, self.discount).sum()
         return scale * self.mdp.initial
 
     def loss(self, q: Float[np.ndarray, "state action"], v: Float[np.ndarray, " state"]) -> float:
-        """-E_E[r̂] + (1 - γ) E_p0[V] + c E_E[r̂²] + w E_E[(r̂ - λ T̄)²] (Eq 4.5).
+        """Return -E_E[r̂] + (1 - γ) E_p0[V] + c E_E[r̂²] + w E_E[(r̂ - λ T̄)²] (Eq 4.5).
 
-        The square is that of the mean r̂ of (s, a): where a transition is random, rows of a data
-        set have the mean of squares, which is γ² Var[V(s')] more (docs/theory.md).
+        The square is that of the mean r̂ of (s, a). With random transitions, rows of a data
+        set have the mean of squares, which is larger by γ² Var[V(s')] (docs/theory.md).
 
         Args:
             q: Q(s, a); read on the support only.
@@ -102,14 +102,14 @@ class Problem:
 def demonstrated_pairs(
     demonstrated: Float[np.ndarray, "state action"],
 ) -> Bool[np.ndarray, "state action"]:
-    """Where ρ_E > 0, but for the dust of a linear system's rounding."""
+    """Return where ρ_E > 0, ignoring rounding errors of a linear system."""
     return demonstrated > _DUST * demonstrated.max()
 
 
 def entry_mass(
     mdp: TabularMDP, occupancy: Float[np.ndarray, "state action"], discount: float
 ) -> Float[np.ndarray, " state"]:
-    """Σ_a ρ(s, a) - γ Σ P(s | s', a') ρ(s', a'): what enters at s and came from nowhere.
+    """Return Σ_a ρ(s, a) - γ Σ P(s | s', a') ρ(s', a'), the mass that starts in s.
 
     For an occupancy it is (1 - γ) p_0(s) times the occupancy's scale.
     """
@@ -119,10 +119,10 @@ def entry_mass(
 def check_occupancy(
     mdp: TabularMDP, occupancy: Float[np.ndarray, "state action"], discount: float
 ) -> None:
-    """Refuse what is no discounted occupancy of the MDP, of whatever scale.
+    """Raise an error for a measure that is not a discounted occupancy of the MDP, of any scale.
 
     Raises:
-        UserError: If its shape or a number in it will not do, or if it breaks the flow.
+        UserError: If its shape or a number in it is invalid, or the flow equations are violated.
     """
     check_reward(mdp, occupancy, "occupancy")
     if occupancy.min() < 0.0 or not occupancy.any():

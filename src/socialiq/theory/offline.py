@@ -1,4 +1,4 @@
-"""The offline objective as conservative Q-learning (Kumar et al. 2020) on the reward m."""
+"""Offline objective as conservative Q-learning (Kumar et al. 2020) on the reward m."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from socialiq.theory.objective import Problem
 def conservative_loss(
     problem: Problem, q: Float[np.ndarray, "state action"], v: Float[np.ndarray, " state"]
 ) -> float:
-    """τ E_E[-log π(a|s)] + κ E_E[(Q - γ E V(s') - m)²]: CQL(H) with the reward m.
+    """Return τ E_E[-log π(a|s)] + κ E_E[(Q - γ E V(s') - m)²], CQL(H) with the reward m.
 
-    It equals `Problem.loss` up to `offset`, at every Q. Trained networks have the same identity row
+    It equals `Problem.loss` up to `offset`, at every Q. The same identity holds for networks, row
     by row (tests/identities/test_objective_identities.py).
 
     Args:
@@ -30,7 +30,7 @@ def conservative_loss(
 
 
 def offset(problem: Problem) -> float:
-    """(c w / κ) λ² E_E[T̄²]: the objective minus `conservative_loss`, a constant."""
+    """Return (c w / κ) λ² E_E[T̄²], the constant by which the objective is larger."""
     support = problem.support
     square = problem.demonstrated[support] @ problem.target[support] ** 2
     scale = problem.chi2_coefficient * problem.prior_weight / problem.curvature

@@ -1,4 +1,4 @@
-"""A solution followed along λ: where the greedy action of a state truly flips."""
+"""Solutions along λ, and the strengths at which greedy actions change."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _PRECISION = 1e-3  # of a flip's λ, relative
 
 Table = Float[np.ndarray, "state action"]
 QSolver = Callable[[Problem, Table | None], Table]
-"""(problem, Q of a similar one) -> Q; `minimise(...).q` or `semi_gradient.fixed_point`."""
+"""(problem, Q of a similar problem) -> Q; `minimise(...).q` or `semi_gradient.fixed_point`."""
 
 
 def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> list[Flip]:
-    """The least λ of a range at which each state's greedy action is not the one of λ = 0.
+    """Return the least λ at which each state's greedy action differs from that at λ = 0.
 
-    The first step of the range that shows another action is halved down to a thousandth. A flip
-    there and back within one step is overlooked.
+    The first step of the range with another action is bisected to a relative width of 0.001. A flip
+    and its reversal within one step are not detected.
 
     Args:
         problem: The problem; its own strength isn't used.
@@ -30,8 +30,8 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
         strengths: λ > 0, ascending.
 
     Returns:
-        One flip for each state with two or more demonstrated actions, the earliest first; its
-        strength is infinite where none is found.
+        A flip for each state with two or more demonstrated actions, in ascending order of its
+        strength, which is infinite if no change is found.
     """
 
     def q_at(strength: float, start: Table | None) -> Table:
@@ -54,9 +54,9 @@ def found_flips(problem: Problem, solve: QSolver, strengths: Sequence[float]) ->
 
 
 def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> float:
-    """The least λ of a range at which any greedy action isn't the one of λ = 0.
+    """Return the least λ at which any greedy action differs from that at λ = 0.
 
-    The least of `found_flips`, without narrowing down the others.
+    This is the least strength of `found_flips`, without bisecting the others.
 
     Args:
         problem: The problem; its own strength isn't used.
@@ -64,7 +64,7 @@ def first_flip(problem: Problem, solve: QSolver, strengths: Sequence[float]) -> 
         strengths: λ > 0, ascending.
 
     Returns:
-        λ, infinite where no action flips in the range.
+        λ, infinite if no action changes in the range.
     """
 
     def q_at(strength: float, start: Table | None) -> Table:
@@ -91,7 +91,7 @@ def _narrowed(
     below: tuple[float, Table],
     above: tuple[float, Table],
 ) -> Flip:
-    """Halve an interval of λ at whose ends a state's greedy action differs."""
+    """Bisect an interval of λ at whose ends a state's greedy action differs."""
     _, above = _halved(q_at, lambda q: bool(q[state].argmax() == lead), below, above)
     return Flip(state, lead, int(above[1][state].argmax()), above[0])
 
@@ -102,7 +102,7 @@ def _halved(
     below: tuple[float, Table],
     above: tuple[float, Table],
 ) -> tuple[tuple[float, Table], tuple[float, Table]]:
-    """Halve an interval of λ, at whose lower end alone `before` holds, down to the precision."""
+    """Bisect an interval of λ, at whose lower end only `before` holds, to the precision."""
     while above[0] - below[0] > _PRECISION * above[0]:
         middle = (below[0] + above[0]) / 2.0
         q = q_at(middle, below[1])

@@ -1,4 +1,4 @@
-"""The same problem over policies: what the minimum of the loss maximises."""
+"""Primal problem over policies, which the minimum of the loss maximises."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from socialiq.theory.offline import offset
 
 
 def chi2_distance(problem: Problem, occupancy: Float[np.ndarray, "state action"]) -> float:
-    """χ²(ρ, ρ_E) = Σ (ρ - ρ_E)² / ρ_E; infinite where ρ visits what nobody demonstrates."""
+    """Return χ²(ρ, ρ_E) = Σ (ρ - ρ_E)² / ρ_E; infinite if ρ leaves the support of ρ_E."""
     support = problem.support
     if occupancy[~support].any():
         return float("inf")
@@ -21,19 +21,20 @@ def chi2_distance(problem: Problem, occupancy: Float[np.ndarray, "state action"]
 
 
 def occupancy_entropy(occupancy: Float[np.ndarray, "state action"]) -> float:
-    """H = -Σ ρ(s, a) log π(a|s), the discounted causal entropy times (1 - γ), in nats."""
+    """Return H = -Σ ρ(s, a) log π(a|s), discounted causal entropy times (1 - γ), in nats."""
     return float(entr(occupancy).sum() - entr(occupancy.sum(axis=1)).sum())
 
 
 def primal_value(problem: Problem, occupancy: Float[np.ndarray, "state action"]) -> float:
-    """4 w λ E_ρ[T̄] - χ²(ρ, ρ_E) + 4 κ τ H(ρ), which the minimum's policy maximises.
+    """Return 4 w λ E_ρ[T̄] - χ²(ρ, ρ_E) + 4 κ τ H(ρ), maximised by the minimum's policy.
 
-    The loss is the largest over π of -E_E[r] + E_π[r] + τ H + κ E_E[(r - m)²] + constant. Its
-    least over r is E_π[m] - E_E[m] + τ H - χ² / (4κ). Times 4κ, without the constants.
+    The loss is the maximum over π of -E_E[r] + E_π[r] + τ H + κ E_E[(r - m)²] + constant. The
+    minimum of this over r is E_π[m] - E_E[m] + τ H - χ² / (4κ). The value is this times 4κ,
+    without the constants.
 
     Args:
         problem: The problem.
-        occupancy: ρ of any policy, of the scale of ρ_E.
+        occupancy: ρ of any policy, with the scale of ρ_E.
     """
     support = problem.support
     earned = float(occupancy[support] @ problem.target[support])
@@ -43,9 +44,9 @@ def primal_value(problem: Problem, occupancy: Float[np.ndarray, "state action"])
 
 
 def dual_value(problem: Problem, loss: float) -> float:
-    """4κ (loss + E_E[m]) without the constant of the square: at least every policy's primal value.
+    """Return 4κ (loss + E_E[m]) without the constant of the square, a bound of `primal_value`.
 
-    The two are equal at the minimum, and only there: a certificate that it is one.
+    It is at least every policy's primal value, with equality only at the minimum: a certificate.
 
     Args:
         problem: The problem.

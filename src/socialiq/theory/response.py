@@ -1,4 +1,4 @@
-"""How the minimum moves with λ as τ → 0: straight lines, and where the greedy action flips."""
+"""Response of the minimum to λ as τ → 0: straight lines, and flips of greedy actions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from socialiq.theory.shaping import orthogonal
 
 
 class Flip(NamedTuple):
-    """Where the greedy action of a state changes, by straight lines.
+    """Predicted strength at which the greedy action of a state changes, by straight lines.
 
     Attributes:
         state: Index of the state.
-        before: The action that leads at λ = 0.
-        after: The action that overtakes it first.
-        strength: λ at which it does; infinite where it never does.
+        before: The greedy action at λ = 0.
+        after: The action that replaces it first.
+        strength: λ of the change; infinite if there is none.
     """
 
     state: int
@@ -29,7 +29,7 @@ class Flip(NamedTuple):
 
 
 def occupancy_slope(problem: Problem) -> Float[np.ndarray, "state action"]:
-    """dρ/dλ = 2 w ρ_E T_⊥ from λ = 0 on, until a pair is used up, as τ → 0.
+    """Return dρ/dλ = 2 w ρ_E T_⊥, valid from λ = 0 until an occupancy is 0, as τ → 0.
 
     The limit is a quadratic program, min ‖ρ - ρ_E (1 + 2 w λ T̄)‖² in the norm of 1 / ρ_E over the
     occupancies. Until ρ ≥ 0 binds it is a projection onto the flow.
@@ -39,7 +39,7 @@ def occupancy_slope(problem: Problem) -> Float[np.ndarray, "state action"]:
 
 
 def target_slope(problem: Problem) -> float:
-    """dE_ρ[T̄]/dλ = 2 w ‖T_⊥‖², of the same reach as `occupancy_slope`."""
+    """Return dE_ρ[T̄]/dλ = 2 w ‖T_⊥‖², with the same reach as `occupancy_slope`."""
     left = orthogonal(problem.mdp, problem.demonstrated, problem.target, problem.discount)
     return 2.0 * problem.prior_weight * left.norm**2
 
@@ -47,7 +47,7 @@ def target_slope(problem: Problem) -> float:
 def reach(
     level: Float[np.ndarray, "state action"], slope: Float[np.ndarray, "state action"]
 ) -> float:
-    """The λ at which the first positive level falls to 0: the lines are exact until there."""
+    """Return the λ at which the first positive level falls to 0: the lines are exact up to it."""
     falling = (level > 0.0) & (slope < 0.0)
     return float((level[falling] / -slope[falling]).min(initial=np.inf))
 
@@ -55,17 +55,17 @@ def reach(
 def flips(
     level: Float[np.ndarray, "state action"], slope: Float[np.ndarray, "state action"]
 ) -> list[Flip]:
-    """For each state with a choice, when another action overtakes the one that leads at λ = 0.
+    """Return the first change of the greedy action of each state with a choice.
 
     λ_flip = [level(a1) - level(a2)] / [slope(a2) - slope(a1)], the least over a2. It is exact where
-    it lies within `reach`, and an extrapolation beyond.
+    it is within `reach`, and an extrapolation beyond.
 
     Args:
-        level: ρ_E(s, a), or the demonstrators' shares of actions; 0 where nothing is demonstrated.
-        slope: Its derivative by λ.
+        level: ρ_E(s, a), or the demonstrators' shares of actions; 0 where not demonstrated.
+        slope: Derivative of `level` by λ.
 
     Returns:
-        One flip for each state with two or more demonstrated actions, the earliest first.
+        A flip for each state with two or more demonstrated actions, in ascending order of λ.
     """
     found = []
     for state in np.flatnonzero((level > 0.0).sum(axis=1) > 1):
@@ -81,7 +81,7 @@ def flips(
 
 
 def flip_strengths(problem: Problem) -> list[Flip]:
-    """The flips of the regularized objective with the gradient through every V."""
+    """Return the flips of the regularized objective with the gradient through every V."""
     level = np.where(problem.support, problem.demonstrated, 0.0)
     return flips(level, occupancy_slope(problem))
 
@@ -89,11 +89,11 @@ def flip_strengths(problem: Problem) -> list[Flip]:
 def extinction(
     shares: Float[np.ndarray, " mode"], targets: Float[np.ndarray, " mode"], prior_weight: float
 ) -> Float[np.ndarray, " mode"]:
-    """λ_k = 1 / [2 w (T̄_p - T_k)]: where a mode of a world of one state dies out, as τ → 0.
+    """Return λ_k = 1 / [2 w (T̄_p - T_k)], at which a mode has probability 0, as τ → 0.
 
-    There π_k = p_k [1 + 2 w λ (T_k - T̄_p)] with the mean T̄_p = Σ p_k T_k. A mode that is no worse
-    than the mean never dies (infinite). With three modes or more the formula holds until the
-    first is extinct.
+    In a world of a single state, π_k = p_k [1 + 2 w λ (T_k - T̄_p)] with the mean T̄_p = Σ p_k T_k.
+    A mode that is no worse than the mean keeps a positive probability (infinite λ_k). With three
+    modes or more the formula holds until the first mode has probability 0.
 
     Args:
         shares: p_k, the demonstrated shares.
@@ -101,7 +101,7 @@ def extinction(
         prior_weight: w.
 
     Raises:
-        UserError: If the shares are no distribution.
+        UserError: If the shares are not a distribution.
     """
     if shares.min() < 0.0 or abs(shares.sum() - 1.0) > 1e-9:
         raise UserError("shares of modes are 0 or more, and sum to 1")

@@ -1,9 +1,9 @@
-"""Evenly drawn rows of episodes that a clock cuts, as an occupancy of a slightly other MDP.
+"""Uniformly drawn rows of truncated episodes, as an occupancy of a modified MDP.
 
-Batches draw rows without the discount, and the thesis' flag d makes the clock's cut an end. The
-shares of rows are no discounted occupancy of the MDP. They are one of the same MDP with two
-changes: an episode may begin wherever rows lie, because V of every row's state counts in term 2;
-and a pair ends the episode as often as the clock cut it there.
+Batches draw rows without the discount, and the thesis' flag d treats a truncation as an end. The
+shares of rows are not a discounted occupancy of the MDP. They are an occupancy of the MDP with two
+changes. An episode may start in the state of any row, because V of every row's state counts in
+term 2. A pair ends the episode with the probability with which episodes were truncated there.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from socialiq.types import Ending
 
 
 class Drawn(NamedTuple):
-    """Rows of several demonstrators' episodes, in expectation.
+    """Expected rows of several demonstrators' episodes.
 
     Attributes:
         mdp: The MDP of which `shares` is a discounted occupancy.
         shares: Share of each (state, action) among the rows; sums to 1.
-        target: T̄, the mean target of these rows, 0 where there are none.
+        target: T̄, the mean target of these rows, reward; 0 where there are none.
     """
 
     mdp: TabularMDP
@@ -45,19 +45,19 @@ def drawn_rows(
     horizon: int,
     discount: float,
 ) -> Drawn:
-    """The rows of a data set with infinitely many episodes.
+    """Return the rows of a data set with infinitely many episodes.
 
     Args:
         mdp: The dynamics.
-        policies: One for each demonstrator.
-        shares: The share of episodes that each has made.
+        policies: Policy of each demonstrator.
+        shares: Share of episodes of each demonstrator.
         reward: R(α) of Eq 4.3.
-        kind: "instantaneous" or "to_go"; the returns end where the clock cuts.
+        kind: "instantaneous" or "to_go"; returns end at the truncation.
         horizon: Largest number of steps of an episode.
         discount: γ, and γ_svo of the returns.
 
     Raises:
-        UserError: If an argument will not do.
+        UserError: If an argument is invalid.
     """
     check_kind(kind)
     check_shares(shares, len(policies))
@@ -77,17 +77,17 @@ def drawn_rows(
     target = reward if kind == "instantaneous" else earned / known
     timed = with_cuts(mdp, cut / known)
     drawn = visits / visits.sum()
-    entered = np.maximum(entry_mass(timed, drawn, discount), 0.0)  # rounding may leave -1e-19
+    entered = np.maximum(entry_mass(timed, drawn, discount), 0.0)  # rounding may give -1e-19
     timed = dataclasses.replace(timed, initial=entered / entered.sum())
     return Drawn(timed, drawn, np.where(seen, target, 0.0))
 
 
 def with_cuts(mdp: TabularMDP, cut: Float[np.ndarray, "state action"]) -> TabularMDP:
-    """The MDP in which every pair also ends the episode by chance, as `Ending.OTHER`.
+    """Return the MDP in which every pair also ends the episode at random, as `Ending.OTHER`.
 
     Args:
         mdp: The dynamics.
-        cut: The chance that the clock cuts after (s, a), whether the episode ended there or not.
+        cut: Probability of a truncation after (s, a), whether the episode ended there or not.
     """
     ends = np.full_like(mdp.successor[..., :1], int(Ending.OTHER))
     return dataclasses.replace(
@@ -103,7 +103,7 @@ def with_cuts(mdp: TabularMDP, cut: Float[np.ndarray, "state action"]) -> Tabula
 def visits_by_time(
     mdp: TabularMDP, policy: Float[np.ndarray, "state action"], horizon: int
 ) -> Float[np.ndarray, "time state action"]:
-    """Chance of (s, a) at each time."""
+    """Return the probability of (s, a) at each time."""
     check_policy(mdp, policy)
     times, running = [], mdp.initial
     for _ in range(horizon):
@@ -119,7 +119,7 @@ def _to_go(
     horizon: int,
     discount: float,
 ) -> Float[np.ndarray, "time state action"]:
-    """Q(s, a) at each time of an episode that the clock cuts."""
+    """Return Q(s, a) at each time of an episode that is truncated at the horizon."""
     times, after = [], np.zeros(mdp.n_states)
     for _ in range(horizon):
         times.append(reward + discount * mdp.expected_next(after))

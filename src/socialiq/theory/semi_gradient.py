@@ -1,4 +1,4 @@
-"""The analogue for V(s') of a target network, through which no gradient passes."""
+"""Analogue of the theory for V(s') of a target network, through which no gradient passes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _MAX_STEPS = 200
 
 
 def demonstrated_policy(problem: Problem) -> Float[np.ndarray, "state action"]:
-    """π_E(a|s) = ρ_E(s, a) / ρ_E(s); 0 in states that nobody demonstrates."""
+    """Return π_E(a|s) = ρ_E(s, a) / ρ_E(s); 0 in states that are not demonstrated."""
     level = np.where(problem.support, problem.demonstrated, 0.0)
     seen = level.sum(axis=1, keepdims=True)
     return level / np.where(seen > 0.0, seen, 1.0)
 
 
 def pooled_advantage(problem: Problem) -> Float[np.ndarray, "state action"]:
-    """A(s, a) of the target under the demonstrators' pooled policy; 0 off the support."""
+    """Return A(s, a) of the target under the demonstrators' pooled policy; 0 off the support."""
     policy = demonstrated_policy(problem)
     closed = np.where(policy.sum(axis=1, keepdims=True) > 0.0, policy, 1.0 / policy.shape[1])
     target = np.where(problem.support, problem.target, 0.0)
@@ -30,11 +30,11 @@ def pooled_advantage(problem: Problem) -> Float[np.ndarray, "state action"]:
 
 
 def policy_slope(problem: Problem) -> Float[np.ndarray, "state action"]:
-    """dπ(a|s)/dλ = 2 w π_E A from λ = 0 on, until an action dies out, as τ → 0.
+    """Return dπ(a|s)/dλ = 2 w π_E A, valid until an action has probability 0, as τ → 0.
 
     With the gradient of V(s) alone the fixed point is r̂ = m + [1 - π / π_E] / (2κ). As τ → 0 the
-    actions in use have one Q = V, hence π = π_E [1 + 2κ (m + γ E V(s') - V(s))]; that π sums to 1
-    in each state makes V the value of π_E on the reward m.
+    actions in use have Q = V, hence π = π_E [1 + 2κ (m + γ E V(s') - V(s))]. As π sums to 1
+    in each state, V is the value of π_E on the reward m.
     """
     return 2.0 * problem.prior_weight * demonstrated_policy(problem) * pooled_advantage(problem)
 
@@ -44,23 +44,22 @@ def fixed_point(
     start: Float[np.ndarray, "state action"] | None = None,
     weight: Float[np.ndarray, " state"] | None = None,
 ) -> Float[np.ndarray, "state action"]:
-    """Q where the semi-gradient of the offline objective vanishes (`value_expert`).
+    """Return the Q at which the semi-gradient of the offline objective is 0 (`value_expert`).
 
-    r̂ = m + [1 - π / π_E] / (2κ) with π = softmax(Q / τ). Given V(s') each state is a monotone
-    equation of its own, and V a γ-contraction, so there is one fixed point; Newton's method finds
-    it.
+    r̂ = m + [1 - π / π_E] / (2κ) with π = softmax(Q / τ). Given V(s') each state has a monotone
+    equation, and V is a γ-contraction, so the fixed point is unique. Newton's method finds it.
 
     Args:
-        problem: The problem; `demonstrated` counts by its shares of actions alone.
+        problem: The problem; only the shares of actions of `demonstrated` matter.
         start: Q at the fixed point of a similar problem on the same support.
-        weight: μ(s) / ρ_E(s), if not 1: the share of s among the rows of term 2, which multiplies
-            π above.
+        weight: μ(s) / ρ_E(s), by default 1, with μ(s) the share of s among the rows of term 2; it
+            multiplies π above.
 
     Returns:
         Q(s, a), -inf off the support.
 
     Raises:
-        UserError: If Newton's method doesn't settle.
+        UserError: If Newton's method doesn't converge.
     """
     support = Support(problem)
     shares = support.weight / support.total(support.weight)
@@ -76,7 +75,7 @@ def fixed_point(
 def _newton(
     support: Support, q: Vector, temperature: float, shares: Vector, tolerance: float
 ) -> Point:
-    """Newton's method for the equation of the fixed point, halving steps that lead away."""
+    """Run Newton's method for the fixed point, halving steps that increase the residual."""
     twice = 2.0 * support.problem.curvature
     point = support.at(q, temperature)
     gap = (support.slope(point.reward) + point.pi / shares) / twice

@@ -1,4 +1,4 @@
-"""Potential-based shaping, which no minimum feels, and what of a target is left without it."""
+"""Potential-based shaping, which changes no minimum, and targets without their shaping."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _ROUNDING = 1e-12  # of a least-squares fit, relative to the greatest target
 
 
 class Orthogonal(NamedTuple):
-    """A target without its shaping.
+    """Target without its shaping.
 
     Attributes:
         target: T_⊥ = T̄ + γ E Φ(s') - Φ(s) on the support, 0 elsewhere; reward.
-        potential: The Φ that makes it least.
+        potential: The Φ that minimises the norm.
         norm: ‖T_⊥‖, the root of E_ρE[T_⊥²]; reward, and the root of ρ_E's mass.
     """
 
@@ -33,7 +33,7 @@ def shaped(
     potential: Float[np.ndarray, " state"],
     discount: float,
 ) -> Float[np.ndarray, "state action"]:
-    """T + γ E Φ(s') - Φ(s), with Φ = 0 after an end (Ng et al. 1999).
+    """Return T + γ E Φ(s') - Φ(s), with Φ = 0 after an end (Ng et al. 1999).
 
     Args:
         mdp: The dynamics.
@@ -50,9 +50,9 @@ def orthogonal(
     target: Float[np.ndarray, "state action"],
     discount: float,
 ) -> Orthogonal:
-    """The least of all shapings of a target, by least squares with the weights ρ_E.
+    """Return the shaping of a target of least norm, by least squares with weights ρ_E.
 
-    ρ_E T_⊥ then carries no flow: it is a direction in which occupancies can move.
+    ρ_E T_⊥ then satisfies the homogeneous flow equations: occupancies can move along it.
 
     Args:
         mdp: The dynamics.
@@ -69,7 +69,7 @@ def orthogonal(
     goal = target.ravel()[pairs]
     found = np.linalg.lstsq(root[:, None] * steps, root * goal, rcond=None)[0]
     left = goal - steps @ found
-    # What is pure shaping leaves rounding, which would only give flips at 1e14 λ.
+    # Pure shaping leaves rounding errors, which would give flips at λ of 1e14.
     left[np.abs(left) <= _ROUNDING * np.abs(goal).max(initial=0.0)] = 0.0
     table, potential = np.zeros(target.size), np.zeros(mdp.n_states)
     table[pairs], potential[states] = left, found

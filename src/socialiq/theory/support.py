@@ -1,4 +1,4 @@
-"""The demonstrated pairs of a problem as one vector, on which its minimum is sought."""
+"""Demonstrated pairs of a problem as one vector, for the solvers."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from jaxtyping import Float
 
 from socialiq.theory.objective import Problem
 
-_TOLERANCE = 1e-10  # of r̂, relative to the greatest reward about; rounding gives 1e-13
-_ON_THE_WAY = 1e-6  # the same at temperatures that are only passed
-_SHRINK = 0.3  # of the temperature, from one to the next
+_TOLERANCE = 1e-10  # of r̂, relative to the largest reward; rounding gives 1e-13
+_ON_THE_WAY = 1e-6  # the same at intermediate temperatures
+_SHRINK = 0.3  # factor between successive temperatures
 
 Vector = Float[np.ndarray, " pair"]
 
 
 class Point(NamedTuple):
-    """Everything that the objective is made of at one Q, over the support."""
+    """Parts of the objective at one Q, over the support."""
 
     q: Vector
     v: Float[np.ndarray, " state"]
@@ -28,13 +28,13 @@ class Point(NamedTuple):
 
 
 Solve = Callable[[Vector, float, float], Point]
-"""(Q to begin from, temperature, tolerance of r̂) -> the solution at that temperature."""
+"""(initial Q, temperature, tolerance of r̂) -> the solution at that temperature."""
 
 
 class Support:
-    """The demonstrated pairs as one vector, and the matrices between pairs and their states.
+    """Demonstrated pairs as one vector, and the matrices between pairs and their states.
 
-    The matrices are dense, which is far quicker for the few hundred pairs that are demonstrated.
+    The matrices are dense, which is faster for the few hundred demonstrated pairs.
     """
 
     def __init__(self, problem: Problem, entry: Float[np.ndarray, " state"] | None = None) -> None:
@@ -53,17 +53,17 @@ class Support:
         self.scale = 1.0 + float(np.abs(self.goal).max())
 
     def total(self, values: Vector) -> Vector:
-        """For each pair, the sum over the pairs of its state."""
+        """Return, for each pair, the sum over the pairs of its state."""
         return np.add.reduceat(values, self.first)[self.state]
 
     def slope(self, reward: Vector) -> Vector:
-        """Derivative of the integrand -r + c r² + w (r - λ T̄)² by r."""
+        """Return the derivative of the integrand -r + c r² + w (r - λ T̄)² by r."""
         problem = self.problem
         pulled = problem.prior_weight * (reward - self.goal)
         return 2.0 * (problem.chi2_coefficient * reward + pulled) - 1.0
 
     def at(self, q: Vector, temperature: float) -> Point:
-        """The objective and its parts."""
+        """Return the objective and its parts."""
         problem = self.problem
         highest = np.maximum.reduceat(q, self.first)
         powers = np.exp((q - highest[self.state]) / temperature)
@@ -76,20 +76,20 @@ class Support:
         return Point(q, v, powers / totals[self.state], reward, loss)
 
     def averages(self, pi: Vector) -> Float[np.ndarray, "state pair"]:
-        """Π, the policy's mean over the pairs of each state."""
+        """Return Π, the policy's mean over the pairs of each state."""
         means = np.zeros((len(self.states), len(pi)))
         means[self.state, np.arange(len(pi))] = pi
         return means
 
     def occupancy(self, pi: Vector, averages: Float[np.ndarray, "state pair"]) -> Vector:
-        """ρ_π on the support."""
+        """Return ρ_π on the support."""
         chain = np.eye(len(self.states)) - self.problem.discount * (averages @ self.flow)
         return np.linalg.solve(chain.T, self.entry)[self.state] * pi
 
     def follow(self, solve: Solve, start: Float[np.ndarray, "state action"] | None) -> Point:
-        """Solve at the problem's temperature, coming from the demonstrators' policy at 1 or more.
+        """Solve at the problem's temperature, starting from the demonstrators' policy at 1 or more.
 
-        From one temperature to the next V and the policy are kept. A start saves the way.
+        V and the policy are kept between successive temperatures. A start skips this continuation.
         """
         final = self.problem.temperature
         if start is not None:
@@ -104,14 +104,14 @@ class Support:
         return solve(q, final, _TOLERANCE * self.scale)
 
     def table(self, values: Vector, elsewhere: float) -> Float[np.ndarray, "state action"]:
-        """A vector over pairs as a table over all states and actions."""
+        """Return a vector over pairs as a table over all states and actions."""
         mdp = self.problem.mdp
         full = np.full(mdp.n_states * mdp.n_actions, elsewhere)
         full[self.pairs] = values
         return full.reshape(mdp.n_states, mdp.n_actions)
 
     def policy_table(self, pi: Vector) -> Float[np.ndarray, "state action"]:
-        """A policy over all states, even over all actions where none is demonstrated."""
+        """Return a policy over all states, uniform in states without demonstrations."""
         policy = self.table(pi, 0.0)
         policy[policy.sum(axis=1) == 0.0] = 1.0 / policy.shape[1]
         return policy
