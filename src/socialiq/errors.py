@@ -4,8 +4,10 @@
 class UserError(Exception):
     """Mistake that the user can correct. Its text is one line that says how.
 
-    The command line prints the line and exits with status 2. Library callers may catch it.
+    The command line prints the line and exits with `exit_status`. Library callers may catch it.
     """
+
+    exit_status = 2
 
 
 def one_of(what: str, value: str, known: tuple[str, ...] | list[str]) -> None:

@@ -67,6 +67,8 @@ class Callbacks:
 class Stopped(UserError):
     """Ctrl-C: the run stopped between two chunks, and its state was saved if it has a file."""
 
+    exit_status = 130
+
 
 class Clock:
     """Rates and remaining time, of this process only."""

@@ -1,0 +1,125 @@
+"""Table of the commands, and their help pages, without an import of any command's module."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import importlib
+import importlib.util
+import shutil
+import textwrap
+from pathlib import Path
+from typing import Annotated, Any
+
+COMMANDS = {
+    "demo": "demo:Demo",
+    "solve": "solve:Solve",
+    "front": "solve:Front",
+    "predict-lambda": "predict:PredictLambda",
+    "render": "render:Render",
+    "collect": "collect:Collect",
+    "train": "train:Train",
+    "train-dial": "train_dial:TrainDial",
+    "dial": "dial:Dial",
+    "turn": "dial:Turn",
+    "evaluate": "evaluate:Evaluate",
+    "export": "export:Export",
+    "reproduce": "studies:Reproduce",
+    "compare": "compare:Compare",
+    "claims": "claims:Claims",
+    "conformance": "conformance:Conformance",
+    "bench": "bench:Bench",
+    "profile new": "profile:New",
+    "profile check": "profile:Check",
+    "audit": "audit:Audit",
+    "audit verify": "verify:Verify",
+    "data from-arrays": "data:FromArrays",
+    "data from-trajectories": "data:FromTrajectories",
+    "data from-minari": "data:FromMinari",
+    "data to-minari": "data:ToMinari",
+    "data import": "recordings:Import",
+    "data demonstrations": "recorded:ToDemonstrations",
+    "data census": "recorded:TakeCensus",
+    "data agreement": "recorded:Agreement",
+    "data audit": "recorded_audit:AuditLog",
+}
+"""Each command's module and class, in the order of the help page."""
+
+GROUPS = {"profile": "declarations for an audit", "data": "data sets and recorded traffic"}
+"""First words that are no commands by themselves, and what their commands are about."""
+
+DESCRIPTION = (
+    "Driving policies of a declared social angle, learned from mixed demonstrations. "
+    "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "
+    "nothing, 130 stopped by Ctrl-C."
+)
+
+
+def command_class(name: str) -> type[Any]:
+    """Import a command's module and return its class.
+
+    Args:
+        name: A key of `COMMANDS`.
+    """
+    module, _, attribute = COMMANDS[name].partition(":")
+    return getattr(importlib.import_module(f"socialiq.cli.{module}"), attribute)
+
+
+def summary(name: str) -> str:
+    """Return the first line of a command's docstring, read from its source.
+
+    Args:
+        name: A key of `COMMANDS`.
+    """
+    module, _, attribute = COMMANDS[name].partition(":")
+    for node in _source(module).body:
+        if isinstance(node, ast.ClassDef) and node.name == attribute:
+            return (ast.get_docstring(node) or "").partition("\n")[0]
+    raise LookupError(f"socialiq.cli.{module} has no class {attribute}")
+
+
+@functools.cache
+def _source(module: str) -> ast.Module:
+    return ast.parse(Path(__file__).with_name(f"{module}.py").read_bytes())
+
+
+def help_page(group: str = "") -> str:
+    """Return the help page of the program, or of a group of commands.
+
+    Args:
+        group: A key of `GROUPS`, or "" for all commands.
+    """
+    names = [name for name in COMMANDS if name.startswith(f"{group} " if group else "")]
+    width = max(shutil.get_terminal_size().columns, 40)
+    indent = " " * (max(map(len, names)) + 4)
+    lines = [f"usage: socialiq {group or '[-h] [--version]'} COMMAND ...", ""]
+    lines += textwrap.wrap(f"Commands for {GROUPS[group]}." if group else DESCRIPTION, width)
+    lines += ["", "commands:"]
+    for name in names:
+        start = f"  {name}".ljust(len(indent))
+        lines += textwrap.wrap(start + summary(name), width, subsequent_indent=indent)
+    word = f"{group} COMMAND" if group else "COMMAND"
+    return "\n".join([*lines, "", f"socialiq {word} --help lists the options of a command.", ""])
+
+
+def every_command() -> Any:
+    """Return one type for the parser that holds all commands; it imports every module.
+
+    Only shell completion needs it. `audit verify` is left out, because the parser has no command
+    that takes an argument of its own and has commands below it.
+    """
+    import tyro
+
+    def together(names: list[str]) -> Any:
+        union: Any = None
+        for name in names:
+            word = tyro.conf.subcommand(name.split()[-1])
+            member = Annotated[command_class(name), word]
+            union = member if union is None else union | member
+        return union
+
+    whole = together([name for name in COMMANDS if " " not in name])
+    for group in GROUPS:
+        below = together([name for name in COMMANDS if name.startswith(f"{group} ")])
+        whole = whole | Annotated[below, tyro.conf.subcommand(group)]
+    return whole

@@ -1,0 +1,96 @@
+"""Nearest known names for commands and options that are unknown."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+
+from socialiq.cli.commands import COMMANDS, GROUPS
+from socialiq.errors import UserError
+
+ALIASES = {
+    "alpha": ("angle",),
+    "beta": ("strength",),
+    "coefficient": ("strength",),
+    "env": ("world",),
+    "environment": ("world",),
+    "epochs": ("updates",),
+    "force": ("replace",),
+    "gamma": ("discount",),
+    "gradient-steps": ("updates",),
+    "iterations": ("updates",),
+    "lambda": ("strength",),
+    "lr": ("learning-rate",),
+    "model": ("policy",),
+    "overwrite": ("replace",),
+    "phi": ("angle",),
+    "regularization": ("strength",),
+    "rho": ("polyak", "tau"),
+    "rollouts": ("episodes",),
+    "stochastic": ("soft",),
+    "svo": ("angle",),
+    "temperature": ("tau",),
+    "theta": ("angle",),
+    "workers": ("jobs", "threads"),
+}
+"""Words of the field for options that have another name here; the first that a command has wins."""
+
+_OPTION = re.compile(r"^\W*(?:-\w, )?(--[\w.-]+)", re.MULTILINE)
+
+
+def unknown_command(words: Sequence[str]) -> UserError:
+    """Return the mistake of a command line that names no command.
+
+    Args:
+        words: The command line after the program's name.
+    """
+    if not words:
+        return UserError("name a command: socialiq --help lists them")
+    group = f"{words[0]} " if words[0] in GROUPS else ""
+    known = [name.removeprefix(group) for name in COMMANDS if name.startswith(group)]
+    page = f"socialiq {group}--help lists the commands"
+    if len(words) == 1 and group:
+        return UserError(f"name a command of {words[0]}: {', '.join(known)}")
+    given = words[1] if group else words[0]
+    near = difflib.get_close_matches(given, known, 1) or difflib.get_close_matches(
+        " ".join(words[:2]), known, 1, 0.8
+    )
+    hint = f"did you mean '{group}{near[0]}'? {page}" if near else page
+    return UserError(f"unknown command '{group}{given}': {hint}")
+
+
+def unknown_option(program: str, words: Sequence[str], page: str) -> UserError | None:
+    """Return the mistake of the first option that a command doesn't have, or None.
+
+    Args:
+        program: The command, as it is called.
+        words: The command line after the command's name.
+        page: The command's help page.
+    """
+    known = [option.removeprefix("--") for option in _OPTION.findall(page)]
+    for word in words:
+        given = word.removeprefix("--").partition("=")[0].replace("_", "-")
+        if not word.startswith("--") or not given or given in known:
+            continue
+        near = nearest_option(given, known)
+        hint = f"did you mean --{near}? " if near else ""
+        return UserError(f"unknown option --{given}: {hint}{program} --help lists the options")
+    return None
+
+
+def nearest_option(given: str, known: Sequence[str]) -> str | None:
+    """Return the known option that is meant most likely.
+
+    Args:
+        given: The unknown option, without dashes.
+        known: The command's options, without dashes; nested ones with dots.
+    """
+    plain = {option.rpartition(".")[2]: option for option in reversed(known)}
+    shortened = re.sub(r"^(n|num|nb|number-of|total)-", "", given)
+    for word in (given, shortened):
+        for name in (word, *ALIASES.get(word, ()), f"{word}s", word.removesuffix("s")):
+            if name in plain:
+                return plain[name]
+    near = difflib.get_close_matches(given, list(plain), 1)
+    return plain[near[0]] if near else None
