@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ast
-import functools
 import importlib
-import importlib.util
 import shutil
 import textwrap
-from pathlib import Path
 from typing import Annotated, Any
+
+from socialiq.cli import declared
 
 COMMANDS = {
     "demo": "demo:Demo",
@@ -61,26 +59,23 @@ def command_class(name: str) -> type[Any]:
     Args:
         name: A key of `COMMANDS`.
     """
-    module, _, attribute = COMMANDS[name].partition(":")
-    return getattr(importlib.import_module(f"socialiq.cli.{module}"), attribute)
+    module, attribute = _place(name)
+    return getattr(importlib.import_module(module), attribute)
 
 
-def summary(name: str) -> str:
-    """Return the first line of a command's docstring, read from its source.
+def options_of(name: str) -> list[str] | None:
+    """Return a command's options by its source, or None where only an import could tell.
 
     Args:
         name: A key of `COMMANDS`.
     """
+    return declared.options(*_place(name))
+
+
+def _place(name: str) -> tuple[str, str]:
+    """Return a command's module and the name of its class there."""
     module, _, attribute = COMMANDS[name].partition(":")
-    for node in _source(module).body:
-        if isinstance(node, ast.ClassDef) and node.name == attribute:
-            return (ast.get_docstring(node) or "").partition("\n")[0]
-    raise LookupError(f"socialiq.cli.{module} has no class {attribute}")
-
-
-@functools.cache
-def _source(module: str) -> ast.Module:
-    return ast.parse(Path(__file__).with_name(f"{module}.py").read_bytes())
+    return f"socialiq.cli.{module}", attribute
 
 
 def help_page(group: str = "") -> str:
@@ -92,14 +87,17 @@ def help_page(group: str = "") -> str:
     names = [name for name in COMMANDS if name.startswith(f"{group} " if group else "")]
     width = max(shutil.get_terminal_size().columns, 40)
     indent = " " * (max(map(len, names)) + 4)
-    lines = [f"usage: socialiq {group or '[-h] [--version]'} COMMAND ...", ""]
+    lines = [f"usage: socialiq {group or '[--version]'} COMMAND ...", ""]
     lines += textwrap.wrap(f"Commands for {GROUPS[group]}." if group else DESCRIPTION, width)
     lines += ["", "commands:"]
     for name in names:
         start = f"  {name}".ljust(len(indent))
-        lines += textwrap.wrap(start + summary(name), width, subsequent_indent=indent)
+        lines += textwrap.wrap(
+            start + declared.summary(*_place(name)), width, subsequent_indent=indent
+        )
     word = f"{group} COMMAND" if group else "COMMAND"
-    return "\n".join([*lines, "", f"socialiq {word} --help lists the options of a command.", ""])
+    end = textwrap.wrap(f"socialiq {word} --help lists the options of a command.", width)
+    return "\n".join([*lines, "", *end, ""])
 
 
 def every_command() -> Any:

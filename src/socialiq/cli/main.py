@@ -15,8 +15,9 @@ from socialiq.cli.commands import (
     command_class,
     every_command,
     help_page,
+    options_of,
 )
-from socialiq.cli.suggest import unknown_command, unknown_option
+from socialiq.cli.suggest import option_names, unknown_command, unknown_option
 from socialiq.errors import UserError
 
 _BOX = re.compile(r"[│╭╮╰╯─|+]+|-{3,}")
@@ -59,10 +60,19 @@ def parse(arguments: list[str] | None) -> Any:
     for length in (2, 1):
         name = " ".join(words[:length])
         if name in COMMANDS:
-            return _options_of(command_class(name), f"socialiq {name}", words[length:])
+            return _command(name, words[length:])
     if first in GROUPS and words[1:2] in (["-h"], ["--help"]):
         _print_and_exit(help_page(first))
     raise unknown_command(words)
+
+
+def _command(name: str, words: list[str]) -> Any:
+    """Parse a command's options; a mistyped one is refused before anything else is imported."""
+    program, known = f"socialiq {name}", options_of(name)
+    unknown = unknown_option(program, words, known) if known else None
+    if unknown:
+        raise unknown
+    return _options_of(command_class(name), program, words)
 
 
 def _options_of(kind: Any, program: str, words: list[str], description: str | None = None) -> Any:
@@ -81,11 +91,8 @@ def _options_of(kind: Any, program: str, words: list[str], description: str | No
     except SystemExit as stop:
         if not stop.code:
             raise
-    page = io.StringIO()
-    with contextlib.redirect_stdout(page), contextlib.suppress(SystemExit):
-        parsed(["--help"])
-    unknown = unknown_option(program, words, page.getvalue())
-    raise unknown or UserError(one_line(complaint.getvalue()))
+    known = option_names(lambda: parsed(["--help"]))
+    raise unknown_option(program, words, known) or UserError(one_line(complaint.getvalue()))
 
 
 def one_line(boxed: str) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from socialiq.cli.commands import COMMANDS, GROUPS
 from socialiq.errors import UserError
@@ -26,17 +28,17 @@ ALIASES = {
     "overwrite": ("replace",),
     "phi": ("angle",),
     "regularization": ("strength",),
-    "rho": ("polyak", "tau"),
+    "rho": ("polyak",),
     "rollouts": ("episodes",),
     "stochastic": ("soft",),
     "svo": ("angle",),
-    "temperature": ("tau",),
+    "tau": ("temperature",),
     "theta": ("angle",),
-    "workers": ("jobs", "threads"),
+    "workers": ("threads",),
 }
 """Words of the field for options that have another name here; the first that a command has wins."""
 
-_OPTION = re.compile(r"^\W*(?:-\w, )?(--[\w.-]+)", re.MULTILINE)
+_OPTION = re.compile(r"^\W*(?:-\w, )?--([a-z][\w-]*(?:\.[\w-]+)*)", re.MULTILINE)
 
 
 def unknown_command(words: Sequence[str]) -> UserError:
@@ -60,18 +62,29 @@ def unknown_command(words: Sequence[str]) -> UserError:
     return UserError(f"unknown command '{group}{given}': {hint}")
 
 
-def unknown_option(program: str, words: Sequence[str], page: str) -> UserError | None:
+def option_names(show_help: Callable[[], object]) -> list[str]:
+    """Return the options of a help page, without their dashes.
+
+    Args:
+        show_help: Prints the page and may exit.
+    """
+    page = io.StringIO()
+    with contextlib.redirect_stdout(page), contextlib.suppress(SystemExit):
+        show_help()
+    return list(dict.fromkeys(_OPTION.findall(page.getvalue())))
+
+
+def unknown_option(program: str, words: Sequence[str], known: Sequence[str]) -> UserError | None:
     """Return the mistake of the first option that a command doesn't have, or None.
 
     Args:
         program: The command, as it is called.
         words: The command line after the command's name.
-        page: The command's help page.
+        known: The command's options, without their dashes.
     """
-    known = [option.removeprefix("--") for option in _OPTION.findall(page)]
     for word in words:
         given = word.removeprefix("--").partition("=")[0].replace("_", "-")
-        if not word.startswith("--") or not given or given in known:
+        if not word.startswith("--") or not given or given in (*known, "help"):
             continue
         near = nearest_option(given, known)
         hint = f"did you mean --{near}? " if near else ""

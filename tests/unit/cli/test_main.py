@@ -1,0 +1,136 @@
+import importlib.metadata
+import subprocess
+import sys
+
+import pytest
+
+from socialiq.cli import declared
+from socialiq.cli.commands import COMMANDS, GROUPS, command_class, help_page, options_of
+from socialiq.cli.main import main, parse
+from socialiq.cli.suggest import ALIASES, nearest_option, option_names
+
+HEAVY = ("jax", "numba", "scipy", "matplotlib", "equinox")
+
+
+def run(capsys, *words):
+    """Run a command line that ends in a help page or a mistake; status, output and complaint."""
+    try:
+        status = main(list(words))
+    except SystemExit as stop:
+        status = stop.code or 0
+    shown = capsys.readouterr()
+    return status, shown.out, shown.err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_is_found_and_the_help_page_has_its_docstring(name, capsys):
+    kind = command_class(name)
+    assert (kind.__doc__ or "").startswith(declared.summary(kind.__module__, kind.__name__))
+    status, out, _ = run(capsys, *name.split(), "--help")
+    assert status == 0 and out.startswith(f"usage: socialiq {name} ")
+    assert (kind.__doc__ or "").partition("\n")[0][:40] in out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_options_by_the_source_are_those_of_the_parser(name):
+    known = options_of(name)
+    assert known is not None
+    page = option_names(lambda: parse([*name.split(), "--help"]))
+    assert sorted(["help", *known]) == sorted(page)
+
+
+def test_the_top_page_lists_every_command(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    status, out, _ = run(capsys, "--help")
+    assert status == 0
+    starts = [line.strip() for line in out.splitlines()]
+    assert all(any(line.startswith(name) for line in starts) for name in COMMANDS)
+    assert out == help_page()
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_group_lists_its_commands_and_no_other(group, capsys):
+    status, out, _ = run(capsys, group, "--help")
+    assert status == 0
+    lines = [line for line in out.splitlines() if line.startswith("  ") and line[2] != " "]
+    assert [" ".join(line.split()[:2]) for line in lines] == [
+        name for name in COMMANDS if name.startswith(f"{group} ")
+    ]
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+def test_help_pages_fit_the_terminal(width, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert max(map(len, help_page().splitlines())) <= width
+
+
+def test_audit_keeps_its_policy_beside_audit_verify():
+    from socialiq.cli.audit import Audit
+    from socialiq.cli.verify import Verify
+
+    audit = parse(["audit", "idm", "--profile", "p.toml", "--out", "folder"])
+    assert isinstance(audit, Audit) and audit.policy == "idm"
+    assert isinstance(parse(["audit", "verify", "folder"]), Verify)
+
+
+def test_version(capsys):
+    status, out, _ = run(capsys, "--version")
+    assert (status, out) == (0, f"socialiq {importlib.metadata.version('socialiq')}\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "mend"),
+    [
+        (["train", "d.safetensors", "--lambda", "1"], "did you mean --strength?"),
+        (["train", "d.safetensors", "--lr=1e-4"], "did you mean --learning-rate?"),
+        (["train", "d.safetensors", "--update", "7"], "did you mean --updates?"),
+        (["evaluate", "go", "--num-episodes", "7"], "did you mean --episodes?"),
+        (["evaluate", "go", "--environment", "crossing7"], "did you mean --world?"),
+        (["audit", "go", "--svo", "3"], "socialiq audit --help lists the options"),
+        (["solve", "crossing7", "--angel", "3"], "did you mean --angle?"),
+        (["data", "import", "--most_state", "3"], "did you mean --most-states?"),
+        (["trian"], "did you mean 'train'?"),
+        (["data", "imprt"], "did you mean 'data import'?"),
+        (["data-import"], "did you mean 'data import'?"),
+        (["data"], "name a command of data: from-arrays"),
+        ([], "name a command"),
+        (["solve"], "socialiq solve --help"),
+        (["solve", "crossing7", "--angle", "x"], "could not convert string to float"),
+        (["quux"], "unknown command 'quux': socialiq --help lists the commands"),
+    ],
+)
+def test_a_mistake_is_one_line_that_names_the_near_word(words, mend, capsys):
+    status, out, err = run(capsys, *words)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("socialiq: ") and mend in err
+
+
+def test_aliases_lead_to_options_that_some_command_has():
+    known = {option for name in COMMANDS for option in options_of(name) or ()}
+    for word, targets in ALIASES.items():
+        assert known & set(targets), word
+        assert word not in known, word
+
+
+def test_the_last_part_of_a_nested_option_is_enough():
+    assert nearest_option("lambda", ["config.strength", "angle"]) == "config.strength"
+    assert nearest_option("zzz", ["config.strength"]) is None
+
+
+def test_help_and_mistakes_import_nothing_heavy():
+    """A mistyped option of every command, in one process that must not load a learner."""
+    lines = [
+        "import sys; from socialiq.cli.main import main; from socialiq.cli.commands import *",
+        "help_page(); [help_page(group) for group in GROUPS]",
+        "for name in COMMANDS: assert main([*name.split(), '--nonsense']) == 2",
+        f"print([name for name in {HEAVY} if name in sys.modules])",
+    ]
+    command = [sys.executable, "-c", "\n".join(lines)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_completion_knows_commands_of_two_words(capsys):
+    status, out, _ = run(capsys, "--tyro-print-completion", "bash")
+    assert status == 0
+    assert "from-minari" in out and "--strength" in out
