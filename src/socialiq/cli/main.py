@@ -113,5 +113,7 @@ def _print_and_exit(text: str) -> None:
 
 
 def _fail(line: str, status: int) -> int:
-    sys.stderr.write(f"socialiq: {line}\n")
+    from socialiq.cli.output import complain
+
+    complain(line)
     return status
