@@ -50,7 +50,7 @@ def refused(capsys, *arguments):
         (["solve", "crossing7", "--angle", "nan"], "outside [0, 360) degrees"),
         (["solve", "crossing7", "--angle", "east"], "could not convert string to float"),
         (["solve"], "socialiq solve --help"),
-        (["sovle", "crossing7"], "Available subcommands"),
+        (["sovle", "crossing7"], "socialiq --help lists the commands"),
         (["reproduce", "fig7"], "choose one of worlds, poc, grid"),
         (["claims", "--verdict", "maybe"], "choose one of reproduced, partly, not, untested"),
         (["bench", "cars"], "choose one of learners, worlds, experts, dial"),
