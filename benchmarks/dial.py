@@ -126,7 +126,7 @@ def _quick_regrets() -> list[float]:
     trained = trains(updates, Callbacks(), CHUNK)
     regrets = []
     for run in range(len(QUICK_SEEDS)):
-        found = sweep(trained.dial(run), ground.part, "greedy")
+        found = sweep(trained.policy(run), ground.part, "greedy")
         by_angle = dict(zip(found.angles, found.regrets(ground.optimum.attainable), strict=True))
         regrets.append(float(np.mean([by_angle[angle] for angle in KEY_ANGLES])))
     return regrets

@@ -132,32 +132,30 @@ def train_(steps: int, marks: list[tuple[int, float]]) -> None:
 
 def updates_per_second() -> float:
     """Updates alone, from a full replay."""
-    from functools import partial
-
     import jax
     import jax.numpy as jnp
 
     from socialiq.learners import replay
     from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
-    from socialiq.learners.dqn.train import initialise, traced, update
+    from socialiq.learners.dqn.train import DQN
+    from socialiq.learners.state import stack
 
     static = StaticConfig(hidden=HIDDEN, batch_size=BATCH, replay_capacity=20_000)
-    hyperparameters = jax.tree.map(lambda leaf: leaf[0], traced([Hyperparameters()]))
-    learnt, around = initialise(static, (70, 3), hyperparameters)
-    around = around._replace(
-        replay=replay.Replay(around.replay.columns, jnp.asarray(static.replay_capacity))
-    )
+    hyperparameters, learner = stack([Hyperparameters()])[0], DQN(static, (70, 3))
+    state, carry = learner.initialise(hyperparameters)
+    full = replay.Replay(carry.replay.columns, jnp.asarray(static.replay_capacity))
+    carry = carry._replace(replay=full)
 
     @jax.jit
-    def advance(learnt: Any, around: Any) -> Any:
-        def body(carry: Any, _: None) -> Any:
-            return partial(update, static)(hyperparameters, *carry)[:2], None
+    def advance(state: Any, carry: Any) -> Any:
+        def body(run: Any, _: None) -> Any:
+            return learner.update(hyperparameters, *run)[:2], None
 
-        return jax.lax.scan(body, (learnt, around), None, length=UPDATES)[0]
+        return jax.lax.scan(body, (state, carry), None, length=UPDATES)[0]
 
-    jax.block_until_ready(advance(learnt, around))
+    jax.block_until_ready(advance(state, carry))
     begin = time.perf_counter()
-    jax.block_until_ready(advance(learnt, around))
+    jax.block_until_ready(advance(state, carry))
     return UPDATES / (time.perf_counter() - begin)
 
 

@@ -12,8 +12,8 @@ from scipy.special import softmax
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.objective import Batches, Traced, objective
-from socialiq.learners.iq_learn.train import traced
+from socialiq.learners.iq_learn.objective import Batches, objective
+from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import RewardPair
@@ -53,8 +53,7 @@ class Problem:
         offline = {"online": False, "value_term": "value_expert", "next_value": "online"}
         size = self.data.n_transitions
         self.static = StaticConfig(**{"hidden": (), "batch_size": size, **offline, **choices})
-        stacked = traced([NUMBERS])
-        self.hyperparameters: Traced = jax.tree.map(lambda column: column[0], stacked)
+        self.hyperparameters = stack([NUMBERS])[0]
 
     def loss(self, kind: str):
         """The loss as a function of a flat table of Q, with its gradient."""

@@ -11,8 +11,8 @@ import pytest
 from socialiq.learners import cql
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.objective import Batches, Traced, objective
-from socialiq.learners.iq_learn.train import traced
+from socialiq.learners.iq_learn.objective import Batches, objective
+from socialiq.learners.state import HyperparameterArrays, stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
@@ -31,9 +31,8 @@ def static(**choices: Any) -> StaticConfig:
     return StaticConfig(**{"batch_size": SIZE, "endings": endings, **choices})
 
 
-def hyperparameters(**changes: Any) -> Traced:
-    stacked = traced([dataclasses.replace(NUMBERS, **changes)])
-    return jax.tree.map(lambda column: column[0], stacked)
+def hyperparameters(**changes: Any) -> HyperparameterArrays:
+    return stack([dataclasses.replace(NUMBERS, **changes)])[0]
 
 
 def batch(seed: int) -> Batch:
@@ -155,7 +154,7 @@ def test_the_conservative_q_learner_is_offline_iq_learn_at_one_conservatism(seed
         temperature=NUMBERS.temperature,
         discount=NUMBERS.discount,
     )
-    run = jax.tree.map(lambda column: column[0], cql.traced([settings]))
+    run = stack([settings])[0]
     slope, _ = jax.grad(cql.conservative_loss, has_aux=True)(
         problem.network,
         problem.target_network,

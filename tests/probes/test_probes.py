@@ -15,7 +15,8 @@ from scipy.special import expit
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.learners import cql
 from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.learners.iq_learn.train import train
+from socialiq.learners.kernel import Trained
 from socialiq.types import Ending, RewardPair
 
 TABULAR = StaticConfig(

@@ -170,14 +170,14 @@ class TrainDial:
         runs = []
         for run, hyperparameters in enumerate(trained.hyperparameters):
             name = f"dial_{run}.safetensors"
-            sha256 = trained.dial(run).save(self.out / name)
+            sha256 = trained.policy(run).save(self.out / name)
             loss = float(np.asarray(trained.history.array("loss"))[-1, run])
             runs.append(
                 {"file": name, "seed": hyperparameters.seed, "loss": loss, "sha256": sha256}
             )
             if budget is not None:
                 regret = float(budget.path[-1].regret[run])
-                runs[-1] |= {"multiplier": trained.multipliers[run], "regret": regret}
+                runs[-1] |= {"multiplier": float(trained.kept[run]), "regret": regret}
         write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
         record = {
             "preset": self.preset,

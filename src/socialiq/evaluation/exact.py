@@ -93,10 +93,10 @@ def exact_monitor(
         temperatures: τ of each run.
     """
 
-    def monitor(learnt: Any) -> dict[str, np.ndarray]:
+    def monitor(state: Any) -> dict[str, np.ndarray]:
         values: dict[str, list[float]] = {}
         for run, temperature in enumerate(temperatures):
-            policy = QPolicy.of(network_of(learnt.network, run), temperature, {})
+            policy = QPolicy.of(network_of(state.network, run), temperature, {})
             for readout in READOUTS:
                 metrics = evaluate_exactly(table, action_table(policy, table, readout))
                 for name, value in metrics._asdict().items():

@@ -33,7 +33,7 @@ StageCallback = Callable[[str], Callable[[Report], None] | None]
 
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
-"""Given what all runs have learnt, named values, each (runs,)."""
+"""From the `TrainState` of all runs to named values, each (runs,)."""
 
 
 def silent(_stage: str) -> None:

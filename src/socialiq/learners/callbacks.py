@@ -51,7 +51,7 @@ class Callbacks:
 
     Attributes:
         on_report: Called after each chunk.
-        monitor: Given the `learnt` of all runs, returns named values, each (runs,).
+        monitor: Given the `TrainState` of all runs, returns named values, each (runs,).
         checkpoint: File of the resumable state; written when stopped and about once a minute.
         resume: Whether to go on from that file.
         run_names: How failure messages call the runs.

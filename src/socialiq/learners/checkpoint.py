@@ -12,7 +12,7 @@ from socialiq.errors import UserError
 from socialiq.learners.state import History, Runs
 from socialiq.storage import load_arrays, save_arrays
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 def save(path: Path, fingerprint: str, runs: Runs, history: History) -> None:

@@ -53,12 +53,12 @@ class Collector:
     def __call__(self, runs: Runs, done: int) -> Runs:
         """Let every run act with its present network, and store what happens."""
         batches = [
-            self._collect(run, network_of(runs.learnt.network, run), done)
+            self._collect(run, network_of(runs.state.network, run), done)
             for run in range(len(self.sources))
         ]
         stacked = jax.tree.map(lambda *columns: jnp.stack(columns), *batches)
-        ring = self._add(runs.surroundings.replay, stacked)
-        return runs._replace(surroundings=runs.surroundings._replace(replay=ring))
+        ring = self._add(runs.carry.replay, stacked)
+        return runs._replace(carry=runs.carry._replace(replay=ring))
 
     def _collect(self, run: int, network: Any, done: int) -> Batch:
         rng = np.random.default_rng(np.random.SeedSequence([self.seeds[run], done]))

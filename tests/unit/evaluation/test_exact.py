@@ -145,13 +145,13 @@ def test_the_monitor_evaluates_every_lane(table7):
     part = table7.reachable_part()
     keys = jax.random.split(jax.random.key(0), 2)
     runs = [QNetwork.initialise(key, 6, (8,), 3) for key in keys]
-    learnt = SimpleNamespace(network=jax.tree.map(lambda *leaves: jax.numpy.stack(leaves), *runs))
-    values = exact_monitor(part, [1.0, 0.2])(learnt)
+    state = SimpleNamespace(network=jax.tree.map(lambda *leaves: jax.numpy.stack(leaves), *runs))
+    values = exact_monitor(part, [1.0, 0.2])(state)
     assert set(values) == {
         f"{readout}_{n}" for readout in ("greedy", "soft") for n in Metrics._fields
     }
     for run, temperature in enumerate([1.0, 0.2]):
-        policy = QPolicy.of(network_of(learnt.network, run), temperature, {})
+        policy = QPolicy.of(network_of(state.network, run), temperature, {})
         for readout in ("greedy", "soft"):
             expected = evaluate_exactly(part, action_table(policy, part, readout))
             found = [values[f"{readout}_{name}"][run] for name in Metrics._fields]

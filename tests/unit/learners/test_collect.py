@@ -8,8 +8,8 @@ from socialiq.errors import UserError
 from socialiq.learners.collect import Collector, from_env, soft
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.train import initialise, traced, train
-from socialiq.learners.state import Runs
+from socialiq.learners.iq_learn.train import IQLearn, train
+from socialiq.learners.state import Runs, stack
 from socialiq.types import Ending
 from socialiq.worlds import registry
 
@@ -30,9 +30,9 @@ def collector(steps: int = STEPS) -> Collector:
 @pytest.fixture(name="runs", scope="module")
 def fresh_runs(demonstrations) -> Runs:
     table = ExpertTable.of([demonstrations()], "running", 0.99)
-    start = jax.vmap(lambda one: initialise(STRUCTURE, None, (6, 3), table, one))
+    start = jax.vmap(IQLearn(STRUCTURE, (6, 3), table).initialise)
     zero = np.zeros(2, np.int32)
-    return Runs(*start(traced(RUNS)), zero, zero - 1, zero - 1)
+    return Runs(*start(stack(RUNS)), zero, zero - 1, zero - 1)
 
 
 @pytest.fixture(name="filled", scope="module")
@@ -42,7 +42,7 @@ def filled_runs(runs) -> Runs:
 
 def test_the_ring_holds_what_the_world_did(filled) -> None:
     """Every stored row is a transition of the world's own rules under one of its chances."""
-    ring, world = filled.surroundings.replay, registry.make("crossing7")
+    ring, world = filled.carry.replay, registry.make("crossing7")
     assert ring.added.tolist() == [STEPS, STEPS]
     rules = jax.jit(jax.vmap(world.rules, in_axes=(0, 0, None)))
     for run in range(2):
@@ -73,16 +73,16 @@ def test_experience_depends_on_the_seed_and_the_updates_done_alone(
     used = collector()
     used(runs, 500)
     assert_same(used(runs, 0), filled)
-    later = collector()(runs, 20).surroundings.replay.columns
-    columns = filled.surroundings.replay.columns
+    later = collector()(runs, 20).carry.replay.columns
+    columns = filled.carry.replay.columns
     assert (later.action != columns.action).any()
     assert (columns.action[0] != columns.action[1]).any()
 
 
 def test_the_replay_keeps_what_came_before(filled) -> None:
-    ring = collector(10)(filled, 20).surroundings.replay
+    ring = collector(10)(filled, 20).carry.replay
     assert ring.added.tolist() == [70, 70]
-    before = filled.surroundings.replay.columns.observation
+    before = filled.carry.replay.columns.observation
     np.testing.assert_array_equal(ring.columns.observation[:, :60], before[:, :60])
 
 

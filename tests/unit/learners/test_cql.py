@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners.cql import Hyperparameters, StaticConfig, conservative_loss, traced, train
+from socialiq.learners.cql import (
+    ConservativeQ,
+    Hyperparameters,
+    StaticConfig,
+    conservative_loss,
+    train,
+)
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Endings
+from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
@@ -56,7 +63,7 @@ def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> N
         RewardPair(jnp.array([9.0]), jnp.array([0.4])),
     )
     hyperparameters = Hyperparameters(90.0, 3.0, conservatism=0.7, temperature=2.0, discount=0.5)
-    run = jax.tree.map(lambda column: column[0], traced([hyperparameters]))
+    run = stack([hyperparameters])[0]
     loss, terms = conservative_loss(
         network, target_network, batch, run, StaticConfig(endings=endings)
     )
@@ -74,6 +81,26 @@ def test_runs_are_sound_and_repeat_bit_for_bit(data, assert_same) -> None:
     assert_same(train(SMALL, RUNS, [data], chunk=20).networks, found.networks)
     first, second = (found.policy(run).q_values(data.observation) for run in (0, 1))
     assert not np.allclose(first, second)
+
+
+def test_the_target_network_moves_by_polyak_and_values_what_follows(data) -> None:
+    """By hand after each of two updates; and two rates train two networks."""
+    learner = ConservativeQ.of(SMALL, [data])
+    run = stack([dataclasses.replace(RUNS[0], polyak=0.25, learning_rate=0.01)])[0]
+    state, carry = learner.initialise(run)
+    for _ in range(2):
+        after, carry, _ = learner.update(run, state, carry)
+        for old, new, target in zip(
+            *map(jax.tree.leaves, (state.target_network, after.network, after.target_network)),
+            strict=True,
+        ):
+            np.testing.assert_allclose(target, 0.75 * old + 0.25 * new, atol=1e-6)
+            assert np.abs(new - old).max() > 1e-3
+        state = after
+    rates = [dataclasses.replace(RUNS[0], polyak=polyak, discount=0.9) for polyak in (0.01, 1.0)]
+    trained = train(SMALL, rates, [data], chunk=60)
+    first, second = (trained.policy(run).q_values(data.observation) for run in (0, 1))
+    assert np.abs(first - second).max() > 1e-3
 
 
 def test_a_policy_carries_its_origin_and_temperature(data) -> None:

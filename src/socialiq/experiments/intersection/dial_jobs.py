@@ -82,21 +82,21 @@ def train_dial(
         [numbers],
         [data],
         sizes=(world.n_features, world.n_actions),
-        callbacks=callbacks_of(folder, lambda learnt: _looked(config, learnt), on_progress),
+        callbacks=callbacks_of(folder, lambda state: _looked(config, state), on_progress),
         chunk=CHUNK,
         before_chunk=Collector([source], [numbers.seed], acting(structure, [numbers])),
     )
-    trained.dial(0).save(folder / DIAL)
+    trained.policy(0).save(folder / DIAL)
     write_curve(trained.history, folder / "curve.csv")
     (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
-def _looked(config: DialRun, learnt: Any) -> dict[str, np.ndarray]:
+def _looked(config: DialRun, state: Any) -> dict[str, np.ndarray]:
     """J(α) at α, the mean over the angles looked at; NaN where no check is due."""
-    done = math.ceil(int(learnt.adam.count[0]) / CHUNK)
+    done = math.ceil(int(state.optimiser.count[0]) / CHUNK)
     if not config.checks.due(done, math.ceil(config.structure.updates / CHUNK)):
         return {"total": np.array([np.nan])}
-    dial = dial_of(config.structure, config.numbers, network_of(learnt.target_network, 0))
+    dial = dial_of(config.structure, config.numbers, network_of(state.target_network.values, 0))
     first, count = config.checks.first_seed, config.checks.episodes
     totals = [
         episodes_of(

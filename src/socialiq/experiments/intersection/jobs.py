@@ -75,7 +75,7 @@ def train_expert(
         config.numbers.angle,
         CHUNK,
         math.ceil(structure.updates / CHUNK),
-        lambda learnt: int(learnt.adam.count[0]),
+        lambda state: int(state.optimiser.count[0]),
         partial(policy_of, structure, config.numbers),
         folder / BEST,
     )
@@ -119,7 +119,7 @@ def train_learner(
         numbers.angle,
         CHUNK,
         math.ceil(structure.updates / CHUNK),
-        lambda learnt: int(learnt.adam.count[0]),
+        lambda state: int(state.optimiser.count[0]),
         lambda network: QPolicy.of(network, numbers.temperature, {}),
     )
     collector = None

@@ -55,7 +55,7 @@ class Monitor:
         angle: At which the value is scored, in degrees.
         chunk: Updates of a chunk.
         chunks: Chunks of the run.
-        updates: Updates done, of what was learnt.
+        updates: Updates done, of a `TrainState`.
         as_policy: Makes a policy of the network.
         best: File of the best network so far, kept if given.
     """
@@ -69,12 +69,12 @@ class Monitor:
     as_policy: Callable[[QNetwork], QPolicy]
     best: Path | None = None
 
-    def __call__(self, learnt: Any) -> dict[str, np.ndarray]:
+    def __call__(self, state: Any) -> dict[str, np.ndarray]:
         """Measured values of the one lane, each (1,)."""
-        done = self.updates(learnt)
+        done = self.updates(state)
         if not self.checks.due(math.ceil(done / self.chunk), self.chunks):
             return {name: np.array([np.nan]) for name in SEEN}
-        policy = self.as_policy(network_of(learnt.network, 0))
+        policy = self.as_policy(network_of(state.network, 0))
         metrics = self._measured(policy)
         found = {"total": metrics.value(self.angle)}
         found |= {name: getattr(metrics, name) for name in SEEN[1:]}

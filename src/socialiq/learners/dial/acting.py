@@ -14,9 +14,10 @@ from jaxtyping import Array, Float
 from socialiq.learners import replay
 from socialiq.learners.collect import Act, Behaviour
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
-from socialiq.learners.dial.objective import Traced
+from socialiq.learners.dial.objective import Networks
 from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.expert_table import Batch
+from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.social.angle import exact_weights
 from socialiq.types import Ending, RewardPair, Simulator
@@ -41,7 +42,7 @@ def begin(static: StaticConfig, simulator: Simulator, key: Array) -> Acting:
 def act(
     static: StaticConfig,
     simulator: Simulator,
-    hyperparameters: Traced,
+    hyperparameters: HyperparameterArrays,
     network: DialNetwork,
     ring: replay.Replay,
     now: Acting,
@@ -77,7 +78,7 @@ def acting(static: StaticConfig, hyperparameters: Sequence[Hyperparameters]) -> 
     one in each of as many equal parts of the dial's range, so every chunk sees all of it.
     """
 
-    def behaviour(network: DialNetwork, run: int, _done: int, rng: np.random.Generator) -> Act:
+    def behaviour(networks: Networks, run: int, _done: int, rng: np.random.Generator) -> Act:
         one, directions = hyperparameters[run], dict[int, RewardPair]()
 
         def decide(observation: np.ndarray) -> np.ndarray:
@@ -85,7 +86,7 @@ def acting(static: StaticConfig, hyperparameters: Sequence[Hyperparameters]) -> 
             if count not in directions:
                 directions[count] = stratified(static, count, rng)
             q = np.asarray(
-                _values(network, jnp.asarray(observation, jnp.float32), directions[count])
+                _values(networks.values, jnp.asarray(observation, jnp.float32), directions[count])
             )
             chosen = (q / one.temperature + rng.gumbel(size=q.shape)).argmax(axis=1)
             random = rng.integers(q.shape[1], size=count)

@@ -75,18 +75,19 @@ class Budget:
 
     def __call__(self, runs: Runs, done: int) -> Runs:
         """Measure every run, and move its multiplier."""
-        before = np.asarray(runs.surroundings.multiplier, np.float64)
+        before = np.asarray(runs.carry.multiplier, np.float64)
         if not done:
             return runs
+        networks = runs.state.target_network.values
         regret = np.array(
             [
-                self._regret(network_of(runs.learnt.target_network, run), run, float(before[run]))
-                for run in range(len(before))
+                self._regret(network_of(networks, run), run, float(multiplier))
+                for run, multiplier in enumerate(before)
             ]
         )
         # Bounded: far from the budget every step is as long as any.
         excess = np.clip(regret / self._budget - 1.0, -1.0, 1.0)
         after = np.clip(before * np.exp(self._step * excess), self._low, self._high)
         self.path.append(Look(done, regret, after))
-        moved = runs.surroundings._replace(multiplier=jnp.asarray(after, jnp.float32))
-        return runs._replace(surroundings=moved)
+        moved = runs.carry._replace(multiplier=jnp.asarray(after, jnp.float32))
+        return runs._replace(carry=moved)

@@ -161,7 +161,7 @@ def check_fit(
         UserError: The line says what doesn't fit.
     """
     if not hyperparameters:
-        raise UserError("no runs: pass at least one set of numbers")
+        raise UserError("no runs: pass at least one set of hyperparameters")
     if static.demonstrations and not datasets:
         raise UserError("no demonstrations: pass at least one set, or train without them")
     sets = len(datasets) // max(len(static.demonstrators), 1)

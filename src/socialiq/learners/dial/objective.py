@@ -24,30 +24,13 @@ from jaxtyping import Array, Float
 from socialiq.learners.dial.config import StaticConfig
 from socialiq.learners.dial.rows import Rows
 from socialiq.learners.iq_learn import losses, priors
+from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]
-
-
-class Traced(NamedTuple):
-    """`Hyperparameters` as arrays."""
-
-    strength: Scalar
-    prior_weight: Scalar
-    temperature: Scalar
-    discount: Scalar
-    chi2_alpha: Scalar
-    shrinkage: Scalar
-    spread: Scalar
-    learning_rate: Scalar
-    final_rate: Scalar
-    polyak: Scalar
-    exploration: Scalar
-    seed: Array
-    dataset: Array
 
 
 class Networks(NamedTuple):
@@ -66,7 +49,7 @@ def objective(
     networks: Networks,
     target_network: DialNetwork,
     rows: Rows,
-    hyperparameters: Traced,
+    hyperparameters: HyperparameterArrays,
     static: StaticConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """The loss and its terms by name: `expert` and `value` of IQ-Learn, `prior` the quadratic.
@@ -114,7 +97,7 @@ def _skill_loss(
     target_network: DialNetwork,
     rows: Rows,
     own: RewardPair,
-    hyperparameters: Traced,
+    hyperparameters: HyperparameterArrays,
 ) -> Scalar:
     """What f(s, a) is learned by: what demonstrators do and their own R(a_i) + f doesn't yet.
 

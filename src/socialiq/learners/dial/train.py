@@ -3,48 +3,32 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
-from jax.tree_util import Partial
-from jaxtyping import Array
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.learners import loop, replay
+from socialiq.learners import replay
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.acting import Acting, act, begin
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
-from socialiq.learners.dial.objective import Networks, Traced, objective
-from socialiq.learners.dial.rows import draw_rows
+from socialiq.learners.dial.objective import Networks, objective
+from socialiq.learners.dial.rows import Rows, draw_rows
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.state import History, Runs
+from socialiq.learners.fit import BeforeChunk
+from socialiq.learners.kernel import Learner, Terms, Trained
+from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.q_network import QNetwork, network_of
+from socialiq.nn.q_network import QNetwork
 from socialiq.types import Simulator, Transitions
 
-BeforeChunk = Callable[[Runs, int], Runs]
-"""Called with the runs and the number of updates done, before each chunk."""
 
-_ADAM = optax.scale_by_adam()  # the traced learning rate is applied by hand
-
-
-class Learnt(NamedTuple):
-    """What training changes; `slow` is what a policy is made of."""
-
-    network: DialNetwork
-    target_network: DialNetwork
-    skill: QNetwork | None
-    adam: Any
-
-
-class Surroundings(NamedTuple):
+class Carry(NamedTuple):
     """What an update carries along.
 
     Attributes:
@@ -60,32 +44,90 @@ class Surroundings(NamedTuple):
     multiplier: Array
 
 
-@dataclass(frozen=True)
-class Trained:
-    """The outcome of a training call.
+class Dial(Learner):
+    """IQ-Learn at every angle of a range; its policy is the target network, turned to an angle.
 
     Attributes:
-        static: Of all runs.
-        hyperparameters: Of each run.
-        networks: The target networks, arrays with a leading run axis.
-        skills: What the demonstrators share, f; None if no demonstrators are told.
-        multipliers: Of each run at the end, 1 without a budget.
-        history: What was recorded, (chunks, runs).
-        failures: One line for each run that stopped early.
+        simulator: The world to act in; None offline, or when experience is collected outside JAX.
     """
 
-    static: StaticConfig
-    hyperparameters: tuple[Hyperparameters, ...]
-    networks: DialNetwork
-    skills: QNetwork | None
-    multipliers: tuple[float, ...]
-    history: History
-    failures: tuple[str, ...]
+    simulator: Simulator | None = eqx.field(static=True, default=None)
 
-    def dial(self, run: int) -> DialPolicy:
-        """The trained dial of one run."""
-        network = network_of(self.networks, run)
-        return dial_of(self.static, self.hyperparameters[run], network, self.multipliers[run])
+    name: ClassVar[str] = "dial"
+
+    def network(self, key: PRNGKeyArray) -> Networks:
+        """Draw Q, and the skill f if demonstrators are told."""
+        one = self.static
+        shape = (one.activation, one.view, one.one_hot)
+        n_features, n_actions = self.sizes
+        values = DialNetwork.initialise(key, n_features, one.hidden, n_actions, *shape)
+        skill = None
+        if one.demonstrators:
+            for_skill = jax.random.fold_in(key, 1)
+            skill = QNetwork.initialise(for_skill, n_features, one.skill_hidden, n_actions, *shape)
+        return Networks(values, skill)
+
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+        """Draw networks and start episodes, from the run's seed alone."""
+        key, for_network, for_acting = jax.random.split(jax.random.key(hyperparameters.seed), 3)
+        state = TrainState.of(self.network(for_network))
+        ring = None
+        if self.static.online:
+            ring = replay.empty(self.static.replay_capacity, self.sizes[0])
+        acting = begin(self.static, self.simulator, for_acting) if self.simulator else None
+        return state, Carry(key, ring, acting, jnp.ones(()))
+
+    def draw(
+        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
+    ) -> tuple[Rows, Carry]:
+        """Act in the world, if there is one, and sample rows and angles."""
+        key, for_acting, for_rows = jax.random.split(carry.key, 3)
+        carry = carry._replace(key=key)
+        if self.simulator is not None:
+            ring, acting = carry.replay, carry.acting
+            assert ring is not None and acting is not None  # `check_fit` asks for online training
+            values = state.network.values
+            ring, acting = act(
+                self.static, self.simulator, hyperparameters, values, ring, acting, for_acting
+            )
+            carry = carry._replace(replay=ring, acting=acting)
+        dataset = hyperparameters.dataset
+        return draw_rows(self.static, self.table, dataset, carry.replay, for_rows), carry
+
+    def loss(
+        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+    ) -> tuple[Float[Array, ""], Terms]:
+        """The dial's objective; only Q has use for a target network."""
+        return objective(network, target_network.values, batch, hyperparameters, self.static)
+
+    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
+        """Return the rate after so many updates: it falls as a cosine to a share at the end."""
+        final = hyperparameters.final_rate
+        share = final + (1.0 - final) * 0.5 * (1.0 + jnp.cos(jnp.pi * done / self.static.updates))
+        return hyperparameters.learning_rate * share
+
+    def update(
+        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
+    ) -> tuple[TrainState, Carry, Terms]:
+        """Act, sample rows and angles, and take one Adam step under the multiplier."""
+        weighed_now = weighed(hyperparameters, carry.multiplier)
+        state, carry, terms = super().update(weighed_now, state, carry)
+        return state, carry, terms | {"multiplier": carry.multiplier}
+
+    def kept(self, carry: Carry) -> Array:
+        """Return the multiplier, which is part of a policy's temperature."""
+        return carry.multiplier
+
+    def policy(
+        self, hyperparameters: Hyperparameters, state: TrainState, kept: Any = 1.0
+    ) -> DialPolicy:
+        """Return the trained dial of one run."""
+        network = state.target_network.values
+        return dial_of(self.static, hyperparameters, network, float(np.float64(kept)))
+
+    def run_name(self, hyperparameters: Hyperparameters) -> str:
+        """Return the name of a run in messages."""
+        return f"dial, seed {hyperparameters.seed}"
 
 
 def dial_of(
@@ -121,48 +163,27 @@ def train(
     Args:
         static: Shared by all runs.
         hyperparameters: One entry for each run.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks each run's. None without
-            demonstrations; with `StaticConfig.demonstrators` one set of each of them for a run.
+        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks the set of each run. None
+            without demonstrations; with `StaticConfig.demonstrators` one set of each of them for a
+            run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         sizes: Features of an observation and number of actions; needed only where neither
             demonstrations nor a simulator tell.
         callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two looks at the outside.
-        before_chunk: Brings in experience from outside JAX (`learners.collect`).
+        chunk: Updates between two calls of the callbacks.
+        before_chunk: Adds experience from outside JAX (`learners.collect`).
         budget: Moves the multiplier (`learners.dial.budget`).
 
     Raises:
-        UserError: If structure, data and world don't fit together.
+        UserError: If settings, data and world don't fit together.
         Stopped: On Ctrl-C.
     """
     sizes = check_fit(static, hyperparameters, datasets, simulator, sizes, before_chunk is not None)
     table = ExpertTable.of(datasets, "instantaneous", 1.0) if datasets else None
-    callbacks = callbacks or Callbacks()
     world = simulator.description if simulator else "offline or collected"
-    names = callbacks.run_names or tuple(f"dial, seed {one.seed}" for one in hyperparameters)
-    callbacks = dataclasses.replace(callbacks, run_names=names)
-    update_run = Partial(partial(update, static, simulator), table)
-    runs, history = loop.run(
-        initialise=Partial(partial(initialise, static, simulator, sizes)),
-        update=update_run,
-        hyperparameters=traced(hyperparameters),
-        total=static.updates,
-        chunk=chunk,
-        fingerprint=loop.fingerprint(table, "dial", static, *hyperparameters, chunk, world),
-        callbacks=callbacks,
-        before_chunk=_in_turn(before_chunk, budget),
-    )
-    terms = loop.term_names(update_run, traced(hyperparameters), runs)
-    failures = loop.failure_lines(runs, terms, names)
-    multipliers = tuple(np.asarray(runs.surroundings.multiplier, np.float64).tolist())
-    return Trained(
-        static,
-        tuple(hyperparameters),
-        runs.learnt.target_network,
-        runs.learnt.skill,
-        multipliers,
-        history,
-        failures,
+    hook = _in_turn(before_chunk, budget)
+    return Dial(static, sizes, table, simulator).train(
+        hyperparameters, callbacks, chunk, hook, world
     )
 
 
@@ -178,101 +199,13 @@ def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
     return all_of if given else None
 
 
-def traced(hyperparameters: Sequence[Hyperparameters]) -> Traced:
-    """Stack the hyperparameters of the runs into arrays."""
-    kinds = {"seed": jnp.uint32, "dataset": jnp.int32}
-    return Traced(
-        *(
-            jnp.array([getattr(one, name) for one in hyperparameters], kinds.get(name, jnp.float32))
-            for name in Traced._fields
-        )
-    )
-
-
-def initialise(
-    static: StaticConfig,
-    simulator: Simulator | None,
-    sizes: tuple[int, int],
-    hyperparameters: Traced,
-) -> tuple[Learnt, Surroundings]:
-    """Draw a network and start episodes, from the run's seed alone."""
-    key, for_network, for_acting = jax.random.split(jax.random.key(hyperparameters.seed), 3)
-    n_features, n_actions = sizes
-    network = DialNetwork.initialise(
-        for_network,
-        n_features,
-        static.hidden,
-        n_actions,
-        static.activation,
-        static.view,
-        static.one_hot,
-    )
-    ring = replay.empty(static.replay_capacity, n_features) if static.online else None
-    acting = begin(static, simulator, for_acting) if simulator else None
-    skill = None
-    if static.demonstrators:
-        skill = QNetwork.initialise(
-            jax.random.fold_in(for_network, 1),
-            n_features,
-            static.skill_hidden,
-            n_actions,
-            static.activation,
-            static.view,
-            static.one_hot,
-        )
-    adam = _ADAM.init(eqx.filter(Networks(network, skill), eqx.is_array))
-    learnt = Learnt(network, network, skill, adam)
-    return learnt, Surroundings(key, ring, acting, jnp.ones(()))
-
-
-def update(
-    static: StaticConfig,
-    simulator: Simulator | None,
-    table: ExpertTable | None,
-    hyperparameters: Traced,
-    learnt: Learnt,
-    surroundings: Surroundings,
-) -> tuple[Learnt, Surroundings, dict[str, Array]]:
-    """Act, sample rows and angles, and take one Adam step on the objective."""
-    key, for_acting, for_rows = jax.random.split(surroundings.key, 3)
-    surroundings = surroundings._replace(key=key)
-    hyperparameters = weighed(hyperparameters, surroundings.multiplier)
-    if simulator is not None:
-        ring, acting = surroundings.replay, surroundings.acting
-        assert ring is not None and acting is not None  # `check_fit` asks for online training
-        ring, acting = act(
-            static, simulator, hyperparameters, learnt.network, ring, acting, for_acting
-        )
-        surroundings = surroundings._replace(replay=ring, acting=acting)
-    rows = draw_rows(static, table, hyperparameters.dataset, surroundings.replay, for_rows)
-    networks = Networks(learnt.network, learnt.skill)
-    gradient, terms = jax.grad(objective, has_aux=True)(
-        networks, learnt.target_network, rows, hyperparameters, static
-    )
-    direction, adam = _ADAM.update(gradient, learnt.adam)
-    rate = hyperparameters.learning_rate * _cosine(
-        learnt.adam.count, static, hyperparameters.final_rate
-    )
-    network, skill = jax.tree.map(lambda weight, step: weight - rate * step, networks, direction)
-    target_network = jax.tree.map(
-        lambda old, new: old + hyperparameters.polyak * (new - old), learnt.target_network, network
-    )
-    terms |= {"multiplier": surroundings.multiplier}
-    return Learnt(network, target_network, skill, adam), surroundings, terms
-
-
-def weighed(hyperparameters: Traced, multiplier: Array) -> Traced:
+def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> HyperparameterArrays:
     """The numbers under a multiplier μ: weight μ w and temperature τ / μ.
 
     In the primal problem (docs/theory.md) the score then weighs μ times as much against the data's
     χ², while the entropy weighs what it did; and Q keeps its size.
     """
-    return hyperparameters._replace(
+    return hyperparameters.replace(
         prior_weight=hyperparameters.prior_weight * multiplier,
         temperature=hyperparameters.temperature / multiplier,
     )
-
-
-def _cosine(done: Array, static: StaticConfig, final: Array) -> Array:
-    """Share of the learning rate after so many updates: 1 at first, `final` at the end."""
-    return final + (1.0 - final) * 0.5 * (1.0 + jnp.cos(jnp.pi * done / static.updates))

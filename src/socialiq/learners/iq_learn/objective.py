@@ -11,27 +11,11 @@ from jaxtyping import Array, Float
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses, priors
 from socialiq.learners.iq_learn.config import StaticConfig
+from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score
-from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]
-
-
-class Traced(NamedTuple):
-    """`Hyperparameters` as arrays, with the weights (cos α, sin α) in place of the angle."""
-
-    weights: RewardPair
-    strength: Scalar
-    prior_weight: Scalar
-    temperature: Scalar
-    discount: Scalar
-    chi2_alpha: Scalar
-    learning_rate: Scalar
-    polyak: Scalar
-    reweight_temperature: Scalar
-    seed: Array
-    dataset: Array
 
 
 class Batches(NamedTuple):
@@ -52,7 +36,7 @@ def objective(
     network: QNetwork,
     target_network: QNetwork,
     batches: Batches,
-    hyperparameters: Traced,
+    hyperparameters: HyperparameterArrays,
     static: StaticConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
     """The loss and its terms by name.
@@ -86,7 +70,7 @@ def _continuation(
     network: QNetwork,
     target_network: QNetwork,
     batch: Batch,
-    hyperparameters: Traced,
+    hyperparameters: HyperparameterArrays,
     static: StaticConfig,
 ) -> Float[Array, " batch"]:
     """(1 - d) V(s'), from the target network without gradient or from the network with gradient."""
@@ -104,7 +88,7 @@ def _continuation(
 
 
 def _expert_term(
-    reward: Array, target: Array, hyperparameters: Traced, static: StaticConfig
+    reward: Array, target: Array, hyperparameters: HyperparameterArrays, static: StaticConfig
 ) -> Scalar:
     if static.prior == "bellman_shift":
         reward = priors.bellman_shift(reward, target, hyperparameters.strength)
@@ -116,7 +100,7 @@ def _value_term(
     value: Array,
     follows: Array,
     initial: Array | None,
-    hyperparameters: Traced,
+    hyperparameters: HyperparameterArrays,
     static: StaticConfig,
 ) -> Scalar:
     if initial is not None:
@@ -127,7 +111,7 @@ def _value_term(
 
 
 def _quadratic_terms(
-    reward: Array, target: Array, hyperparameters: Traced, static: StaticConfig
+    reward: Array, target: Array, hyperparameters: HyperparameterArrays, static: StaticConfig
 ) -> dict[str, Scalar]:
     """Term 3 (only with χ²) and the social prior."""
     rows = slice(None) if static.chi2_on == "mixture" else slice(static.batch_size)

@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.state import HyperparameterArrays
 from socialiq.social.angle import score
-from socialiq.types import RewardPair
 
 Scalar = Float[Array, ""]
 Column = Float[Array, " batch"]
@@ -53,16 +53,22 @@ def demonstration_weights(
 
 
 def table_weights(
-    table: ExpertTable,
-    weights: RewardPair,
-    dataset: Int[Array, ""],
-    reweight_temperature: Scalar | float,
+    table: ExpertTable, hyperparameters: HyperparameterArrays
 ) -> Float[Array, " transition"]:
-    """Eq B.2 over the transitions of one set of a table, by their targets; 0 on other rows."""
+    """Eq B.2 over the transitions of a run's data set, by their targets; 0 on other rows."""
     rows = jnp.arange(table.columns.action.shape[0])
+    dataset = hyperparameters.dataset
     first, end = table.row_bounds[dataset], table.row_bounds[dataset + 1]
-    target = score(weights, table.columns.target)
-    return demonstration_weights(target, (rows >= first) & (rows < end), reweight_temperature)
+    target = score(hyperparameters.weights, table.columns.target)
+    allowed = (rows >= first) & (rows < end)
+    return demonstration_weights(target, allowed, hyperparameters.reweight_temperature)
+
+
+def cumulative_weights(
+    table: ExpertTable, hyperparameters: HyperparameterArrays
+) -> Float[Array, " transition"]:
+    """Return the cumulative sum of `table_weights`, as `ExpertTable.sample_weighted` takes it."""
+    return jnp.cumsum(table_weights(table, hyperparameters))
 
 
 def effective_sample_size(weights: Float[Array, " transition"]) -> Scalar:

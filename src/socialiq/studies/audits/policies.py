@@ -169,4 +169,4 @@ def _dial(ground: Ground, seed: int, updates: int, on_stage: StageCallback) -> D
     structure = dataclasses.replace(structure, one_hot=seen(world), updates=updates)
     run = dataclasses.replace(numbers, seed=seed)
     callbacks = Callbacks(on_report=on_stage("7x7 dial"))
-    return train(structure, [run], data, world, callbacks=callbacks).dial(0)
+    return train(structure, [run], data, world, callbacks=callbacks).policy(0)

@@ -137,7 +137,7 @@ def _dial(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[QPolicy]:
         chunk=CHUNK,
     )
     place = {run: number for number, run in enumerate(own)}
-    return [trained.dial(place[run._replace(angle=0.0)]).at(run.angle) for run in runs]
+    return [trained.policy(place[run._replace(angle=0.0)]).at(run.angle) for run in runs]
 
 
 LEARNERS: dict[str, Learner] = {

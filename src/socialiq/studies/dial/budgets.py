@@ -122,7 +122,7 @@ def _row(
     run: int,
 ) -> Row:
     """What a budget came to, and how likely the demonstrations are under its policy."""
-    dial, numbers = trained.dial(run), agents.numbers[run]
+    dial, numbers = trained.policy(run), agents.numbers[run]
     shown = data[numbers.dataset]
     chances = dial.at(config.budget_angle).probabilities(shown.observation)
     chosen = chances[np.arange(len(shown.action)), shown.action]
@@ -130,7 +130,7 @@ def _row(
         "budget": agents.budgets[run],
         "seed": numbers.seed,
         "angle": config.budget_angle,
-        "multiplier": trained.multipliers[run],
+        "multiplier": float(trained.kept[run]),
         "log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean()),
     } | {
         f"regret_{readout}": _regret(ground, dial, config.budget_angle, readout)

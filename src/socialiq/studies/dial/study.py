@@ -46,7 +46,7 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
     for name in config.runs:
         trained = _train(ground, config, name, data[RUNS[name].clock], on_stage)
         for run, seed in enumerate(config.seeds):
-            one = TrainedDial(name, seed, trained.dial(run), with_clock(ground, RUNS[name].clock))
+            one = TrainedDial(name, seed, trained.policy(run), with_clock(ground, RUNS[name].clock))
             limit = ceilings.get((RUNS[name].support, seed), ground.optimum.attainable)
             for table, rows in one.rows(config, limit):
                 tables[table] += rows

@@ -96,11 +96,11 @@ def train_family(
         [numbers],
         _datasets(structure, inputs, config.size, numbers.seed),
         sizes=(world.n_features, world.n_actions),
-        callbacks=callbacks_of(folder, lambda learnt: _looked(config, learnt), on_progress),
+        callbacks=callbacks_of(folder, lambda state: _looked(config, state), on_progress),
         chunk=CHUNK,
         before_chunk=Collector([source], [numbers.seed], acting(structure, [numbers])),
     )
-    trained.dial(0).save(folder / DIAL)
+    trained.policy(0).save(folder / DIAL)
     write_curve(trained.history, folder / "curve.csv")
     (folder / CHECKPOINT).unlink(missing_ok=True)
 
@@ -124,12 +124,12 @@ def _datasets(
     return list(shown.values()) if structure.demonstrators else [concatenate(list(shown.values()))]
 
 
-def _looked(config: DialRun, learnt: Any) -> dict[str, np.ndarray]:
+def _looked(config: DialRun, state: Any) -> dict[str, np.ndarray]:
     """Mean of R(α) + c h over the demonstrated angles; NaN where no check is due."""
-    done = math.ceil(int(learnt.adam.count[0]) / CHUNK)
+    done = math.ceil(int(state.optimiser.count[0]) / CHUNK)
     if not config.checks.due(done, math.ceil(config.structure.updates / CHUNK)):
         return {"total": np.array([np.nan])}
-    family = dial_of(config.structure, config.numbers, network_of(learnt.target_network, 0))
+    family = dial_of(config.structure, config.numbers, network_of(state.target_network.values, 0))
     first, count = config.checks.first_seed, config.checks.episodes
     seeds, batch = np.arange(first, first + count), Batch(config.options, min(count, 256))
     scores = [

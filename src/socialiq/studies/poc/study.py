@@ -149,10 +149,10 @@ def _rows(ground: Ground, trained: Trained, modes: list[str], label: Row) -> lis
 def _agreement_monitor(ground: Ground, modes: list[str]) -> Monitor:
     """Whether each lane's greedy sequence is the thesis', after every chunk."""
 
-    def monitor(learnt: Any) -> dict[str, np.ndarray]:
+    def monitor(state: Any) -> dict[str, np.ndarray]:
         found = []
         for run, mode in enumerate(modes):
-            policy = QPolicy.of(network_of(learnt.network, run), 1.0, {})
+            policy = QPolicy.of(network_of(state.network, run), 1.0, {})
             greedy = action_table(policy, ground.table, "greedy")
             found.append(sequence(ground.table, greedy) == THESIS[mode])
         return {"equal": np.array(found, np.float64)}

@@ -7,7 +7,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners.dial.budget import Budget
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
-from socialiq.learners.dial.train import traced, train, weighed
+from socialiq.learners.dial.train import train, weighed
+from socialiq.learners.state import stack
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 OFFLINE = StaticConfig(
@@ -16,7 +17,7 @@ OFFLINE = StaticConfig(
 
 
 def test_a_multiplier_weighs_the_score_and_keeps_the_entropy() -> None:
-    hyperparameters = traced([Hyperparameters(prior_weight=4.0, temperature=0.5)])
+    hyperparameters = stack([Hyperparameters(prior_weight=4.0, temperature=0.5)])
     found = weighed(hyperparameters, jnp.array([2.0]))
     assert found.prior_weight.tolist() == [8.0]
     assert found.temperature.tolist() == [0.25]
@@ -29,22 +30,22 @@ def test_the_multiplier_finds_the_budget(demonstrations) -> None:
     budget = Budget(lambda _network, _run, mu: 1.0 / mu, np.array([0.5, 0.1]), step=0.5)
     runs = [Hyperparameters(seed=0), Hyperparameters(seed=1)]
     trained = train(OFFLINE, runs, [demonstrations()], chunk=50, budget=budget)
-    np.testing.assert_allclose(trained.multipliers, [2.0, 10.0], rtol=0.02)
+    np.testing.assert_allclose(trained.kept, [2.0, 10.0], rtol=0.02)
     assert [look.updates for look in budget.path] == list(range(50, 2000, 50))
-    np.testing.assert_allclose(trained.history.array("multiplier")[-1], trained.multipliers)
-    assert trained.dial(1).turned.temperature == pytest.approx(0.02 / trained.multipliers[1])
+    np.testing.assert_allclose(trained.history.array("multiplier")[-1], trained.kept)
+    assert trained.policy(1).turned.temperature == pytest.approx(0.02 / trained.kept[1])
 
 
 def test_a_budget_out_of_reach_stops_at_the_largest_multiplier(demonstrations) -> None:
     budget = Budget(lambda *_: 1.0, np.array([0.1]), step=1.0, high=5.0)
     static = dataclasses.replace(OFFLINE, updates=500)
     trained = train(static, [Hyperparameters()], [demonstrations()], chunk=50, budget=budget)
-    assert trained.multipliers == (5.0,)
+    assert trained.kept.tolist() == [5.0]
 
 
 def test_without_a_budget_the_multiplier_is_one(demonstrations) -> None:
     static = dataclasses.replace(OFFLINE, updates=20)
-    assert train(static, [Hyperparameters()], [demonstrations()], chunk=20).multipliers == (1.0,)
+    assert train(static, [Hyperparameters()], [demonstrations()], chunk=20).kept.tolist() == [1.0]
 
 
 def test_budgets_that_mean_nothing_are_refused() -> None:

@@ -5,30 +5,29 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from socialiq.learners.dial.config import StaticConfig
-from socialiq.learners.dial.objective import Networks, Traced, objective
+from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.dial.objective import Networks, objective
 from socialiq.learners.dial.rows import Rows, at_other_times, draw_directions
 from socialiq.learners.expert_table import Batch
+from socialiq.learners.state import stack
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
 STRUCTURE = StaticConfig(hidden=(4,))
-NUMBERS = Traced(
-    strength=jnp.asarray(2.0),
-    prior_weight=jnp.asarray(3.0),
-    temperature=jnp.asarray(0.5),
-    discount=jnp.asarray(0.9),
-    chi2_alpha=jnp.asarray(0.25),
-    shrinkage=jnp.asarray(0.3),
-    spread=jnp.asarray(0.2),
-    learning_rate=jnp.asarray(0.0),
-    final_rate=jnp.asarray(0.0),
-    polyak=jnp.asarray(0.0),
-    exploration=jnp.asarray(0.0),
-    seed=jnp.asarray(0),
-    dataset=jnp.asarray(0),
-)
+NUMBERS = stack(
+    [
+        Hyperparameters(
+            strength=2.0,
+            prior_weight=3.0,
+            temperature=0.5,
+            discount=0.9,
+            chi2_alpha=0.25,
+            shrinkage=0.3,
+            spread=0.2,
+        )
+    ]
+)[0]
 
 
 def batch(size: int = 4) -> Batch:

@@ -67,7 +67,7 @@ NUMBERS = Hyperparameters(temperature=0.1, learning_rate=5e-3, prior_weight=1.0,
 def test_what_both_demonstrators_shun_is_shunned_at_an_angle_that_nobody_showed() -> None:
     """An egoist takes the first action and an altruist the second, and neither ever the third."""
     trained = train(SHARED, [NUMBERS], [always(0), always(1)], OneChoice(), chunk=500)
-    dial = trained.dial(0)
+    dial = trained.policy(0)
     chosen = {a: int(dial.at(a).predict(np.zeros(1))[0]) for a in (0.0, 30.0, 60.0, 90.0)}
     assert chosen == {0.0: 0, 30.0: 0, 60.0: 1, 90.0: 1}
 
@@ -75,18 +75,21 @@ def test_what_both_demonstrators_shun_is_shunned_at_an_angle_that_nobody_showed(
 def test_without_them_it_is_taken() -> None:
     alone = dataclasses.replace(SHARED, demonstrators=(), demonstrations=False)
     trained = train(alone, [NUMBERS], [], OneChoice(), chunk=500)
-    chosen = [int(trained.dial(0).at(a).predict(np.zeros(1))[0]) for a in (30.0, 60.0)]
-    assert chosen == [2, 2] and trained.skills is None
+    chosen = [int(trained.policy(0).at(a).predict(np.zeros(1))[0]) for a in (30.0, 60.0)]
+    assert chosen == [2, 2] and trained.networks.skill is None
 
 
 def test_the_skill_is_near_its_fixed_point() -> None:
     """-f'(b) of the loss: Σ_i p_i π(b; a_i) = share shown of b - 2 c f(b) (share shown + ε)."""
     trained = train(SHARED, [NUMBERS], [always(0), always(1)], OneChoice(), chunk=500)
-    assert trained.skills is not None
-    layers = [(np.asarray(one.weight[0]), np.asarray(one.bias[0])) for one in trained.skills.layers]
+    assert trained.networks.skill is not None
+    layers = [
+        (np.asarray(one.weight[0]), np.asarray(one.bias[0]))
+        for one in trained.networks.skill.layers
+    ]
     hidden = np.maximum(layers[0][1], 0.0)  # the observation is 0
     f = layers[1][0] @ hidden + layers[1][1]
-    policies = [trained.dial(0).at(a).probabilities(np.zeros((1, 1)))[0] for a in (0.0, 90.0)]
+    policies = [trained.policy(0).at(a).probabilities(np.zeros((1, 1)))[0] for a in (0.0, 90.0)]
     shown = np.array([0.5, 0.5, 0.0])
     pull = 2 * NUMBERS.shrinkage * f * (shown + NUMBERS.spread)
     np.testing.assert_allclose(np.mean(policies, axis=0), shown - pull, atol=0.02)

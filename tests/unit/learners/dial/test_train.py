@@ -8,7 +8,8 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
-from socialiq.learners.dial.train import Trained, train
+from socialiq.learners.dial.train import train
+from socialiq.learners.kernel import Trained
 from socialiq.worlds import registry
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
@@ -42,7 +43,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not(
 ) -> None:
     again = train(ONLINE, RUNS, [data], WORLD, chunk=20)
     assert_same(again.networks, whole.networks)
-    one, other = (whole.dial(run).at(45.0).weights[0] for run in (0, 1))
+    one, other = (whole.policy(run).at(45.0).weights[0] for run in (0, 1))
     assert not np.allclose(one, other)
 
 
@@ -67,7 +68,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
 
 
 def test_a_dial_tells_how_it_was_made(whole: Trained) -> None:
-    dial = whole.dial(1)
+    dial = whole.policy(1)
     assert (dial.low, dial.high) == (0.0, 90.0)
     assert dial.provenance["learner"] == "dial"
     assert Hyperparameters(**dial.provenance["numbers"]) == RUNS[1]

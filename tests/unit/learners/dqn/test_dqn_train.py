@@ -13,8 +13,9 @@ from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.collect import Act, Source
 from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
-from socialiq.learners.dqn.train import Trained, acting, policy_of, train
+from socialiq.learners.dqn.train import acting, policy_of, train
 from socialiq.learners.expert_table import Batch
+from socialiq.learners.kernel import Trained
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
@@ -155,8 +156,8 @@ def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one() -> None:
     hyperparameters = dataclasses.replace(NUMBERS, learning_rate=0.04, final_learning_rate=1e-12)
     biases: list[np.ndarray] = []
 
-    def monitor(learnt) -> dict[str, np.ndarray]:
-        biases.append(np.asarray(learnt.network.layers[-1].bias[0]))
+    def monitor(state) -> dict[str, np.ndarray]:
+        biases.append(np.asarray(state.network.layers[-1].bias[0]))
         return {}
 
     sources = [bandit()]

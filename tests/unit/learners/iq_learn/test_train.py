@@ -11,8 +11,9 @@ from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.objective import Traced
-from socialiq.learners.iq_learn.train import Trained, initialise, traced, train, update
+from socialiq.learners.iq_learn.train import IQLearn, train
+from socialiq.learners.kernel import Trained
+from socialiq.learners.state import HyperparameterArrays, stack
 from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
 
@@ -119,25 +120,26 @@ def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data
     steps = 400
     static = dataclasses.replace(ONLINE, batch_size=1, replay_capacity=steps)
     table = ExpertTable.of([data], "running", 0.99)
-    hyperparameters = traced(
+    hyperparameters = stack(
         [Hyperparameters(temperature=tau, learning_rate=1e-30) for tau in (1e6, 1e-6)]
     )
 
-    def live(one: Traced) -> tuple[Any, Any]:
-        start = initialise(static, CROSSING7, (6, 3), table, one)
+    learner = IQLearn(static, (6, 3), table, CROSSING7)
+
+    def live(one: HyperparameterArrays) -> tuple[Any, Any]:
         return jax.lax.scan(
-            lambda state, _: (update(static, CROSSING7, table, one, *state)[:2], None),
-            start,
+            lambda run, _: (learner.update(one, *run)[:2], None),
+            learner.initialise(one),
             length=steps,
         )[0]
 
-    learnt, surroundings = jax.jit(jax.vmap(live))(hyperparameters)
+    state, carry = jax.jit(jax.vmap(live))(hyperparameters)
     hot, cold = (
-        jax.tree.map(lambda column, run=run: np.asarray(column[run]), surroundings.replay.columns)
+        jax.tree.map(lambda column, run=run: np.asarray(column[run]), carry.replay.columns)
         for run in (0, 1)
     )
     np.testing.assert_allclose(np.bincount(hot.action) / steps, [1 / 3] * 3, atol=0.08)
-    q = jax.vmap(network_of(learnt.network, 1))(cold.observation)
+    q = jax.vmap(network_of(state.network, 1))(cold.observation)
     np.testing.assert_array_equal(cold.action, q.argmax(axis=1))
     for rows in (hot, cold):
         ended = rows.ending[:-1] > 0

@@ -1,4 +1,4 @@
-"""The loop with a learner that can be worked out: x follows its run's target, with noise."""
+"""`fit` with a learner that can be worked out: x follows its run's target, with noise."""
 
 import dataclasses
 import signal
@@ -7,14 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.learners import callbacks as outside_module
-from socialiq.learners import loop
+from socialiq.learners import callbacks as callbacks_module
+from socialiq.learners import fit
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.state import History, Runs
 
@@ -39,24 +40,37 @@ def toys(*targets: float, breaks_at: tuple[int, ...] = (), breaks: int = 1) -> T
     )
 
 
-def initialise(hyperparameters: Toy) -> tuple[Any, Any]:
-    key = jax.random.key(jnp.asarray(hyperparameters.target, jnp.uint32))
-    return {"x": jnp.zeros(3)}, (key, jnp.zeros((), jnp.int32))
+class Follower(eqx.Module):
+    """x moves to the run's target."""
+
+    def initialise(self, hyperparameters: Toy) -> tuple[Any, Any]:
+        key = jax.random.key(jnp.asarray(hyperparameters.target, jnp.uint32))
+        return {"x": jnp.zeros(3)}, (key, jnp.zeros((), jnp.int32))
+
+    def update(
+        self, hyperparameters: Toy, state: Any, carry: Any
+    ) -> tuple[Any, Any, dict[str, Any]]:
+        key, step = carry
+        key, one = jax.random.split(key)
+        noise = 1e-3 * jax.random.normal(one, (3,))
+        broken = jnp.where(step == hyperparameters.breaks_at, jnp.inf, 0.0)
+        x = state["x"] + 0.2 * (hyperparameters.target - state["x"]) + noise
+        x = x + jnp.where(hyperparameters.breaks == 2, broken, 0.0)
+        terms = {
+            "square": jnp.sum((hyperparameters.target - state["x"]) ** 2)
+            + jnp.where(hyperparameters.breaks == 1, broken, 0.0),
+            "noise": noise[0] + jnp.where(hyperparameters.breaks == 0, broken, 0.0),
+        }
+        return {"x": x}, (key, step + 1), terms
 
 
-def update(hyperparameters: Toy, learnt: Any, surroundings: Any) -> tuple[Any, Any, dict[str, Any]]:
-    key, step = surroundings
-    key, one = jax.random.split(key)
-    noise = 1e-3 * jax.random.normal(one, (3,))
-    broken = jnp.where(step == hyperparameters.breaks_at, jnp.inf, 0.0)
-    x = learnt["x"] + 0.2 * (hyperparameters.target - learnt["x"]) + noise
-    x = x + jnp.where(hyperparameters.breaks == 2, broken, 0.0)
-    terms = {
-        "square": jnp.sum((hyperparameters.target - learnt["x"]) ** 2)
-        + jnp.where(hyperparameters.breaks == 1, broken, 0.0),
-        "noise": noise[0] + jnp.where(hyperparameters.breaks == 0, broken, 0.0),
-    }
-    return {"x": x}, (key, step + 1), terms
+class Broken(Follower):
+    """A follower whose only term is never a number."""
+
+    def update(
+        self, hyperparameters: Toy, state: Any, carry: Any
+    ) -> tuple[Any, Any, dict[str, Any]]:
+        return *super().update(hyperparameters, state, carry)[:2], {"a": jnp.asarray(jnp.nan)}
 
 
 def train(
@@ -67,7 +81,7 @@ def train(
     **callbacks: Any,
 ) -> tuple[Runs, History]:
     around = Callbacks(**callbacks)
-    return loop.run(initialise, update, hyperparameters, total, chunk, fingerprint, around)
+    return fit.fit(Follower(), hyperparameters, total, chunk, fingerprint, around)
 
 
 def interrupt_after(done: int) -> Callable[[Report], None]:
@@ -94,7 +108,7 @@ def assert_same_history(one: History, other: History) -> None:
 
 def test_runs_converge_to_their_own_targets(whole) -> None:
     runs, history = whole
-    np.testing.assert_allclose(runs.learnt["x"], [[1] * 3, [5] * 3], atol=0.01)
+    np.testing.assert_allclose(runs.state["x"], [[1] * 3, [5] * 3], atol=0.01)
     assert runs.updates.tolist() == [TOTAL, TOTAL]
     assert runs.failed_at.tolist() == [-1, -1]
     assert history.updates == [10, 20, 30, 40]
@@ -116,7 +130,7 @@ def test_a_run_does_not_depend_on_its_neighbours(whole) -> None:
     alone, _ = train(toys(5.0))
     among, _ = train(toys(9.0, 5.0, 2.0, breaks_at=(3,)))
     for runs, run in ((alone, 0), (among, 1)):
-        np.testing.assert_allclose(runs.learnt["x"][run], whole[0].learnt["x"][1], atol=1e-5)
+        np.testing.assert_allclose(runs.state["x"][run], whole[0].state["x"][1], atol=1e-5)
 
 
 @pytest.mark.parametrize(("breaks", "term"), [(0, "noise"), (1, "square"), (2, "parameters")])
@@ -129,8 +143,8 @@ def test_a_run_that_breaks_keeps_its_last_sound_state(
     runs, _ = train(hyperparameters, on_report=reports.append, run_names=names)
     assert runs.failed_at.tolist() == [20, -1]
     before, _ = train(toys(1.0, 5.0), total=20)
-    assert_same(runs.learnt["x"][0], before.learnt["x"][0])
-    assert_same(runs.learnt["x"][1], whole[0].learnt["x"][1])
+    assert_same(runs.state["x"][0], before.state["x"][0])
+    assert_same(runs.state["x"][1], whole[0].state["x"][1])
     assert [len(report.failures) for report in reports] == [0, 0, 1, 1]
     assert (
         reports[-1]
@@ -146,18 +160,7 @@ def test_a_run_without_a_name_is_called_by_its_number() -> None:
 
 
 def test_only_the_first_failure_is_told() -> None:
-    always = loop.run(
-        initialise,
-        lambda hyperparameters, learnt, around: (
-            *update(hyperparameters, learnt, around)[:2],
-            {"a": jnp.nan},
-        ),
-        toys(1.0),
-        TOTAL,
-        10,
-        "toy",
-        Callbacks(),
-    )[0]
+    always = fit.fit(Broken(), toys(1.0), TOTAL, 10, "toy", Callbacks())[0]
     assert (always.failed_at.tolist(), always.failed_term.tolist()) == ([0], [0])
 
 
@@ -175,7 +178,7 @@ def test_reports_tell_progress_terms_and_what_the_monitor_saw() -> None:
     runs, history = train(
         toys(1.0, 5.0),
         on_report=reports.append,
-        monitor=lambda learnt: {"x": np.asarray(learnt["x"][:, 0])},
+        monitor=lambda state: {"x": np.asarray(state["x"][:, 0])},
     )
     assert [(report.done, report.total) for report in reports] == [
         (n, 40) for n in (10, 20, 30, 40)
@@ -184,17 +187,17 @@ def test_reports_tell_progress_terms_and_what_the_monitor_saw() -> None:
     assert reports[0].seconds_left > reports[-1].seconds_left == 0
     assert reports[1].terms["square"] == pytest.approx(history.array("square")[1].mean())
     assert set(reports[1].terms) == {"square", "noise"}
-    np.testing.assert_array_equal(reports[-1].monitored["x"], runs.learnt["x"][:, 0])
-    np.testing.assert_array_equal(history.array("x")[-1], runs.learnt["x"][:, 0])
+    np.testing.assert_array_equal(reports[-1].monitored["x"], runs.state["x"][:, 0])
+    np.testing.assert_array_equal(history.array("x")[-1], runs.state["x"][:, 0])
 
 
 def test_the_rate_leaves_out_the_first_chunk_which_compiles(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now, reports = [0.0], []
-    monkeypatch.setattr(outside_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(callbacks_module.time, "monotonic", lambda: now[0])
 
-    def monitor(learnt: Any) -> dict[str, np.ndarray]:
+    def monitor(state: Any) -> dict[str, np.ndarray]:
         now[0] += 2.0 if now[0] else 50.0
         return {}
 
@@ -236,11 +239,11 @@ def test_before_chunk_is_told_the_updates_done_and_changes_the_runs() -> None:
 
     def reset(runs: Runs, done: int) -> Runs:
         told.append(done)
-        return runs._replace(learnt=jax.tree.map(jnp.zeros_like, runs.learnt))
+        return runs._replace(state=jax.tree.map(jnp.zeros_like, runs.state))
 
-    runs, _ = loop.run(initialise, update, toys(1.0), 40, 10, "toy", Callbacks(), reset)
+    runs, _ = fit.fit(Follower(), toys(1.0), 40, 10, "toy", Callbacks(), reset)
     assert told == [0, 10, 20, 30]
-    np.testing.assert_allclose(runs.learnt["x"], 1 - 0.8**10, atol=0.01)
+    np.testing.assert_allclose(runs.state["x"], 1 - 0.8**10, atol=0.01)
 
 
 @pytest.fixture(name="saved")
@@ -308,7 +311,7 @@ def test_checkpoints_are_written_about_once_a_minute(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     now, path, written = [0.0], tmp_path / "state", []
-    monkeypatch.setattr(outside_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(callbacks_module.time, "monotonic", lambda: now[0])
 
     def on_report(report: Report) -> None:
         written.append(path.exists())
@@ -328,12 +331,12 @@ class Setting:
 
 def test_a_fingerprint_names_the_data_and_every_setting() -> None:
     table = {"a": np.arange(4), "b": np.ones(2)}
-    same = {loop.fingerprint(table, Setting()), loop.fingerprint(dict(table), Setting(0.5, (8,)))}
+    same = {fit.fingerprint(table, Setting()), fit.fingerprint(dict(table), Setting(0.5, (8,)))}
     assert len(same) == 1
     others = [
-        loop.fingerprint({"a": np.arange(4), "b": np.zeros(2)}, Setting()),
-        loop.fingerprint(table, Setting(0.25)),
-        loop.fingerprint(table, Setting(hidden=(8, 8))),
-        loop.fingerprint(table, Setting(), Setting()),
+        fit.fingerprint({"a": np.arange(4), "b": np.zeros(2)}, Setting()),
+        fit.fingerprint(table, Setting(0.25)),
+        fit.fingerprint(table, Setting(hidden=(8, 8))),
+        fit.fingerprint(table, Setting(), Setting()),
     ]
     assert len(same | set(others)) == 5

@@ -1,11 +1,11 @@
-"""Many training runs in one compiled program: chunks, progress, stopping, resuming.
+"""Training of many runs in one compiled program: chunks, progress, stopping, resuming.
 
-A learner is two pure functions: `initialise(numbers) -> (learnt, surroundings)` and
-`update(numbers, learnt, surroundings) -> (learnt, surroundings, terms)`. `terms` are named scalars.
-Arrays that all runs share, such as demonstrations, are bound with `jax.tree_util.Partial`, so that
-they are the program's input: a constant of that size would be compiled into it, anew for each set.
-A run whose terms or parameters are no longer finite keeps its last finite `learnt` and records
-which term broke; the other runs go on.
+A learner has two pure functions, `initialise(hyperparameters) -> (state, carry)` and
+`update(hyperparameters, state, carry) -> (state, carry, terms)`; `learners.kernel.Learner` makes
+them of a loss. `terms` are named scalars. Arrays that all runs share, such as demonstrations, are
+leaves of the learner, so that they are the program's input: a constant of that size would be
+compiled into it, anew for each set. A run whose terms or parameters are no longer finite keeps its
+last finite state and records which term broke; the other runs go on.
 """
 
 from __future__ import annotations
@@ -16,18 +16,20 @@ import json
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import Partial
 from jaxtyping import Array
 
 from socialiq.errors import UserError
 from socialiq.learners import checkpoint
 from socialiq.learners.callbacks import Callbacks, Clock, Stopped, stop_line, stop_requests
 from socialiq.learners.state import History, Runs
+
+BeforeChunk = Callable[[Runs, int], Runs]
+"""Called with the runs and the number of updates done, before each chunk."""
 
 # A parameter of this size is finite, but the next product of two layers is not.
 _OVERFLOWS = 1e15
@@ -36,28 +38,41 @@ _OVERFLOWS = 1e15
 _COMPILE_FAST = {"xla_backend_optimization_level": 0}
 
 
-def run(
-    initialise: Callable[[Any], tuple[Any, Any]],
-    update: Callable[[Any, Any, Any], tuple[Any, Any, dict[str, Any]]],
+@runtime_checkable
+class Trainable(Protocol):
+    """What `fit` trains: a pytree with two pure functions."""
+
+    def initialise(self, hyperparameters: Any, /) -> tuple[Any, Any]:
+        """Return the state and the carry of one run."""
+        ...
+
+    def update(
+        self, hyperparameters: Any, state: Any, carry: Any, /
+    ) -> tuple[Any, Any, dict[str, Any]]:
+        """Take one gradient step of one run."""
+        ...
+
+
+def fit(
+    learner: Trainable,
     hyperparameters: Any,
     total: int,
     chunk: int,
     fingerprint: str,
     callbacks: Callbacks,
-    before_chunk: Callable[[Runs, int], Runs] | None = None,
+    before_chunk: BeforeChunk | None = None,
 ) -> tuple[Runs, History]:
     """Train all runs for `total` updates.
 
     Args:
-        initialise: Makes one run's state of its numbers.
-        update: One gradient step of one run.
-        hyperparameters: Pytree of the runs' traced numbers, each with a leading run axis.
+        learner: What is trained; a pytree.
+        hyperparameters: Pytree of arrays, each with a leading axis of runs.
         total: Updates of each run.
-        chunk: Updates between two looks at the outside world.
-        fingerprint: Names the run; a checkpoint of another fingerprint is refused.
+        chunk: Updates between two calls of the callbacks.
+        fingerprint: Identifies the runs; a checkpoint of another fingerprint is refused.
         callbacks: Progress, monitor, checkpoint.
-        before_chunk: Called with the runs and the number of updates done, to bring in outside
-            experience; must depend on nothing else, or a resumed run would differ.
+        before_chunk: Adds experience from outside JAX; must depend on its arguments alone, or a
+            resumed run would differ.
 
     Returns:
         The final runs, and the history.
@@ -66,13 +81,12 @@ def run(
         Stopped: On Ctrl-C, after the chunk in progress.
         UserError: If a checkpoint can't be resumed.
     """
-    initialise, update = _bound(initialise), _bound(update)
     begin = jax.jit(_start_all, compiler_options=_COMPILE_FAST)
-    runs, history = begin(initialise, hyperparameters), History()
+    runs, history = begin(learner, hyperparameters), History()
     if callbacks.resume:
         runs, history = _resume(callbacks.checkpoint, fingerprint, runs)
     advance = jax.jit(_advance_all, static_argnums=3, donate_argnums=2)
-    names = term_names(update, hyperparameters, runs)
+    names = term_names(learner, hyperparameters, runs)
     done = history.updates[-1] if history.updates else 0
     clock = Clock(done, total, len(jax.tree.leaves(hyperparameters)[0]))
     with stop_requests() as stop:
@@ -80,10 +94,10 @@ def run(
             if before_chunk is not None:
                 runs = before_chunk(runs, done)
             steps = min(chunk, total - done)
-            runs, terms = advance(update, hyperparameters, runs, steps)
+            runs, terms = advance(learner, hyperparameters, runs, steps)
             done += steps
             record = dict(zip(names, np.asarray(terms).T, strict=True))
-            monitored = callbacks.monitor(runs.learnt) if callbacks.monitor else {}
+            monitored = callbacks.monitor(runs.state) if callbacks.monitor else {}
             history.add(done, record | monitored)
             if callbacks.on_report:
                 failures = failure_lines(runs, names, callbacks.run_names)
@@ -95,9 +109,10 @@ def run(
     return runs, history
 
 
-def term_names(update: Callable[..., Any], hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
-    """Names of a learner's terms, in the order of `Lanes.failed_term`."""
-    _, _, terms = jax.eval_shape(jax.vmap(update), hyperparameters, runs.learnt, runs.surroundings)
+def term_names(learner: Trainable, hyperparameters: Any, runs: Runs) -> tuple[str, ...]:
+    """Return the names of a learner's terms, in the order of `Runs.failed_term`."""
+    update = jax.vmap(learner.update)
+    _, _, terms = jax.eval_shape(update, hyperparameters, runs.state, runs.carry)
     return _in_order(terms)
 
 
@@ -138,43 +153,38 @@ def _in_order(terms: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(terms, key=lambda name: (name == "loss", name)))
 
 
-def _bound(function: Callable[..., Any]) -> Partial:
-    """As a pytree of the arrays that are bound to it."""
-    return function if isinstance(function, Partial) else Partial(function)
-
-
-def _start_all(initialise: Partial, hyperparameters: Any) -> Runs:
-    return jax.vmap(partial(_start, initialise))(hyperparameters)
+def _start_all(learner: Trainable, hyperparameters: Any) -> Runs:
+    return jax.vmap(partial(_start, learner))(hyperparameters)
 
 
 def _advance_all(
-    update: Partial, hyperparameters: Any, runs: Runs, steps: int
+    learner: Trainable, hyperparameters: Any, runs: Runs, steps: int
 ) -> tuple[Runs, Array]:
-    """One chunk of all runs."""
-    one = partial(_advance, update, steps=steps)
+    """Train all runs for one chunk."""
+    one = partial(_advance, learner, steps=steps)
     return jax.vmap(one)(hyperparameters, runs)
 
 
-def _start(initialise: Callable[[Any], tuple[Any, Any]], hyperparameters: Any) -> Runs:
-    learnt, surroundings = initialise(hyperparameters)
+def _start(learner: Trainable, hyperparameters: Any) -> Runs:
+    state, carry = learner.initialise(hyperparameters)
     zero = jnp.zeros((), jnp.int32)
-    return Runs(learnt, surroundings, zero, zero - 1, zero - 1)
+    return Runs(state, carry, zero, zero - 1, zero - 1)
 
 
 def _advance(
-    update: Callable[..., Any], hyperparameters: Any, run: Runs, *, steps: int
+    learner: Trainable, hyperparameters: Any, run: Runs, *, steps: int
 ) -> tuple[Runs, Array]:
-    """One chunk of one run; returns the mean of each term, NaN once the run has broken."""
+    """Train one run for one chunk; return the mean of each term, NaN once the run has broken."""
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
-        learnt, surroundings, terms = update(hyperparameters, run.learnt, run.surroundings)
+        state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
         values = jnp.stack([terms[name] for name in _in_order(terms)])
-        finite = jnp.append(jnp.isfinite(values), _all_finite(learnt))
+        finite = jnp.append(jnp.isfinite(values), _all_finite(state))
         sound = run.failed_at < 0
         breaks = sound & ~finite.all()
         after = Runs(
-            learnt=_choose(sound & finite.all(), learnt, run.learnt),
-            surroundings=surroundings,
+            state=_choose(sound & finite.all(), state, run.state),
+            carry=carry,
             updates=run.updates + 1,
             failed_at=jnp.where(breaks, run.updates, run.failed_at),
             failed_term=jnp.where(breaks, jnp.argmin(finite), run.failed_term),

@@ -1,0 +1,237 @@
+"""The part that all learners share: a learner is a config, a loss with named terms, and an action.
+
+`Learner` is trained by Adam with a target network, many runs in one compiled program
+(`learners.fit`). A learner of one's own is a subclass with a `loss` (docs/extend.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import inspect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from socialiq.errors import UserError
+from socialiq.learners import fit
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.state import History, HyperparameterArrays, TrainState, stack
+from socialiq.nn.q_network import QNetwork, network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.types import Transitions
+
+Terms = dict[str, Float[Array, ""]]
+
+
+@dataclass(frozen=True)
+class Trained:
+    """The outcome of a training call.
+
+    Attributes:
+        learner: The learner, with what all runs share.
+        hyperparameters: Of each run.
+        state: Networks and optimiser of all runs, arrays with a leading axis of runs.
+        kept: What the learner keeps of the runs' carry (`Learner.kept`).
+        history: What was recorded, (chunks, runs).
+        failures: One line for each run that stopped early.
+    """
+
+    learner: Learner
+    hyperparameters: tuple[Any, ...]
+    state: TrainState
+    kept: Any
+    history: History
+    failures: tuple[str, ...]
+
+    @property
+    def static(self) -> Any:
+        """Static configuration of all runs."""
+        return self.learner.static
+
+    @property
+    def networks(self) -> Any:
+        """Trained networks, arrays with a leading axis of runs."""
+        return self.state.network
+
+    def policy(self, run: int) -> Any:
+        """Return the trained policy of one run; it can be saved."""
+        state, kept = (network_of(tree, run) for tree in (self.state, self.kept))
+        return self.learner.policy(self.hyperparameters[run], state, kept)
+
+
+class Learner(eqx.Module):
+    """Base class of learners; a subclass writes `loss`, and overrides what else differs.
+
+    Attributes:
+        static: Frozen dataclass of choices that shape the program; `updates`, `batch_size` and
+            the network's `hidden`, `activation` and `view` are read here.
+        sizes: Length of an observation, and number of actions.
+        table: Demonstrations; None without.
+    """
+
+    static: Any = eqx.field(static=True)
+    sizes: tuple[int, int] = eqx.field(static=True)
+    table: ExpertTable | None = None
+
+    name: ClassVar[str] = "learner"
+    """Of the record of a trained policy."""
+    has_target: ClassVar[bool] = True
+    """Whether a target network follows the network, by the hyperparameter `polyak`."""
+    target_kind: ClassVar[str] = "instantaneous"
+    """Reading of "cumulative returns" in a batch's `target` (`social.returns`)."""
+
+    @classmethod
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> Any:
+        """Make the learner of sets of demonstrations.
+
+        Raises:
+            UserError: If there is none, or they differ in features or actions.
+        """
+        table = ExpertTable.of(datasets, cls.target_kind, 1.0)
+        sizes = (int(datasets[0].observation.shape[1]), int(datasets[0].n_actions))
+        return cls(static, sizes, table)
+
+    def loss(
+        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+    ) -> tuple[Float[Array, ""], Terms]:
+        """Return the loss of a batch and its terms by name; "loss" among them."""
+        raise NotImplementedError
+
+    def draw(
+        self,
+        hyperparameters: HyperparameterArrays,
+        state: TrainState,  # noqa: ARG002
+        carry: Any,
+    ) -> tuple[Any, Any]:
+        """Return a batch and the next carry: here demonstrations, and a random key."""
+        assert self.table is not None
+        key, for_batch = jax.random.split(carry)
+        batch = self.table.sample(for_batch, hyperparameters.dataset, self.static.batch_size)
+        return batch, key
+
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Any]:
+        """Draw a network from the run's seed; return its state and the carry, a random key."""
+        key, for_network = jax.random.split(jax.random.key(hyperparameters.seed))
+        return TrainState.of(self.network(for_network), self.has_target), key
+
+    def network(self, key: PRNGKeyArray) -> Any:
+        """Draw a network."""
+        one = self.static
+        n_features, n_actions = self.sizes
+        return QNetwork.initialise(key, n_features, one.hidden, n_actions, one.activation, one.view)
+
+    def learning_rate(
+        self,
+        hyperparameters: HyperparameterArrays,
+        done: Array,  # noqa: ARG002
+    ) -> Float[Array, ""] | float:
+        """Return the learning rate after so many updates: here a constant."""
+        return hyperparameters.learning_rate
+
+    def update(
+        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Any
+    ) -> tuple[TrainState, Any, Terms]:
+        """Draw a batch and take one Adam step on the loss."""
+        batch, carry = self.draw(hyperparameters, state, carry)
+        gradient, terms = jax.grad(self.loss, has_aux=True)(
+            state.network, state.target_network, batch, hyperparameters
+        )
+        rate = self.learning_rate(hyperparameters, state.optimiser.count)
+        polyak = hyperparameters.polyak if self.has_target else 0.0
+        return state.step(gradient, rate, polyak), carry, terms
+
+    def kept(self, carry: Any) -> Any:  # noqa: ARG002
+        """Return what a policy needs of the carry: here nothing."""
+        return None
+
+    def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> Any:  # noqa: ARG002
+        """Return the policy of one run: greedy, or softmax(Q/τ) with its temperature, or τ = 1."""
+        temperature = getattr(hyperparameters, "temperature", 1.0)
+        return QPolicy.of(state.network, temperature, self.record(hyperparameters))
+
+    def record(self, hyperparameters: Any) -> dict[str, Any]:
+        """Return the JSON-able record of one run."""
+        return {
+            "learner": self.name,
+            "structure": dataclasses.asdict(self.static),
+            "numbers": dataclasses.asdict(hyperparameters),
+        } | self.functions()
+
+    def functions(self) -> dict[str, Any]:
+        """Return what of the learner is the user's own code, by its part: name and SHA-256."""
+        return {} if _is_ours(type(self)) else {"own_learner": described(type(self))}
+
+    def run_name(self, hyperparameters: Any) -> str:
+        """Return the name of a run in messages."""
+        angle = getattr(hyperparameters, "angle", None)
+        return ("" if angle is None else f"angle {angle:g}, ") + f"seed {hyperparameters.seed}"
+
+    def train(
+        self,
+        hyperparameters: Sequence[Any],
+        callbacks: Callbacks | None = None,
+        chunk: int = 500,
+        before_chunk: fit.BeforeChunk | None = None,
+        world: str = "",
+    ) -> Trained:
+        """Train one run for each entry of `hyperparameters`, all in one compiled program.
+
+        Args:
+            hyperparameters: Frozen dataclasses of numbers, with a `seed`.
+            callbacks: Progress, monitor, checkpoint.
+            chunk: Updates between two calls of the callbacks.
+            before_chunk: Adds experience from outside JAX (`learners.collect`).
+            world: Description of the world, for the checkpoint.
+
+        Raises:
+            UserError: If there is no run, or no such set of demonstrations.
+            Stopped: On Ctrl-C.
+        """
+        if not hyperparameters:
+            raise UserError("no runs: pass at least one set of hyperparameters")
+        callbacks = callbacks or Callbacks()
+        names = callbacks.run_names or tuple(self.run_name(one) for one in hyperparameters)
+        arrays = stack(hyperparameters)
+        settings = (self.name, self.static, *hyperparameters, chunk, world, self.functions())
+        runs, history = fit.fit(
+            self,
+            arrays,
+            self.static.updates,
+            chunk,
+            fit.fingerprint(self.table, *settings),
+            dataclasses.replace(callbacks, run_names=names),
+            before_chunk,
+        )
+        failures = fit.failure_lines(runs, fit.term_names(self, arrays, runs), names)
+        kept = self.kept(runs.carry)
+        return Trained(self, tuple(hyperparameters), runs.state, kept, history, failures)
+
+
+def check_datasets(hyperparameters: Sequence[Any], datasets: Sequence[Transitions]) -> None:
+    """Refuse training without a run, and runs without their demonstrations.
+
+    Raises:
+        UserError: If there is no run, or no such set of demonstrations.
+    """
+    if not hyperparameters or max(one.dataset for one in hyperparameters) >= len(datasets):
+        raise UserError("pass at least one run, and the demonstrations that each run names")
+
+
+def described(function: Any) -> dict[str, str]:
+    """Return the name and the SHA-256 of the source of the user's own code."""
+    try:
+        source = inspect.getsource(function)
+    except (OSError, TypeError):  # typed at a prompt, or an object
+        source = repr(getattr(function, "__code__", type(function)).co_code)
+    name = getattr(function, "__qualname__", type(function).__qualname__)
+    return {"name": name, "sha256": hashlib.sha256(source.encode()).hexdigest()}
+
+
+def _is_ours(kind: type) -> bool:
+    return kind.__module__.startswith("socialiq.")
