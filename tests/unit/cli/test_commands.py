@@ -363,6 +363,7 @@ def test_a_dial_can_be_trained_without_demonstrations(tmp_path):
     assert (out / "dial_0.safetensors").exists()
 
 
+@pytest.mark.slow
 def test_the_quick_preset_is_a_smaller_network_on_the_same_rows(clocked, tmp_path):
     out = tmp_path / "run"
     arguments = ["train-dial", "crossing7", "--data", str(clocked), "--out", str(out)]
@@ -373,6 +374,7 @@ def test_the_quick_preset_is_a_smaller_network_on_the_same_rows(clocked, tmp_pat
     assert structure["redraw_times"] == RUNS["online"].structure.redraw_times
 
 
+@pytest.mark.slow
 def test_a_strength_is_found_for_a_budget(clocked, tmp_path):
     """Far from its optimum after so few updates: the multiplier only rises, and says so."""
     out = tmp_path / "run"
