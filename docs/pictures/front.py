@@ -15,8 +15,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 ROOT = Path(__file__).parents[2]
-LABELLED = {0: (10, -4), 15: (10, 0), 30: (10, 4), 45: (10, 6), 60: (9, 8), 75: (0, 11), 90: (9, -14)}
+LABELLED = {
+    0: (10, -4),
+    15: (10, 0),
+    30: (10, 4),
+    45: (10, 6),
+    60: (9, 8),
+    75: (0, 11),
+    90: (9, -14),
+}
 """Angles that get a label, and its offset in points."""
+
+MEANING = {0: " for itself", 90: " for the others"}
 
 
 def points() -> dict[float, np.ndarray]:
@@ -49,7 +59,7 @@ def draw() -> Figure:
     for angle, offset in LABELLED.items():
         axes.plot(*means[angle], "o", color="#1f5fa8", markersize=8)
         axes.annotate(
-            f"{angle}°",
+            f"{angle}°{MEANING.get(angle, '')}",
             means[angle],
             offset,
             textcoords="offset points",
@@ -60,7 +70,7 @@ def draw() -> Figure:
         )
     axes.set_xlabel("own progress: mean total reward of an episode  →")
     axes.set_ylabel("effect on others: mean total reward  →")
-    axes.set_xlim(-0.9, 9.6)
+    axes.set_xlim(-0.9, 11.0)
     axes.legend(frameon=False, loc="lower left")
     axes.set_title("One network at a crossing, asked for angles from 0° to 90°", loc="left")
     return drawn

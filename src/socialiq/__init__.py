@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from socialiq.demonstrations.files import save as save_demonstrations
     from socialiq.demonstrations.mixture import equal_trajectories, equal_transitions
     from socialiq.errors import UserError
+    from socialiq.evaluation.expert_demonstrations import trajectory_datasets as expert_datasets
     from socialiq.evaluation.rollout import rollout_env
     from socialiq.learners.collect import acting_in
     from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
@@ -52,6 +53,7 @@ __all__ = [
     "equal_trajectories",
     "equal_transitions",
     "estimate_angle",
+    "expert_datasets",
     "load_demonstrations",
     "load_policy",
     "make",
@@ -83,6 +85,7 @@ _PLACES = {
     "equal_trajectories": "demonstrations.mixture",
     "equal_transitions": "demonstrations.mixture",
     "estimate_angle": "social.angle",
+    "expert_datasets": "evaluation.expert_demonstrations:trajectory_datasets",
     "load_demonstrations": "demonstrations.files:load",
     "load_policy": "policies.load",
     "make": "worlds.registry",

@@ -170,6 +170,7 @@ def load_arrays(
     Raises:
         UserError: If the file is missing, damaged, of another kind or of another version.
     """
+    path = shipped(path)
     if not path.is_file():
         raise UserError(f"no such file: {path}")
     try:
@@ -258,3 +259,17 @@ def packaged_results() -> Path:
         if folder.is_dir():
             return folder
     raise UserError("the committed results did not come with this package: name --results DIR")
+
+
+def shipped(path: Path) -> Path:
+    """Return the path, or the committed result of that name where `results/...` is not there.
+
+    So commands of the documentation work outside of a checkout too.
+    """
+    if path.exists() or path.parts[:1] != ("results",):
+        return path
+    try:
+        found = packaged_results().joinpath(*path.parts[1:])
+    except UserError:
+        return path
+    return found if found.exists() else path

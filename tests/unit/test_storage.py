@@ -250,6 +250,17 @@ def test_a_header_that_is_not_json_is_refused(tmp_path: Path, wrapper: str) -> N
     assert "damaged or not a demo file" in refusal(path)
 
 
+def test_results_are_found_outside_of_a_checkout(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    summary = Path("results/grid/summary.json")
+    assert storage.shipped(summary) == storage.packaged_results() / "grid" / "summary.json"
+    for other in (Path("results/no-such-study"), Path("grid/summary.json")):
+        assert storage.shipped(other) == other
+    summary.parent.mkdir(parents=True)
+    summary.write_text("{}")
+    assert storage.shipped(summary) == summary
+
+
 def test_kind_is_told_without_a_check(tmp_path):
     path = tmp_path / "a.safetensors"
     storage.save_arrays(path, "policy", 1, {"a": np.zeros(2)}, {})

@@ -54,6 +54,11 @@ def described(row: Row) -> str:
     lines += [f"thesis: {row['thesis']}"]
     lines += [f"ours: {row['ours']}"] if row["ours"] else []
     lines += [f"because: {row['reason']}"] if row["reason"] else []
-    lines += [f"command: {row['command']}"] if row["command"] else []
+    lines += [f"command: {row['command']}{_where(row['command'])}"] if row["command"] else []
     wrapped = [lines[0], *(textwrap.fill(line, 96) for line in lines[1:])]
     return textwrap.indent("\n".join(wrapped), "  ")[2:] + "\n"
+
+
+def _where(command: str) -> str:
+    """What a command needs beside the package."""
+    return " (in a checkout, after `make test`)" if command.startswith("pytest ") else ""

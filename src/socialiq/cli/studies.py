@@ -21,6 +21,7 @@ from socialiq.experiments.intersection.rows import OUTCOMES
 from socialiq.experiments.results import Results
 from socialiq.learners.ranges import check_seeds
 from socialiq.plotting.style import png
+from socialiq.storage import shipped
 from socialiq.studies.alternatives import figures as alternatives_figures
 from socialiq.studies.alternatives import study as alternatives
 from socialiq.studies.audit_power import figures as audit_power_figures
@@ -158,7 +159,7 @@ class Reproduce:
         Raises:
             UserError: If there are none, or those of another study.
         """
-        inside = folder / self.study
+        inside = shipped(folder / self.study)
         results = store.load(inside if inside.is_dir() else folder)
         if results.study != self.study:
             raise UserError(f"{folder} holds {results.study}: name that study, or another folder")

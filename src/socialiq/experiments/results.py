@@ -19,6 +19,7 @@ from socialiq.storage import (
     new_folder,
     part_beside,
     read_json,
+    shipped,
     swap_folder,
     write_atomically,
     write_json,
@@ -141,6 +142,7 @@ def load(folder: Path) -> Results:
     Raises:
         UserError: If it is missing or is no results folder.
     """
+    folder = shipped(folder)
     if not (folder / "config.json").is_file():
         raise UserError(f"{folder} is not a results folder: run `socialiq reproduce` first")
     head = read_json(folder / "config.json")

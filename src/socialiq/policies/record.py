@@ -11,6 +11,7 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.policies.interface import Interface
+from socialiq.storage import shipped
 from socialiq.types import Policy
 
 
@@ -83,6 +84,7 @@ def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
     Raises:
         UserError: If it is missing, no regular file, unreadable or too large.
     """
+    path = shipped(path)
     if not path.is_file():
         raise UserError(f"no such file: {path}")
     try:
