@@ -21,6 +21,7 @@ def as_a_user_runs_it():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
+@pytest.mark.slow
 def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     first = re.search(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)

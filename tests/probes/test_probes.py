@@ -19,6 +19,7 @@ from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.types import Ending, RewardPair
 
+FULL_COMPILER = True
 TABULAR = StaticConfig(
     online=False,
     value_term="value_expert",
@@ -144,7 +145,11 @@ def test_long_training_reaches_the_minimiser_in_closed_form(bandits: Trained, na
     ("choices", "worth"),
     [
         ({"next_value": "target"}, 2.0),
-        ({"next_value": "online", "endings": Endings(timeout="bootstrap")}, 4.0),
+        pytest.param(
+            {"next_value": "online", "endings": Endings(timeout="bootstrap")},
+            4.0,
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: float) -> None:
@@ -193,6 +198,7 @@ def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
         )  # of Adam on batches
 
 
+@pytest.mark.slow
 def test_conservative_values_travel_back_at_the_discount() -> None:
     """One action only: nothing to be conservative about, and Q is the discounted reward."""
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]

@@ -15,6 +15,7 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 
+FULL_COMPILER = True
 TINY = ["--updates", "20", "--batch-size", "8", "--hidden", "8"]
 
 
@@ -356,6 +357,7 @@ def test_a_turned_dial_is_evaluated_like_any_policy(capsys, dial, tmp_path):
     assert found["r_env"] == pytest.approx(row["r_env"], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_dial_can_be_trained_without_demonstrations(tmp_path):
     out = tmp_path / "run"
     arguments = ["train-dial", "crossing5", "--preset", "online-alone", "--out", str(out)]

@@ -59,6 +59,7 @@ def test_ctrl_c_leaves_a_run_that_resumes_to_the_same_bits(tmp_path):
     assert (stopped / "metrics.csv").read_bytes() == (whole / "metrics.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_finished_run_and_another_runs_checkpoint_are_not_resumed(tmp_path, capsys):
     data = tmp_path / "mixed.safetensors"
     main(["collect", "crossing7", "--episodes", "2", "--out", str(data)])

@@ -64,6 +64,7 @@ SHARED = StaticConfig(
 NUMBERS = Hyperparameters(temperature=0.1, learning_rate=5e-3, prior_weight=1.0, discount=0.9)
 
 
+@pytest.mark.slow
 def test_what_both_demonstrators_shun_is_shunned_at_an_angle_that_nobody_showed() -> None:
     """An egoist takes the first action and an altruist the second, and neither ever the third."""
     trained = train(SHARED, [NUMBERS], [always(0), always(1)], OneChoice(), chunk=500)
@@ -72,6 +73,7 @@ def test_what_both_demonstrators_shun_is_shunned_at_an_angle_that_nobody_showed(
     assert chosen == {0.0: 0, 30.0: 0, 60.0: 1, 90.0: 1}
 
 
+@pytest.mark.slow
 def test_without_them_it_is_taken() -> None:
     alone = dataclasses.replace(SHARED, demonstrators=(), demonstrations=False)
     trained = train(alone, [NUMBERS], [], OneChoice(), chunk=500)

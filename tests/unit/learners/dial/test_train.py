@@ -74,6 +74,7 @@ def test_a_dial_tells_how_it_was_made(whole: Trained) -> None:
     assert Hyperparameters(**dial.provenance["numbers"]) == RUNS[1]
 
 
+@pytest.mark.slow
 def test_offline_needs_no_world_and_without_demonstrations_no_data(data) -> None:
     assert train(OFFLINE, RUNS[:1], [data], chunk=60).failures == ()
     alone = dataclasses.replace(ONLINE, demonstrations=False)

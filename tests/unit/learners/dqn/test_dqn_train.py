@@ -150,6 +150,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(
         learn(RUNS[0], dataclasses.replace(RUNS[1], discount=0.5), callbacks=around)
 
 
+@pytest.mark.slow
 def test_the_learning_rate_falls_in_a_straight_line_to_the_final_one() -> None:
     """Adam's first step is as long as the rate; of 4 steps from 0.04 to 0 that is 0.03."""
     static = dataclasses.replace(STRUCTURE, steps=8)
