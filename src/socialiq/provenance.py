@@ -6,10 +6,11 @@ import hashlib
 import importlib.metadata
 import importlib.resources
 import platform
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-_LIBRARIES = (
+LIBRARIES = (
     "socialiq",
     "numpy",
     "scipy",
@@ -23,10 +24,14 @@ _LIBRARIES = (
 _SUFFIXES = (".py", ".json", ".toml", ".j2")
 
 
-def versions() -> dict[str, str]:
-    """Of Python and the libraries that a number may depend on; those that are missing left out."""
+def versions(libraries: Sequence[str] = LIBRARIES) -> dict[str, str]:
+    """Return the versions of Python and of libraries that numbers may depend on.
+
+    Args:
+        libraries: Names of distributions; those that are not installed are left out.
+    """
     found = {"python": platform.python_version()}
-    for name in _LIBRARIES:
+    for name in libraries:
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
@@ -35,7 +40,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> str:
-    """Kind of processor and system: bits are only promised to be equal on the same."""
+    """Return processor and system: results are equal to the bit on the same machine only."""
     return f"{platform.machine()} {platform.system()}"
 
 

@@ -35,6 +35,7 @@ from socialiq.studies.poc import study as poc
 from socialiq.studies.theory import cases
 from socialiq.studies.theory import small_strength as lines
 from socialiq.studies.worlds import study as worlds
+from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -196,7 +197,7 @@ def test_the_intersection_pays_and_ends_as_before(committed, driver):
 def test_the_intersection_begins_as_before(committed):
     results = committed["intersection-world"]
     again = intersection_world.start_row(intersection_world.Config())
-    assert store.rounded(again) == results.summary["start"]
+    assert rounded(again) == results.summary["start"]
 
 
 @pytest.fixture(scope="module")
@@ -313,7 +314,7 @@ def test_what_was_printed_gives_the_same(committed):
     tables = committed["audits"].tables
     rows = audits.published_tables(committed["audits"].config["episodes"])
     for name, again in rows.items():
-        assert store.rounded(again) == tables[name], name
+        assert rounded(again) == tables[name], name
 
 
 @pytest.mark.parametrize("support", ["timed", "any time"])

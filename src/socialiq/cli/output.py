@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from socialiq.experiments.results import rounded
+from socialiq.to_json import rounded
 
 _PIPED_WIDTH = 160  # columns of a table that goes to a file or a pipe
 _LEAST_WIDTH = 100  # a narrower terminal breaks the lines, but no number is cut

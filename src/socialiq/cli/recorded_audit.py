@@ -11,7 +11,6 @@ import tyro
 
 from socialiq.audit.log import LogVerdict, judge_log, reading_of
 from socialiq.audit.profile.reader import load as load_profile
-from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
@@ -19,6 +18,7 @@ from socialiq.recordings import files
 from socialiq.recordings.episodes import ego_swap
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.recording import Recording
+from socialiq.to_json import to_json
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class AuditLog:
         verdict = judge_log(declared, driven)
         status = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}[verdict.decision]
         if self.json:
-            print_json(as_json(verdict) | {"consistent": WORDS[verdict.decision]})
+            print_json(to_json(verdict) | {"consistent": WORDS[verdict.decision]})
         else:
             _show(verdict)
         return status

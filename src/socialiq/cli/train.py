@@ -19,7 +19,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
-from socialiq.experiments.results import as_csv, rounded, versions
+from socialiq.experiments.results import as_csv, versions
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
@@ -30,6 +30,7 @@ from socialiq.learners.state import Runs
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.recordings.recording import refuse_recording
 from socialiq.storage import new_folder, write_atomically, write_json
+from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import make_environment, sizes

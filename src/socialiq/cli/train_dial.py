@@ -18,7 +18,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
-from socialiq.experiments.results import as_csv, rounded, versions
+from socialiq.experiments.results import as_csv, versions
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Look
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
@@ -28,6 +28,7 @@ from socialiq.learners.ranges import check_seeds
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.storage import new_folder, write_atomically, write_json
 from socialiq.studies.dial.budgets import CHUNK, exact_regret
+from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.registry import make_grid
 

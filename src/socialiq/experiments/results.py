@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import importlib.metadata
 import io
-import math
 import platform
 import shutil
 from collections.abc import Mapping
@@ -14,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from socialiq import provenance
 from socialiq.errors import UserError
 from socialiq.storage import (
     new_folder,
@@ -24,9 +23,10 @@ from socialiq.storage import (
     write_atomically,
     write_json,
 )
+from socialiq.to_json import rounded
 from socialiq.types import Row
 
-DECIMALS = 6  # of a number in a table; exact evaluation is good to more, reading is not
+LIBRARIES = ("socialiq", "numpy", "scipy", "jax", "equinox", "optax")
 
 
 @dataclass(frozen=True)
@@ -65,26 +65,8 @@ class Results:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, this package and the numerical libraries, and the processor's kind."""
-    names = ("socialiq", "numpy", "scipy", "jax", "equinox", "optax")
-    found = {name: importlib.metadata.version(name) for name in names}
-    return {"python": platform.python_version(), **found, "machine": platform.machine()}
-
-
-def rounded(value: Any) -> Any:
-    """Plain Python numbers, floats cut to `DECIMALS`, in nested lists and mappings.
-
-    JSON has no infinity, so what is not finite becomes its name.
-    """
-    if isinstance(value, Mapping):
-        return {str(key): rounded(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [rounded(item) for item in value]
-    if hasattr(value, "tolist"):
-        return rounded(value.tolist())
-    if isinstance(value, float):
-        return round(value, DECIMALS) + 0.0 if math.isfinite(value) else str(value)
-    return value
+    """Return the versions of Python, this package and the numerical libraries, and the machine."""
+    return {**provenance.versions(LIBRARIES), "machine": platform.machine()}
 
 
 def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace: bool) -> None:

@@ -5,6 +5,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.studies.poc.study import Config
+from socialiq.to_json import rounded
 
 
 def results(value=1.0):
@@ -26,8 +27,8 @@ def test_numbers_are_plain_and_rounded():
     import numpy as np
 
     given = {"a": np.float64(0.12345678), "b": [np.int64(3)], "c": math.inf, "d": -0.0}
-    assert store.rounded(given) == {"a": 0.123457, "b": [3], "c": "inf", "d": 0.0}
-    assert type(store.rounded(given)["b"][0]) is int
+    assert rounded(given) == {"a": 0.123457, "b": [3], "c": "inf", "d": 0.0}
+    assert type(rounded(given)["b"][0]) is int
 
 
 def test_an_existing_folder_is_kept_unless_replaced(tmp_path):

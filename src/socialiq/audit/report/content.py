@@ -12,11 +12,11 @@ from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.episodes import path_of, selected, value_of
-from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
+from socialiq.to_json import to_json
 from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 FORMAT = 1
@@ -74,11 +74,11 @@ def content(audited: Audited) -> dict[str, Any]:
     """The report as one JSON-able object; `report.schema.json` describes it."""
     profile, evidence, verdict = audited.profile, audited.evidence, audited.verdict
     angle, best = profile.angle, verdict.regret.best
-    return as_json(
+    return to_json(
         {
             "format": FORMAT,
             "verdict": _verdict(verdict),
-            "declaration": {**as_json(profile), "sha256": profile.sha256},
+            "declaration": {**to_json(profile), "sha256": profile.sha256},
             "policy": {
                 "record": dict(audited.policy),
                 "deterministic": audited.deterministic,

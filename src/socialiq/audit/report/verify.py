@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -22,19 +21,10 @@ from socialiq.audit.report.folder import (
     views_of,
 )
 from socialiq.errors import UserError
+from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
 
 LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 100,000
-
-_TYPES: dict[str, Any] = {
-    "object": dict,
-    "array": list,
-    "string": str,
-    "boolean": bool,
-    "integer": int,
-    "number": (int, float),
-    "null": type(None),
-}
 
 
 @cache
@@ -71,61 +61,48 @@ def _refuse(word: str) -> None:
     raise ValueError(word)
 
 
-def fault_of(value: Any, schema: dict[str, Any], place: str = "the report") -> str:
-    """What is wrong with a value, or "" if nothing is.
+def fault_of(value: Any, schema: dict[str, Any]) -> str:
+    """Return the first violation of a schema with its place in the report, or "" if none.
 
     Args:
         value: Of JSON.
-        schema: With the words of JSON Schema that `layout` uses, and no others.
-        place: Where the value stands, for the fault.
+        schema: JSON Schema 2020-12.
     """
-    if "anyOf" in schema:
-        faults = [fault_of(value, one, place) for one in schema["anyOf"]]
-        return "" if "" in faults else faults[0]
-    if "const" in schema or "enum" in schema:
-        known = schema.get("enum", [schema.get("const")])
-        return "" if any(_same(value, one) for one in known) else f"{place} is none of {known}"
-    if not _is(value, schema["type"]):
-        return f"{place} is no {schema['type']}"
-    if isinstance(value, str):
-        fits = re.search(schema.get("pattern", ""), value)
-        return "" if fits else f"{place} has another form"
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        inside = schema.get("minimum", value) <= value <= schema.get("maximum", value)
-        return "" if inside else f"{place} is out of range"
-    return _of_parts(value, schema, place)
-
-
-def _of_parts(value: Any, schema: dict[str, Any], place: str) -> str:
-    if isinstance(value, list):
-        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
-            return f"{place} has another length"
-        pairs = ((one, schema["items"], f"{place}[{row}]") for row, one in enumerate(value))
-    elif isinstance(value, dict):
-        known, others = schema.get("properties", {}), schema.get("additionalProperties", True)
-        missing = [name for name in schema.get("required", ()) if name not in value]
-        strange = [name for name in value if name not in known] if others is False else []
-        if missing or strange:
-            return f"{place} {'lacks ' + missing[0] if missing else 'has an unknown field'}"
-        free = others if isinstance(others, dict) else None
-        pairs = (
-            (one, known.get(name, free), f"{place}.{name}")
-            for name, one in value.items()
-            if name in known or free
-        )
-    else:
+    error = next(_validator(schema).iter_errors(value), None)
+    while error is not None and error.context:  # of `anyOf`: why the first alternative fails
+        error = error.context[0]
+    if error is None:
         return ""
-    return next((fault for one in pairs if (fault := fault_of(*one))), "")
+    place = "the report" + "".join(
+        f"[{step}]" if isinstance(step, int) else f".{step}" for step in error.absolute_path
+    )
+    return one_line(f"{place} {_fault(error)}")
 
 
-def _is(value: Any, kind: str) -> bool:
-    if isinstance(value, bool):
-        return kind == "boolean"
-    return isinstance(value, _TYPES[kind])
+def _validator(schema: dict[str, Any]) -> Any:
+    from jsonschema import Draft202012Validator, validators
+
+    # JSON Schema takes 1.0 for an integer, but a count of episodes has to be one in Python too.
+    types = Draft202012Validator.TYPE_CHECKER.redefine(
+        "integer", lambda _, one: isinstance(one, int) and not isinstance(one, bool)
+    )
+    return validators.extend(Draft202012Validator, type_checker=types)(schema)
 
 
-def _same(value: Any, known: Any) -> bool:
-    return type(value) is type(known) and value == known
+def _fault(error: Any) -> str:
+    """Say in a few words what an error of `jsonschema` complains about."""
+    demand, value = error.validator_value, error.instance
+    if error.validator == "required":
+        return f"lacks {next(name for name in demand if name not in value)}"
+    return {
+        "additionalProperties": "has an unknown field",
+        "type": f"is no {demand}",
+        "enum": f"is none of {demand}",
+        "const": f"is not {demand}",
+        "pattern": "has another form",
+        "minimum": f"is less than {demand}",
+        "maximum": f"is more than {demand}",
+    }.get(error.validator, "has another length")
 
 
 MOST_FILES = 100

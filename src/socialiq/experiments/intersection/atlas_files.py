@@ -9,9 +9,9 @@ from typing import Any
 
 from socialiq.experiments.intersection.experts import policy_file
 from socialiq.experiments.jobs import RECORD
-from socialiq.experiments.results import rounded
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json
+from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 

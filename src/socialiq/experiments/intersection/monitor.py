@@ -13,11 +13,12 @@ import numpy as np
 
 from socialiq.evaluation.metrics import Metrics
 from socialiq.evaluation.play import episodes_of
-from socialiq.experiments.results import as_csv, rounded
+from socialiq.experiments.results import as_csv
 from socialiq.learners.state import History
 from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import write_atomically
+from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

@@ -12,7 +12,7 @@ from socialiq.evaluation.exact import READOUTS, Readout, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.experiments.gridworld_runs import Ground, evaluate
 from socialiq.experiments.jobs import ProgressCallback
-from socialiq.experiments.results import as_csv, rounded
+from socialiq.experiments.results import as_csv
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import priors
@@ -22,6 +22,7 @@ from socialiq.storage import write_atomically
 from socialiq.studies.compare_priors.budget import Run
 from socialiq.studies.compare_priors.learners import LEARNERS, Arena, of_mode
 from socialiq.studies.compare_priors.methods import Method
+from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 

@@ -40,9 +40,9 @@ def value(one, name=""):
 
 @pytest.fixture
 def content(declared):
-    from socialiq.audit.to_json import as_json
+    from socialiq.to_json import to_json
 
-    return {"format": 1, **as_json(declared())}
+    return {"format": 1, **to_json(declared())}
 
 
 def accepted(content):

@@ -7,9 +7,9 @@ from socialiq.audit.commitment import Commitment, draw
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict.shift import other_traffic, shift_of
 from socialiq.audit.verdict.verdict import judge
+from socialiq.to_json import to_json
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
 """A name that somebody might give to a policy, a file or an owner."""
@@ -71,4 +71,4 @@ def report(audited):
 @pytest.fixture
 def plain(report):
     """A copy that a test may change."""
-    return as_json(report)
+    return to_json(report)

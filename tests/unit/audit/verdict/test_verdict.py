@@ -9,10 +9,10 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.profile.profile import Floor, Margin
-from socialiq.audit.to_json import as_json
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.verdict import judge
 from socialiq.errors import UserError
+from socialiq.to_json import to_json
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
@@ -91,7 +91,7 @@ def test_a_behaviour_without_direction_gets_no_angle(audited, declared, evidence
 
 
 def test_it_is_seeded_and_plain(audited):
-    one, two = (as_json(audited("crossing5", 45.0, 0.0, 60)) for _ in range(2))
+    one, two = (to_json(audited("crossing5", 45.0, 0.0, 60)) for _ in range(2))
     assert one == two
     text = json.dumps(one, allow_nan=False)
     assert json.loads(text) == one

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from socialiq.audit.to_json import as_json
+from socialiq.to_json import to_json
 
 
 class Kind(enum.Enum):
@@ -44,10 +44,10 @@ class Row:
     ],
 )
 def test_anything_has_a_plain_form(value, plain):
-    found = as_json(value)
+    found = to_json(value)
     assert found == plain and type(found) is type(plain)
 
 
 def test_what_has_none_is_refused():
     with pytest.raises(TypeError, match="object has no plain form"):
-        as_json([object()])
+        to_json([object()])

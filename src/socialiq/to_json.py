@@ -1,0 +1,69 @@
+"""Plain JSON data from any result: exact for reports, rounded for tables and printed objects."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import enum
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+DECIMALS = 6  # of a rounded number; exact evaluation is good to more, reading is not
+
+
+def to_json(value: Any) -> Any:
+    """Turn dataclasses, named tuples, enumerations and arrays into data for `json.dumps`.
+
+    A dataclass or a named tuple becomes an object of its fields. Bytes are left out. A number that
+    is not finite (an unbounded interval) becomes null, since JSON has no other word for it.
+
+    Raises:
+        TypeError: If there is anything else in it.
+    """
+    return _converted(value, lambda number: number if math.isfinite(number) else None, named=True)
+
+
+def rounded(value: Any) -> Any:
+    """Turn rows and summaries into data for `json.dumps` and CSV, rounded to `DECIMALS`.
+
+    A named tuple becomes an array. A number that is not finite becomes its name.
+
+    Raises:
+        TypeError: If there is anything that has no plain form.
+    """
+    return _converted(value, _rounded_float, named=False)
+
+
+def _rounded_float(number: float) -> float | str:
+    return round(number, DECIMALS) + 0.0 if math.isfinite(number) else str(number)
+
+
+def _converted(value: Any, of_float: Callable[[float], Any], named: bool) -> Any:
+    if isinstance(value, enum.Enum):
+        return value.value
+    if value is None or isinstance(value, bool | str | int):
+        return value
+    if hasattr(value, "tolist"):  # arrays and scalars of NumPy and JAX
+        return _converted(value.tolist(), of_float, named)
+    if isinstance(value, float):
+        return of_float(value)
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    if isinstance(value, Mapping):
+        return {str(name): _converted(one, of_float, named) for name, one in value.items()}
+    pairs = _fields(value, named)
+    if pairs is not None:
+        kept = {name: one for name, one in pairs.items() if not isinstance(one, bytes)}
+        return {name: _converted(one, of_float, named) for name, one in kept.items()}
+    if isinstance(value, tuple | list):
+        return [_converted(one, of_float, named) for one in value]
+    raise TypeError(f"{type(value).__name__} has no plain form")
+
+
+def _fields(value: Any, named: bool) -> dict[str, Any] | None:
+    if named and isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {one.name: getattr(value, one.name) for one in dataclasses.fields(value)}
+    return None
