@@ -206,6 +206,8 @@ def test_what_was_done_before_does_not_count_for_the_pace(monkeypatch):
 
 
 def test_nobody_need_watch():
-    progress = Progress([A], [A], lambda stage: None)
+    stages: list[str] = []
+    progress = Progress([A], [A], stages.append)  # which returns no callback
     progress.begin("a")
     progress.update("a", 1.0)
+    assert stages == [A.stage]

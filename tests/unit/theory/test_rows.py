@@ -30,7 +30,8 @@ def test_shares_are_the_visits_of_an_episode(random_world, random_pool):
 def test_rows_are_an_occupancy_of_the_other_mdp(random_world, random_pool, horizon):
     """`Problem` refuses what is none."""
     found = drawn(random_world, random_pool, horizon=horizon)
-    Problem(found.mdp, found.shares, found.target, discount=0.9)
+    problem = Problem(found.mdp, found.shares, found.target, discount=0.9)
+    assert problem.discount == 0.9 and problem.mdp is found.mdp
 
 
 def test_after_one_step_the_clock_cuts_everything(random_world, random_pool):

@@ -170,4 +170,6 @@ def test_sampled_actions_fit():
     env.action_space.seed(0)
     env.reset(seed=0)
     for _ in range(10):
-        env.step(env.action_space.sample())
+        observation, reward, *_ = env.step(env.action_space.sample())
+        assert env.observation_space.contains(observation)
+        assert reward.shape == (4,) and np.isfinite(reward).all()
