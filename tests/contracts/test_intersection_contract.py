@@ -1,4 +1,4 @@
-"""What the intersection promises to whoever uses it as an environment."""
+"""Contract of the intersection as an environment."""
 
 import gymnasium
 import numpy as np

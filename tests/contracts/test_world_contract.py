@@ -1,4 +1,4 @@
-"""What every registered world promises, whatever its rules."""
+"""Contract of every registered world."""
 
 import gymnasium
 import jax

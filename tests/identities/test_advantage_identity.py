@@ -24,7 +24,7 @@ SHRINKAGE = NUMBERS.prior_weight / (1 / (4 * NUMBERS.chi2_alpha) + NUMBERS.prior
 
 
 def wandering(seed: int, rows: int = 240) -> Demonstrations:
-    """A random walk over states that are one-hot; an episode ends by chance, in every way."""
+    """Random walk over one-hot states; episodes end at random, with every kind of ending."""
     rng = np.random.default_rng(seed)
     state = rng.integers(N_STATES, size=rows)
     action = rng.integers(N_ACTIONS, size=rows)

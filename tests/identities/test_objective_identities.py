@@ -105,7 +105,7 @@ def differ(one: np.ndarray, other: np.ndarray) -> bool:
 def conservative_q_loss(
     network: QNetwork, target_network: QNetwork, data: Batch, source: str
 ) -> jax.Array:
-    """CQL(H) on the reward m = w λ R / κ, written out anew (theory: offline identity).
+    """CQL(H) on the reward m = w λ R / κ, written independently (theory: offline identity).
 
     τ E[-log softmax(Q/τ)(a)] + κ E[(Q - γ (1 - d) V(s') - m)²].
     """

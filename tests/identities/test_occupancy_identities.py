@@ -1,4 +1,4 @@
-"""What every occupancy of every policy fulfils: the equations that IQ-Learn's loss rests on."""
+"""Equations of every policy's occupancy, on which IQ-Learn's loss is based."""
 
 import numpy as np
 import pytest

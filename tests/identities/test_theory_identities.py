@@ -27,7 +27,7 @@ each = pytest.mark.parametrize("seed", range(5))
 
 
 class Pool:
-    """A random world with three demonstrators, who don't take every action everywhere."""
+    """Random world with three demonstrators, which don't take every action everywhere."""
 
     def __init__(self, seed: int) -> None:
         self.rng = rng = np.random.default_rng(seed)
@@ -64,7 +64,7 @@ class Pool:
 def test_the_minimum_has_the_closed_form_and_no_duality_gap(
     seed, strength, temperature, prior_weight, chi2_alpha
 ):
-    """The occupancy of the closed form is computed anew, by mdp.occupancy."""
+    """The occupancy of the closed form is computed independently, by mdp.occupancy."""
     problem = Pool(seed).problem(
         "to_go",
         strength=strength,

@@ -1,6 +1,6 @@
-"""Worlds so small that the trained policy can be said beforehand; what fails tells what is wrong.
+"""Worlds so small that the trained policy is known in advance; failures locate the error.
 
-In the spirit of Andy Jones' probe environments: each adds one thing that can break.
+In the style of Andy Jones' probe environments: each adds one possible source of error.
 """
 
 import dataclasses
@@ -52,7 +52,7 @@ def table(
 
 
 def bandit(counts: tuple[int, int]) -> Demonstrations:
-    """One state; action 0 pays the ego (1, 0), action 1 the neighbour (0, 1)."""
+    """One state; action 0 gives the pair (1, 0), action 1 gives (0, 1)."""
     egoist, altruist = (0, 0, 0, Ending.OTHER, 1.0, 0.0), (0, 1, 0, Ending.OTHER, 0.0, 1.0)
     return table([egoist] * counts[0] + [altruist] * counts[1], 1, 2)
 
@@ -200,7 +200,7 @@ def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
 
 @pytest.mark.slow
 def test_conservative_values_travel_back_at_the_discount() -> None:
-    """One action only: nothing to be conservative about, and Q is the discounted reward."""
+    """With a single action the conservative term is 0, and Q is the discounted reward."""
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
     hyperparameters = cql.Hyperparameters(discount=0.9, learning_rate=3e-3, polyak=0.1)
     found = cql.train(CONSERVATIVE, [hyperparameters], [table(road * 4, 2, 1)], chunk=6000)

@@ -1,4 +1,4 @@
-"""A small part of the committed results, made again here and compared.
+"""Recompute a small part of the committed results and compare.
 
 Trained networks are equal bit for bit only on one kind of machine. What is compared is what every
 machine must agree on: exact facts to the last printed digit, and greedy policies, which are
@@ -235,7 +235,7 @@ def test_the_demonstrations_of_the_altruist_pay_as_before(committed, batch):
 
 @pytest.mark.parametrize("traffic", ahead.TRAFFIC)
 def test_the_network_alone_drives_as_before_in_other_traffic(committed, traffic):
-    """Thinking ahead takes minutes and is left to the study."""
+    """Planning takes minutes and is left to the study."""
     (theirs,) = [
         row
         for row in committed["intersection-ahead"].tables["policies"]
@@ -251,7 +251,7 @@ def test_the_network_alone_drives_as_before_in_other_traffic(committed, traffic)
 
 @pytest.mark.parametrize("angle", [0.0, 60.0])
 def test_the_dial_drives_as_before(committed, batch, angle):
-    """The dial of the first seed, which lies beside the tables."""
+    """The dial of the first seed, stored beside the tables."""
     results = committed["intersection-dial"]
     seed, episodes = results.config["seeds"][0], results.config["episodes"]
     (theirs,) = [

@@ -25,7 +25,7 @@ def test_barred_actions_are_never_taken(random_mdp) -> None:
 
 @pytest.mark.parametrize("timed", [False, True])
 def test_the_best_allowed_policy_is_found(random_mdp, timed: bool) -> None:
-    """Against every deterministic policy of a tiny world that keeps to what is allowed."""
+    """Compare with every deterministic policy of a tiny world within the allowed actions."""
     rng = np.random.default_rng(1)
     mdp = random_mdp(rng, 2, 2, 2, 0.2)
     horizon = 2

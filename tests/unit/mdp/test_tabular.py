@@ -94,7 +94,7 @@ def test_reachable_part_has_the_same_values(seed, random_mdp):
 
 @pytest.fixture
 def without_shape_checker(monkeypatch):
-    """As a user runs it: the tests' own checker would refuse wrong shapes before we do."""
+    """Disable the tests' run-time shape checks, which would reject wrong shapes first."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 

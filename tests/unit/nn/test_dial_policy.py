@@ -27,7 +27,7 @@ def some_dial(network: DialNetwork) -> DialPolicy:
 
 
 def conditioned(network: DialNetwork, angle: float) -> jax.Array:
-    """The network itself, asked at an angle."""
+    """The network itself at an angle."""
     direction = RewardPair(*(jnp.full(len(OBSERVATIONS), one) for one in exact_weights(angle)))
     return jax.vmap(network)(OBSERVATIONS, direction)
 

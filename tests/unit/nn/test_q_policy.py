@@ -28,7 +28,7 @@ def bandit(*q: float, temperature: float = 1.0, seed: int = 0) -> QPolicy:
 
 @pytest.fixture
 def without_shape_checker(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a user runs it: the tests' own checker would refuse wrong shapes before we do."""
+    """Disable the tests' run-time shape checks, which would reject wrong shapes first."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 

@@ -38,7 +38,7 @@ def test_the_mean_is_found_and_not_the_noise(data, told):
 
 
 def test_a_row_is_told_by_networks_that_have_not_seen_its_group(data, told):
-    """Another target in one group changes what is told of others, and not of itself."""
+    """Another target in one group changes predictions of the others, not its own."""
     observation, _, target, group = data
     changed = target.copy()
     changed[group == 3] += [5.0, 100.0]

@@ -1,4 +1,4 @@
-"""Views of a list of vehicles: what counts, what doesn't, and the relative columns by hand."""
+"""Views of a list of vehicles: invariances, and the relative columns by hand."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ RELATIVE = Choice(pooled=False, relative=True, scale=1.0)
 
 
 def observations(count: int = 6) -> np.ndarray:
-    """Made-up scenes, (count, vehicle, 7), of which the last row is empty."""
+    """Random scenes, (count, vehicle, 7), of which the last row is empty."""
     rows = np.random.default_rng(0).uniform(-1, 1, (count, VEHICLES, ROW)).astype(np.float32)
     rows[:, :-1, 0], rows[:, -1] = 1.0, 0.0
     return rows
@@ -40,7 +40,7 @@ def policy(name: str) -> QPolicy:
 
 
 def of_others(choice: Choice, ego: list[float], other: list[float]) -> np.ndarray:
-    """What the view makes of one other vehicle; rows without their presence."""
+    """The view of a single other vehicle, from rows without their presence."""
     rows = np.array([[1.0, *ego], [1.0, *other]])
     return View((), (), choice, 2 * ROW)(rows.ravel())[ROW - 1 :]
 

@@ -13,7 +13,7 @@ DISCOUNT = 0.9
 
 
 def bandit(shares: list[float], targets: list[float], **numbers: Any) -> Problem:
-    """One state, whose every action ends the episode."""
+    """MDP of a single state in which every action ends the episode."""
     shape = (1, len(shares), 1)
     target = np.array([targets])
     mdp = TabularMDP(
@@ -40,7 +40,7 @@ def random_world(seed: int, n_states: int = 6, n_actions: int = 3) -> TabularMDP
 
 
 def random_pool(seed: int, n_actions: int = 3) -> list[np.ndarray]:
-    """Three demonstrators; the last action of state 0 is nobody's."""
+    """Three demonstrators, none of which takes the last action of state 0."""
     rng = np.random.default_rng(1000 + seed)
     policies = [rng.dirichlet(np.full(n_actions, 0.7), 6) for _ in range(3)]
     for policy in policies:

@@ -29,7 +29,7 @@ def test_one_demonstrator_s_to_go_is_its_q(random_world, random_pool):
 
 
 def test_to_go_weighs_demonstrators_by_who_is_there(bandit):
-    """Two modes that end at once: each action's return is its own reward, whoever took it."""
+    """Two modes with one-step episodes: each action's return is its own reward."""
     problem = bandit([0.5, 0.5], [1.0, 3.0])
     sure = [np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])]
     parts = occupancies(problem.mdp, sure, [0.25, 0.75], 0.9)

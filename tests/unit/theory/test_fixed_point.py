@@ -10,7 +10,7 @@ def test_the_centre_by_hand(bandit):
 
 
 def test_the_closed_form_by_hand(bandit):
-    """κ = 3/2: what is never taken gets 1/3 more than m, what is taken twice as often 1/3 less."""
+    """κ = 3/2: an action never taken has m + 1/3, one taken twice as often m - 1/3."""
     problem = bandit([0.5, 0.25, 0.25], [0.0, 3.0, 0.0])
     found = closed_form(problem, 0.1 * np.array([[0.5, 0.0, 0.5]]))
     np.testing.assert_allclose(found, [[0.0, 2.0 + 1 / 3, -1 / 3]], atol=1e-12)

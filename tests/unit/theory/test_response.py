@@ -25,7 +25,7 @@ def _modes() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_bandit_does_so(bandit):
-    """At τ = 1e-4 the exact minimum flips and dies where the formulas say, to a thousandth."""
+    """At τ = 1e-4 the exact minimum has the formulas' flips and extinctions, to 0.001."""
     problem = bandit([0.7, 0.3], [0.0, 1.0], temperature=1e-4)
 
     def second(strength: float) -> float:
@@ -44,7 +44,7 @@ def test_the_weight_of_the_prior_moves_the_flip(bandit):
 def test_flips_by_hand():
     """Lines 5 - λ, 3 + λ, 1 + 2 λ: the second overtakes at 1; 2, 1 + λ, 1 + 2 λ: the third at 1/2.
 
-    In the state between them the only gaining action is nobody's.
+    In the state between them the only gaining action is not demonstrated.
     """
     level = np.array([[5.0, 3.0, 1.0], [1.0, 0.5, 0.0], [2.0, 1.0, 1.0]])
     slope = np.array([[-1.0, 1.0, 2.0], [0.0, -1.0, 9.0], [0.0, 1.0, 2.0]])

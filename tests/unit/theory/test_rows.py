@@ -28,7 +28,7 @@ def test_shares_are_the_visits_of_an_episode(random_world, random_pool):
 
 @pytest.mark.parametrize("horizon", [1, 3, 40])
 def test_rows_are_an_occupancy_of_the_other_mdp(random_world, random_pool, horizon):
-    """`Problem` refuses what is none."""
+    """`Problem` refuses a measure that is not an occupancy."""
     found = drawn(random_world, random_pool, horizon=horizon)
     problem = Problem(found.mdp, found.shares, found.target, discount=0.9)
     assert problem.discount == 0.9 and problem.mdp is found.mdp

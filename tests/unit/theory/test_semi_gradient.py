@@ -36,7 +36,7 @@ def test_the_fixed_point_fulfils_its_equation(random_problem, seed, temperature)
 
 
 def test_descent_by_the_semi_gradient_ends_there(random_problem):
-    """V(s') held from the table before, as by a target network; Q moved down the gradient."""
+    """Descend with V(s') from the previous table, as with a target network."""
     problem = random_problem(0, strength=0.5)
     on = problem.support
     share, twice = semi_gradient.demonstrated_policy(problem)[on], 2.0 * problem.curvature

@@ -7,7 +7,7 @@ from socialiq.worlds.enumerate import Table
 
 
 class Played(NamedTuple):
-    """What a table says of one transition, for comparison with one played by hand."""
+    """One transition of a table, for comparison with a simulated transition."""
 
     state: tuple[int, ...]
     env: float

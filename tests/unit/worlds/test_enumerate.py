@@ -41,7 +41,7 @@ CASES = [
 
 @pytest.fixture(scope="module", params=CASES, ids=str)
 def sampled(request, tabulated):
-    """A table, some of its states, and what the batched step made of them."""
+    """A table, some of its states, and the results of the batched step."""
     table = table_of(tabulated, request.param)
     chosen = np.random.default_rng(0).choice(table.mdp.n_states, N_STATES)
     return table, chosen, simulated(table.world, table.states[chosen])

@@ -1,4 +1,4 @@
-"""Environments by name: code runs only where that is allowed, mistakes are told in one line."""
+"""Environments by name: code runs only where allowed, mistakes raise a one-line error."""
 
 import gymnasium
 import numpy as np

@@ -8,7 +8,7 @@ STATES = {"crossing5": (0, 2, 2, 0), "crossing7": (0, 0, 0, 2, -1, 0)}
 
 
 def rows_and_columns(figure, colour):
-    """Where the pixels of exactly this colour lie."""
+    """Positions of the pixels of exactly this colour."""
     wanted = np.rint(255 * np.array(matplotlib.colors.to_rgb(colour)))
     return np.nonzero((pixels(figure) == wanted).all(axis=-1))
 

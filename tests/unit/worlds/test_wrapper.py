@@ -1,4 +1,4 @@
-"""Pairs for any environment: what goes through, what is refused."""
+"""Reward pairs for any environment: accepted and refused environments."""
 
 import gymnasium
 import numpy as np

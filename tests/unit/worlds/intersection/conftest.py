@@ -16,7 +16,7 @@ from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 @pytest.fixture
 def as_a_user_runs_it() -> Iterator[None]:
-    """Run-time type checks, which users don't have, would refuse some mistakes first."""
+    """Disable run-time type checks, which would reject some mistakes first."""
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
     jaxtyping.config.update("jaxtyping_disable", False)
@@ -51,7 +51,7 @@ def annotated(
     contact: Contact = Contact.NONE,
     touched: int = -1,
 ) -> Buffers:
-    """What the core makes of a decision between two lists of cars, in the buffers' only row."""
+    """Annotate a decision between two lists of cars with the core; one row of buffers."""
     from socialiq.worlds.intersection.core import step
 
     options = options or Options()
@@ -75,7 +75,7 @@ def annotated_fixture() -> Callable[..., Buffers]:
 
 
 def actions_of(size: int, seed: int) -> Iterator[np.ndarray]:
-    """Random actions of a batch, for ever."""
+    """Yield random actions of a batch without end."""
     rng = np.random.default_rng(seed)
     return (rng.integers(3, size=size) for _ in itertools.count())
 

@@ -1,4 +1,4 @@
-"""What holds for any seed, any actions, any options."""
+"""Invariants for any seed, any actions, any options."""
 
 from functools import cache
 
@@ -116,7 +116,7 @@ def test_rewards_are_the_weighted_sums_of_their_signals(changes, drive):
 
 
 def test_readings_pay_differently(drive):
-    """Each changes r_social of the same ride, and nothing else."""
+    """Each changes r_social of the same episode, and nothing else."""
     paid = []
     for changes in READINGS[:8]:
         runs = list(drive(Options(spawn_probability=1.0, **changes), 48, 40))

@@ -1,4 +1,4 @@
-"""Many episodes side by side: what is refused, and that no row knows of the others."""
+"""Many episodes side by side: invalid arguments, and independence of the rows."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def batch():
 
 
 def everything(batch, rows=slice(None)):
-    """All arrays, as bytes, of some rows, as far as they are in use."""
+    """Bytes of all arrays of some rows, restricted to the slots in use."""
     made = batch.buffers
     columns = {name: column[rows].tobytes() for name, column in made._asdict().items()}
     return columns | {"waiting": batch._waiting[rows].tobytes()}
@@ -230,7 +230,7 @@ def test_a_restored_state_goes_on_to_the_last_bit(population, actions_of):
 
 
 def everything_now(batch):
-    """What is in use, of the state, and all that the last decision led to."""
+    """State in use, and all results of the last decision."""
     made, counts = batch.buffers, batch.buffers.episodes["vehicles"]
     present = [made.vehicles[row, :count].tobytes() for row, count in enumerate(counts)]
     outcome = (made.signals, made.rewards, made.classical, made.speed, made.ending, made.contact)

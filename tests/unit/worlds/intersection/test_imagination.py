@@ -1,4 +1,4 @@
-"""States that fit what is seen."""
+"""States consistent with an observation."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def _imagined(batch, entropy):
 
 
 def _pairs(batch, state):
-    """Each imagined vehicle beside the real one at its place, where it isn't seen clipped."""
+    """Pair each imagined vehicle with the real one, where its position isn't clipped."""
     real = batch.save()
     for row in range(batch.size):
         there = real.vehicles[row, : real.episodes["vehicles"][row]]
@@ -91,7 +91,7 @@ def test_the_same_seed_draws_the_same_and_another_does_not(driven):
 
 
 def test_a_decision_leads_where_the_real_one_does(driven):
-    """What isn't seen hardly matters for most vehicles within a second."""
+    """Unobserved quantities hardly matter for most vehicles within a second."""
     before = driven.save()
     copy = Batch(driven.options, N)
     copy.restore(_imagined(driven, 0))

@@ -1,4 +1,4 @@
-"""What the ego sees: rows of seven numbers, by distance along its own lane."""
+"""Ego's observation: rows of seven numbers, by distance along its own lane."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ HAIR = 1e-12  # m; differences that only rounding makes
 
 @pytest.fixture(scope="module")
 def seen(annotated, car):
-    """What an ego at (2, 50), driving north, sees of the others."""
+    """Observed rows of the others for an ego at (2, 50) that drives north."""
 
     def make(*others, options=None, **ego):
         cars = [car(2, 50, NORTH, 9.0, destination=1, **ego), *others]

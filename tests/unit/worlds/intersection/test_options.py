@@ -1,4 +1,4 @@
-"""The scenario's defaults are the thesis'; what is not supported is refused in one line."""
+"""The scenario's defaults are the thesis'; unsupported values raise a one-line error."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Drivers by rule, on hand-made views: the ego is at (2, y); its stop line at y = 11."""
+"""Rule-based drivers, on hand-made observations: the ego is at (2, y); its stop line at y = 11."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The reward pair by hand: snapshots are made, annotated by the core, and held against Eq 4.1, 4.2.
+"""Reward pair by hand: snapshots annotated by the core, compared with Eq 4.1 and 4.2.
 
 The ego comes from the south on x = 2; its approach ends at y = 11, 100 m from where it began.
 """

@@ -1,4 +1,4 @@
-"""What every vehicle keeps to, read off the records of many random episodes."""
+"""Invariants of every vehicle, checked on records of many random episodes."""
 
 import itertools
 
@@ -17,7 +17,7 @@ SIZE, STEPS = 32, 40
 
 
 def moment(vehicles, count, ego):
-    """The vehicles there are, and which of them are not the ego."""
+    """Present vehicles, and whether each is not the ego."""
     return vehicles[:count], np.arange(count) != ego
 
 

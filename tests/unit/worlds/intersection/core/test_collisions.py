@@ -1,4 +1,4 @@
-"""Rectangles that overlap or soon will: crashes, pushes, and who ran into whom."""
+"""Rectangles that overlap or soon will: crashes, pushes, and contacts."""
 
 import math
 
@@ -15,7 +15,7 @@ NOTHING = Contact.NONE, -1
 
 
 def collided(*cars, ego=0, contact=NOTHING):
-    """The cars, numbered from 10, after a sub-step's collisions; the ego's contact, and whose."""
+    """Cars, numbered from 10, after a sub-step's collisions; the ego's contact and its partner."""
     vehicles = np.array([one[()] for one in cars], VEHICLE)
     vehicles["identity"] = 10 + np.arange(len(cars))
     found = collide(vehicles, len(vehicles), ego, DT, 0.0, int(contact[0]), contact[1])

@@ -1,4 +1,4 @@
-"""Twenty lanes: coordinates along them, how they join, and which one is closest."""
+"""Twenty lanes: coordinates along them, their connections, and the closest lane."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The compiled random stream draws what numpy's Generator draws."""
+"""The compiled random stream equals that of numpy's Generator."""
 
 import numba
 import numpy as np

@@ -33,7 +33,7 @@ def scene(ego_y=46.0, braking=False, signals=SIGNALS, **other):
 
 
 def has(image, color):
-    """Where the pixels of exactly this colour lie."""
+    """Positions of the pixels of exactly this colour."""
     return (image == np.rint(255 * np.array(matplotlib.colors.to_rgb(color)))).all(axis=-1)
 
 
@@ -53,7 +53,7 @@ def episode():
 
 @pytest.fixture(scope="module")
 def frames(episode):
-    """What a film of the episode has to show: a picture of each scene, drawn afresh."""
+    """Expected frames of the episode's film: a newly drawn picture of each scene."""
     return [pixels(render.picture(one)) for one in episode]
 
 
