@@ -32,6 +32,7 @@ COMMANDS = {
     "audit": "audit:Audit",
     "audit verify": "verify:Verify",
     "data from-arrays": "data:FromArrays",
+    "data to-arrays": "data:ToArrays",
     "data from-trajectories": "data:FromTrajectories",
     "data from-minari": "data:FromMinari",
     "data to-minari": "data:ToMinari",

@@ -1,39 +1,24 @@
-"""`data from-arrays` and `data from-trajectories`: NumPy archives as demonstrations."""
+"""`data from-arrays`, `to-arrays`, `from-trajectories`, `from-minari`, `to-minari`."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.datasets.arrays import of_steps
 from socialiq.datasets.minari_read import read_minari
 from socialiq.datasets.minari_write import id_of, write_minari
 from socialiq.datasets.npz import read_npz
+from socialiq.datasets.step_files import format_of, read_steps, source_of, write_steps
 from socialiq.datasets.trajectories import of_condensed
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.social.angle import check_angle
-
-STEPS = (
-    "observation",
-    "action",
-    "reward",
-    "terminated",
-    "truncated",
-    "ending",
-    "episode",
-    "next_observation",
-    "final_observation",
-    "mode",
-)
-"""Arrays of an archive of steps; the first three must be there (docs/interchange.md)."""
 
 TRAJECTORIES = ("obs", "acts", "rews", "terminal", "indices")
 """Arrays of an archive of trajectories; all must be there."""
@@ -41,46 +26,63 @@ TRAJECTORIES = ("obs", "acts", "rews", "terminal", "indices")
 
 @dataclass(frozen=True)
 class FromArrays:
-    """Read plain arrays, one row for each step, as demonstrations; no environment is made.
+    """Read plain arrays (.npz, .csv, .parquet), one row for each step, as demonstrations.
 
-    Example: socialiq data from-arrays steps.npz --n-actions 3 --out mine.safetensors
+    Example: socialiq data from-arrays steps.csv --n-actions 3 --out mine.safetensors
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """NumPy archive (.npz) with observation, action, reward of (steps, 2), terminated, ..."""
+    """Archive (.npz) or table (.csv, .parquet) with observation, action, rewards, ..."""
     out: Path
     """Demonstrations file to write; must not exist."""
-    n_actions: int
-    """Number of actions of the world."""
+    n_actions: int = 0
+    """Number of actions of the world. A file of `socialiq data to-arrays` tells it, except CSV."""
     social: str = ""
     """none: a reward of one number a step is r_env, and r_social is 0."""
-    mode: tuple[str, ...] = ("demonstrator",)
-    """Names of the demonstrators that the array `mode` numbers."""
+    mode: tuple[str, ...] = ()
+    """Names of the demonstrators that the column `mode` numbers; by default demonstrator."""
     flatten: bool = False
     """Lay observations of more axes (images) out in one."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Read, check, write, tell the counts."""
+        """Read, check, write, print the counts."""
 
         def read() -> Demonstrations:
-            arrays: dict[str, Any] = read_npz(self.file, STEPS)
-            missing = [name for name in STEPS[:3] if name not in arrays]
-            if missing:
-                raise UserError(
-                    f"{self.file} has no {', '.join(missing)}: save them by these names"
-                )
-            return of_steps(
-                **arrays,
+            return read_steps(
+                self.file,
                 n_actions=self.n_actions,
                 mode_names=self.mode,
                 social=self.social,
                 flatten=self.flatten,
-                source=_source(self.file),
             )
 
         return save_new(self.out, read, self.json)
+
+
+@dataclass(frozen=True)
+class ToArrays:
+    """Write demonstrations as plain arrays (.npz, .csv, .parquet), one row for each step.
+
+    Example: socialiq data to-arrays mixed.safetensors --out mixed.parquet
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """Demonstrations file."""
+    out: Path
+    """File to write; its ending names the format. Must not exist."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Read, write, print the counts."""
+        format_of(self.out)
+        _refuse_existing(self.out)
+        table = files.load(self.file)
+        write_steps(self.out, table)
+        _print_counts(self.out, files.sha256_of(table), table, self.json)
+        return 0
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class FromTrajectories:
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Read, check, write, tell the counts."""
+        """Read, check, write, print the counts."""
 
         def read() -> Demonstrations:
             return of_condensed(
@@ -118,37 +120,10 @@ class FromTrajectories:
                 social=self.social,
                 time_limit=self.time_limit,
                 flatten=self.flatten,
-                source=_source(self.file),
+                source=source_of(self.file),
             )
 
         return save_new(self.out, read, self.json)
-
-
-def save_new(out: Path, read: Callable[[], Demonstrations], as_json: bool) -> int:
-    """Write what was read to a new file and tell the counts; the exit status.
-
-    Raises:
-        UserError: If the file exists, or nothing can be read.
-    """
-    if out.exists():
-        raise UserError(f"{out} exists already: name a new file, or remove it first")
-    table = read()
-    sha256 = files.save(out, table)
-    counts = [
-        {"mode": mode, "episodes": episodes, "transitions": transitions}
-        for mode, (episodes, transitions) in table.counts().items()
-    ]
-    if as_json:
-        print_json({"file": str(out), "sha256": sha256, "modes": counts})
-    else:
-        print_table(counts, f"{out}")
-    return 0
-
-
-def _source(path: Path) -> dict[str, Any]:
-    """Where the data came from: the archive's name and bytes."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return {"made_by": "socialiq data", "file": path.name, "sha256": sha256}
 
 
 @dataclass(frozen=True)
@@ -170,7 +145,7 @@ class ToMinari:
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Read, write, say where."""
+        """Read, write, print the place."""
         check_angle(self.angle)
         table = files.load(self.file)
         name = self.id or id_of(self.out)
@@ -205,7 +180,7 @@ class FromMinari:
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Read, check, write, tell the counts."""
+        """Read, check, write, print the counts."""
 
         def read() -> Demonstrations:
             return read_minari(
@@ -213,3 +188,31 @@ class FromMinari:
             )
 
         return save_new(self.out, read, self.json)
+
+
+def save_new(out: Path, read: Callable[[], Demonstrations], as_json: bool) -> int:
+    """Write what was read to a new file and print the counts; return the exit status.
+
+    Raises:
+        UserError: If the file exists, or nothing can be read.
+    """
+    _refuse_existing(out)
+    table = read()
+    _print_counts(out, files.save(out, table), table, as_json)
+    return 0
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists():
+        raise UserError(f"{out} exists already: name a new file, or remove it first")
+
+
+def _print_counts(out: Path, sha256: str, table: Demonstrations, as_json: bool) -> None:
+    counts = [
+        {"mode": mode, "episodes": episodes, "transitions": transitions}
+        for mode, (episodes, transitions) in table.counts().items()
+    ]
+    if as_json:
+        print_json({"file": str(out), "sha256": sha256, "modes": counts})
+    else:
+        print_table(counts, f"{out}")

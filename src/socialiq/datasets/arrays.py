@@ -29,6 +29,7 @@ def of_steps(
     truncated: Any = None,
     ending: Any = None,
     episode: Any = None,
+    step: Any = None,
     next_observation: Any = None,
     final_observation: Any = None,
     mode: Any = None,
@@ -49,6 +50,7 @@ def of_steps(
         ending: Values of `types.Ending`, (steps,), instead of or beside the flags. Without it a
             terminal state is `OTHER`.
         episode: 0, 1, 2, ..., (steps,); without it an episode ends where a flag is set.
+        step: Number of the step in its episode, (steps,); without it the rows are counted.
         next_observation: s'; without it the observation of the episode's next row.
         final_observation: s' of each episode's last row, (episodes, features); needed only
             without `next_observation`.
@@ -74,7 +76,7 @@ def of_steps(
         **_endings(rows, terminated, truncated, kinds),
         "mode": np.zeros(rows, np.int8) if mode is None else whole_of("mode", mode).astype(np.int8),
         "episode": number,
-        "step": steps_of(number),
+        "step": steps_of(number) if step is None else whole_of("step", step),
     }
     pair = pair_of(reward, social)
     arrays = {**columns, "r_env": pair.env, "r_social": pair.social}

@@ -1,4 +1,4 @@
-"""NumPy archives of strangers: plain arrays of numbers, and nothing that would be unpickled.
+"""NumPy archives of unknown origin: plain arrays of numbers; nothing is unpickled.
 
 The header of a member is held against its size before any memory is asked for: NumPy itself would
 make an array of whatever shape the header tells.
@@ -6,10 +6,11 @@ make an array of whatever shape the header tells.
 
 from __future__ import annotations
 
+import io
 import math
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,13 @@ def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
         raise
     except _FAULTS as error:
         raise UserError(f"{path} is damaged or no .npz archive: save it again") from error
+
+
+def npz_of(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Return named arrays of numbers as the bytes of a compressed archive."""
+    file = io.BytesIO()
+    np.savez_compressed(file, allow_pickle=False, **arrays)
+    return file.getvalue()
 
 
 def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> np.ndarray:

@@ -26,17 +26,18 @@ def save(path: Path, demonstrations: Demonstrations) -> str:
     Raises:
         UserError: If the file can't be written.
     """
-    arrays, header = demonstrations.arrays(), _header(demonstrations)
+    arrays, header = demonstrations.arrays(), header_of(demonstrations)
     return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header)
 
 
 def sha256_of(demonstrations: Demonstrations) -> str:
     """The SHA-256 of a table's content, that `save` would return."""
-    arrays, header = demonstrations.arrays(), _header(demonstrations)
+    arrays, header = demonstrations.arrays(), header_of(demonstrations)
     return storage.sha256_of(KIND, SCHEMA_VERSION, arrays, header)
 
 
-def _header(demonstrations: Demonstrations) -> dict[str, Any]:
+def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
+    """Return what a file says beside the columns: mode_names, n_actions, source."""
     return {
         "mode_names": list(demonstrations.mode_names),
         "n_actions": demonstrations.n_actions,

@@ -1,4 +1,4 @@
-"""`data from-arrays` and `data from-trajectories`: archives in, a demonstrations file out."""
+"""`data from-arrays`, `to-arrays` and `from-trajectories`: plain arrays in and out."""
 
 import json
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
+from socialiq.datasets.arrays import of_steps
 from socialiq.demonstrations import files
 
 STEPS = {
@@ -78,6 +79,43 @@ def test_what_is_missing_is_one_line(tmp_path, capsys, command, changed, mend):
     captured = capsys.readouterr()
     assert status == 2 and mend in captured.err and captured.err.count("\n") == 1
     assert not out.exists()
+
+
+@pytest.fixture
+def saved(tmp_path):
+    table = of_steps(
+        **{name: array for name, array in STEPS.items() if name != "infos"},
+        n_actions=2,
+        mode_names=("bold", "patient"),
+        source={"made_by": "a test"},
+    )
+    return table, files.save(tmp_path / "in.safetensors", table)
+
+
+@pytest.mark.parametrize(("ending", "told"), [("npz", True), ("csv", False)])
+def test_a_table_goes_out_and_comes_back(tmp_path, capsys, saved, ending, told):
+    (table, sha256), middle = saved, tmp_path / f"x.{ending}"
+    assert main(["data", "to-arrays", str(tmp_path / "in.safetensors"), "--out", str(middle)]) == 0
+    assert str(middle) in capsys.readouterr().out
+    options = [] if told else ["--n-actions", "2", "--mode", "bold", "patient"]
+    back = tmp_path / "back.safetensors"
+    assert main(["data", "from-arrays", str(middle), "--out", str(back), *options]) == 0
+    found = files.load(back)
+    assert (files.sha256_of(found) == sha256) is told  # CSV has no place for the source
+    assert found.mode_names == table.mode_names
+    for name, column in table.arrays().items():
+        assert found.arrays()[name].tobytes() == column.tobytes(), name
+
+
+@pytest.mark.usefixtures("saved")
+def test_what_cannot_be_written_is_one_line(tmp_path, capsys):
+    (tmp_path / "x.csv").write_text("keep me")
+    for out, mend in (("x.csv", "exists already"), ("x.xlsx", "choose one of .npz")):
+        given = ["data", "to-arrays", str(tmp_path / "in.safetensors")]
+        assert main([*given, "--out", str(tmp_path / out)]) == 2
+        error = capsys.readouterr().err
+        assert mend in error and error.count("\n") == 1
+    assert (tmp_path / "x.csv").read_text() == "keep me" and not (tmp_path / "x.xlsx").exists()
 
 
 def test_a_file_that_exists_is_kept(tmp_path, capsys):

@@ -1,0 +1,172 @@
+"""Demonstrations in and out as files of plain arrays: .npz, .csv and .parquet."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.datasets.arrays import of_steps
+from socialiq.datasets.csv_steps import csv_of, read_csv
+from socialiq.datasets.npz import npz_of, read_npz
+from socialiq.datasets.parquet_steps import parquet_of, read_parquet
+from socialiq.datasets.step_columns import VECTORS, arrays_of, columns_of
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError, one_of
+from socialiq.storage import write_atomically
+
+FORMATS = (".npz", ".csv", ".parquet")
+"""Endings of the files that are read and written."""
+
+ARRAYS = (
+    "observation",
+    "action",
+    "reward",
+    "terminated",
+    "truncated",
+    "ending",
+    "episode",
+    "step",
+    "next_observation",
+    "final_observation",
+    "mode",
+)
+"""Arrays of an archive (.npz); the first three are required."""
+
+HEADER = "socialiq"
+"""Where .npz and .parquet hold what no column says: a JSON object of the table's own header."""
+
+
+def read_steps(
+    path: Path,
+    *,
+    n_actions: int = 0,
+    mode_names: tuple[str, ...] = (),
+    social: str = "",
+    flatten: bool = False,
+) -> Demonstrations:
+    """Read a file of one row for each step, of `write_steps` or of another program.
+
+    Args:
+        path: The file; its ending names the format.
+        n_actions: Number of actions of the world; 0 where the file has a header that tells it.
+        mode_names: Names of the demonstrators that `mode` numbers; by default the header's, or one.
+        social: "none" if a reward of one number a step is r_env, and r_social is 0.
+        flatten: Whether observations of more axes (images) are laid out in one; .npz only.
+
+    Raises:
+        UserError: If the file is missing or damaged, or a column is missing, unknown or wrong; the
+            line names it.
+    """
+    arrays, header = _read(path)
+    told = _header(path, header)
+    if told:
+        n_actions = _agreed(path, "the number of actions", n_actions, told["n_actions"])
+        mode_names = _agreed(path, "the modes", mode_names, tuple(told["mode_names"]))
+    elif n_actions < 1:
+        raise UserError(f"{path} doesn't tell how many actions there are: pass --n-actions")
+    try:
+        table = of_steps(
+            **arrays,
+            n_actions=n_actions,
+            mode_names=mode_names or ("demonstrator",),
+            social=social,
+            flatten=flatten,
+            source=told["source"] if told else source_of(path),
+        )
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    if told and told["sha256"] != files.sha256_of(table):
+        raise UserError(
+            f"{path} is not what was written (its SHA-256 differs): write it again, or remove its "
+            f"{HEADER} entry"
+        )
+    return table
+
+
+def write_steps(path: Path, table: Demonstrations) -> None:
+    """Write every column of a table, so that `read_steps` gives it back to the bit.
+
+    A CSV file has no place for the names of the modes, the number of actions and the source; the
+    other formats keep them.
+
+    Raises:
+        UserError: If the ending names no format, or the file can't be written.
+    """
+    kind = format_of(path)
+    header = json.dumps({**files.header_of(table), "sha256": files.sha256_of(table)}).encode()
+    if kind == ".csv":
+        content = csv_of(columns_of(table))
+    elif kind == ".parquet":
+        content = parquet_of(columns_of(table), HEADER, header)
+    else:
+        arrays = table.arrays()
+        arrays["reward"] = np.stack([arrays.pop("r_env"), arrays.pop("r_social")], axis=1)
+        content = npz_of({**arrays, HEADER: np.frombuffer(header, np.uint8)})
+    write_atomically(path, content)
+
+
+def format_of(path: Path) -> str:
+    """Return the format that a file's ending names, one of `FORMATS`.
+
+    Raises:
+        UserError: If it names none.
+    """
+    one_of("format", path.suffix.lower(), FORMATS)
+    return path.suffix.lower()
+
+
+def source_of(path: Path) -> dict[str, Any]:
+    """Return where data came from: the file's name and the SHA-256 of its bytes."""
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"made_by": "socialiq data", "file": path.name, "sha256": sha256}
+
+
+def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
+    kind = format_of(path)
+    if kind == ".npz":
+        arrays: dict[str, Any] = read_npz(path, (*ARRAYS, HEADER))
+        missing = [name for name in ARRAYS[:3] if name not in arrays]
+        if missing:
+            raise UserError(f"{path} has no {', '.join(missing)}: save them by these names")
+        header = arrays.pop(HEADER, None)
+        return arrays, None if header is None else header.tobytes()
+    columns, header = (read_csv(path), None) if kind == ".csv" else read_parquet(path, HEADER)
+    arrays = arrays_of(columns, str(path))
+    if VECTORS[1] not in arrays:
+        raise UserError(
+            f"{path} has no column {VECTORS[1]}_0, ...: what follows an episode's last step is in "
+            "no other column"
+        )
+    return arrays, header
+
+
+def _header(path: Path, header: bytes | None) -> dict[str, Any] | None:
+    """Return the header of a file of ours.
+
+    Raises:
+        UserError: If there is one that `write_steps` did not write.
+    """
+    if header is None:
+        return None
+    try:
+        told = json.loads(header)
+    except (ValueError, RecursionError):
+        told = None
+    kinds = {"mode_names": list, "n_actions": int, "source": dict, "sha256": str}
+    if not isinstance(told, dict) or not all(
+        isinstance(told.get(name), kind) for name, kind in kinds.items()
+    ):
+        raise UserError(f"{path} has a {HEADER} entry that cannot be read: remove it")
+    return told
+
+
+def _agreed(path: Path, what: str, given: Any, told: Any) -> Any:
+    """Return what the file tells, refusing a caller who says otherwise."""
+    if given and given != told:
+        raise UserError(f"{path} tells {what}: {told}, not {given}: leave the option out")
+    return told
