@@ -13,7 +13,7 @@ import numpy as np
 
 from socialiq.datasets.step_columns import Kind, check_names, kind_of
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 
 MOST_BYTES = 2 * 1024**3
 """Of a file; in memory a cell takes 8 bytes at most."""

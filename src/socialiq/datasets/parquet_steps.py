@@ -17,7 +17,7 @@ import numpy as np
 
 from socialiq.datasets.step_columns import Kind, check_names, kind_of
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 
 MOST_NUMBERS = 2**28
 """Of all columns of one file together."""

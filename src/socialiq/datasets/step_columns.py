@@ -13,7 +13,7 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.plain_text import one_line
+from socialiq.foreign import one_line
 
 Kind = Literal["number", "integer", "flag"]
 """What the cells of a column hold."""
