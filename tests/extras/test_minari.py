@@ -344,9 +344,9 @@ def test_links_and_external_numbers_are_never_followed(written, tmp_path):
         file["episode_0/rewards"] = h5py.SoftLink("/episode_1/rewards")
 
     for change, match in (
-        (external, "lies in another file"),
+        (external, "is stored in another file"),
         (elsewhere, "a link to another place"),
-        (virtual, "lies in another file"),
+        (virtual, "is stored in another file"),
         (soft, "a link to another place"),
     ):
         changed(written, change)
@@ -387,8 +387,8 @@ def test_truncated_and_foreign_files_are_refused(written):
     [
         ("", "cannot read"),
         ("[" * 100_000, "cannot read"),
-        ("[]", "tells no total_episodes"),
-        ('{"total_episodes": "12"}', "tells no total_episodes"),
+        ("[]", "has no total_episodes"),
+        ('{"total_episodes": "12"}', "has no total_episodes"),
         ('{"total_episodes": 12, "data_format": "arrow"}', "data_format is arrow"),
     ],
 )
@@ -409,7 +409,7 @@ def test_names_and_folders_that_cannot_be(table, tmp_path, written):
     with pytest.raises(UserError, match="exists already"):
         write_minari(table, written)
     for name in ("a b-v0", "../x-v0", "x", "-v0"):
-        with pytest.raises(UserError, match="is no Minari name"):
+        with pytest.raises(UserError, match="is not a Minari name"):
             write_minari(table, tmp_path / "new", dataset_id=name)
     with pytest.raises(UserError, match="cannot make"):
         write_minari(table, tmp_path / "missing" / "new")

@@ -1,1 +1,1 @@
-"""Data sets of other programs as demonstrations, and demonstrations as theirs."""
+"""Demonstrations from and to the formats of other programs: Minari, NumPy, CSV, Parquet."""

@@ -1,6 +1,6 @@
-"""Plain arrays of other programs as demonstrations: what a table needs besides is derived.
+"""Demonstrations from plain arrays of other programs; the remaining columns are derived.
 
-Nothing is made up: what the arrays don't tell has to be said, or is refused.
+Nothing is assumed: facts that the arrays do not contain are asked for.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
 
 SOCIAL = ("", "none")
-"""What a reward of one number a step may mean: nothing said, or that r_social is 0."""
+"""Meaning of a reward of one number a step: not given, or r_env with r_social 0."""
 
 
 def of_steps(
@@ -41,13 +41,13 @@ def of_steps(
     """Make a table of one row for each step, in order.
 
     Args:
-        observation: s, (steps, features), or (steps,) of one feature; numbers of any type.
+        observation: s, (steps, features), or (steps,) of one feature; any numeric type.
         action: a, (steps,), integers in [0, n_actions).
         reward: (r_env, r_social), (steps, 2); or (steps,) with `social`.
         n_actions: Number of actions of the world; the data may lack some.
         terminated: Whether s' is a terminal state, (steps,).
         truncated: Whether the clock cut the episode at s', (steps,).
-        ending: Values of `types.Ending`, (steps,), instead of or beside the flags. Without it a
+        ending: Values of `types.Ending`, (steps,), instead of the flags or with them. Without it a
             terminal state is `OTHER`.
         episode: 0, 1, 2, ..., (steps,); without it an episode ends where a flag is set.
         step: Number of the step in its episode, (steps,); without it the rows are counted.
@@ -57,8 +57,8 @@ def of_steps(
         mode: Demonstrator of each row, an index into `mode_names`; the first without it.
         mode_names: Names of the demonstrators.
         social: "none" if a reward of one number a step is r_env, and r_social is 0.
-        flatten: Whether observations of more axes (images) are laid out in one.
-        source: What made the data.
+        flatten: Whether observations of more axes (images) are flattened to one.
+        source: Provenance of the data.
 
     Raises:
         UserError: If a column is missing or wrong; the line names it.
@@ -84,10 +84,10 @@ def of_steps(
 
 
 def pair_of(reward: Any, social: str) -> RewardPair:
-    """The reward pair of (steps, 2), or of (steps,) where `social` says that r_social is 0.
+    """Return the reward pair of (steps, 2), or of (steps,) where `social` says that r_social is 0.
 
     Raises:
-        UserError: If it is neither, or nothing is said of r_social.
+        UserError: If it is neither, or `social` is not given.
     """
     one_of("social", social, SOCIAL)
     array = number_of("reward", reward).astype(np.float64)
@@ -106,10 +106,10 @@ def pair_of(reward: Any, social: str) -> RewardPair:
 
 
 def features_of(name: str, observation: Any, flatten: bool) -> Float32[np.ndarray, "row feature"]:
-    """Observations as float32, one row for each.
+    """Return observations as float32, one row for each.
 
     Raises:
-        UserError: If they are nested, no numbers, or of more axes and not to be flattened.
+        UserError: If they are nested, not numbers, or of more axes and `flatten` is not set.
     """
     array = number_of(name, observation)
     if array.ndim == 1:
@@ -126,10 +126,10 @@ def features_of(name: str, observation: Any, flatten: bool) -> Float32[np.ndarra
 
 
 def whole_of(name: str, values: Any) -> Int32[np.ndarray, " row"]:
-    """A column of integers.
+    """Return a column of integers.
 
     Raises:
-        UserError: If it is something else: continuous actions above all.
+        UserError: If it is anything else, for instance continuous actions.
     """
     array = number_of(name, values)
     if array.ndim == 2 and array.shape[1] == 1:
@@ -146,10 +146,10 @@ def whole_of(name: str, values: Any) -> Int32[np.ndarray, " row"]:
 
 
 def flag_of(name: str, values: Any) -> Bool[np.ndarray, " row"]:
-    """A column of booleans.
+    """Return a column of booleans.
 
     Raises:
-        UserError: If it is something else than booleans, or zeros and ones.
+        UserError: If it is not booleans, or zeros and ones.
     """
     array = number_of(name, values)
     if array.ndim != 1 or array.dtype.kind not in "biu" or not np.isin(array, (0, 1)).all():
@@ -158,7 +158,7 @@ def flag_of(name: str, values: Any) -> Bool[np.ndarray, " row"]:
 
 
 def number_of(name: str, values: Any) -> np.ndarray:
-    """An array of numbers.
+    """Return an array of numbers.
 
     Raises:
         UserError: If it is nested, ragged or of objects.
@@ -182,7 +182,7 @@ def _given(**columns: Any) -> list[tuple[str, Any]]:
 
 
 def _ends(rows: int, *columns: Any) -> Bool[np.ndarray, " row"]:
-    """Where an episode ends, by any of the columns."""
+    """Return whether an episode ends at each row, by any of the columns."""
     ends = np.zeros(rows, np.bool_)
     for one in columns:
         if one is not None:
@@ -209,7 +209,7 @@ def _episodes(rows: int, episode: Any, ends: Any) -> Int32[np.ndarray, " row"]:
 
 
 def _endings(rows: int, terminated: Any, truncated: Any, kinds: Any) -> dict[str, np.ndarray]:
-    """The flags and the kind of ending; whether they agree is the table's check."""
+    """Return the flags and the kind of ending; `Demonstrations` checks that they agree."""
     no = np.zeros(rows, np.bool_)
     if kinds is None:
         kinds = no.astype(np.int8)
@@ -232,7 +232,7 @@ def _next(
     final: Any,
     flatten: bool,
 ) -> Float32[np.ndarray, "row feature"]:
-    """What follows each row."""
+    """Return s' of each row."""
     if following is not None:
         return features_of("next_observation", following, flatten)
     last = np.flatnonzero(np.diff(episode, append=episode[-1:] + 1))

@@ -1,8 +1,8 @@
-"""HDF5 files of strangers, read by number: plain arrays that lie in the file itself.
+"""Untrusted HDF5 files: plain numeric arrays that are stored in the file itself.
 
-HDF5 lets a file link to other files, keep its numbers in them, or claim shapes of any size that no
-byte stands for. None of that is followed, and a shape is held against a limit before it is read.
-h5py runs HDF5's own C code on the file; what that code gets wrong, no check here can mend.
+An HDF5 file can link to other files, store its data in them, or claim shapes of any size without
+data. None of that is followed, and a shape is checked against a limit before it is read. h5py runs
+HDF5's own C code on the file; a defect of that code cannot be prevented here.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 
 MOST_NUMBERS = 2**28
-"""Of all arrays that are read from one file together: 1 GiB as float32."""
+"""Largest number of elements that are read from one file: 1 GiB as float32."""
 
 _FAULTS = (OSError, RuntimeError, ValueError, TypeError, KeyError, AttributeError, OverflowError)
 
 
 def library() -> ModuleType:
-    """The h5py module.
+    """Import h5py.
 
     Raises:
         UserError: If it is not installed.
@@ -39,13 +39,13 @@ def library() -> ModuleType:
 
 
 class Reader:
-    """One open file; a context. Every fault is one line that names the file.
+    """An open file; a context manager. Every error message names the file.
 
     Args:
         path: The file.
 
     Raises:
-        UserError: If it is missing or no HDF5 file, or h5py is not installed.
+        UserError: If it is missing or not an HDF5 file, or h5py is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,24 +69,24 @@ class Reader:
         self._file.close()
 
     def size(self) -> int:
-        """Number of members of the file's root."""
+        """Return the number of members of the file's root."""
         try:
             return len(self._file)
         except _FAULTS as error:
             raise self._damaged() from error
 
     def has(self, name: str) -> bool:
-        """Whether there is a member of that name; its path is given by slashes."""
+        """Whether there is a member of that path, separated by slashes."""
         try:
             return self._found(name) is not None
         except _FAULTS as error:
             raise self._damaged() from error
 
     def array(self, name: str) -> np.ndarray:
-        """The numbers of one member.
+        """Return the numbers of one member.
 
         Raises:
-            UserError: If it is missing, no array of numbers, lies elsewhere, or is too large.
+            UserError: If it is missing, not numeric, stored elsewhere, or too large.
         """
         try:
             found = self._found(name)
@@ -98,7 +98,7 @@ class Reader:
             raise self._damaged() from error
 
     def _found(self, name: str) -> Any:
-        """A member that lies in this file, following no link to another place."""
+        """Return a member of this file, without following a link to another place."""
         group = self._file
         for part in name.split("/"):
             if not isinstance(group, self._h5py.Group):
@@ -117,7 +117,7 @@ class Reader:
                 f"{self._path}: {name} is nested: only plain arrays are read, flatten it first"
             )
         if found.external or found.is_virtual:
-            raise UserError(f"{self._path}: {name} lies in another file: copy it in")
+            raise UserError(f"{self._path}: {name} is stored in another file: copy it in")
         if found.dtype.kind not in "fiub" or found.shape is None or not found.shape:
             kind = one_line(str(found.dtype), 40)
             raise UserError(f"{self._path}: {name} is {kind}, no array of numbers")

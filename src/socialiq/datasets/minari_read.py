@@ -1,7 +1,7 @@
-"""Minari data sets in, without Minari: from a stranger's metadata it would make an environment.
+"""Import of Minari data sets without Minari, whose reader makes the environment of the metadata.
 
-To make one is to import and call what the metadata name. Here the metadata are read as JSON, the
-HDF5 file by number, and offline training needs nothing else.
+Making it would import and call code that the metadata name. Here the metadata are read as JSON and
+the HDF5 file as numbers; offline training needs nothing else.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from socialiq.storage import read_json
 
 MAIN_FILE, METADATA_FILE, DATA_FOLDER = "main_data.hdf5", "metadata.json", "data"
 PAIR_NAMES = ("reward_vector", "reward_pair")
-"""Where a reward pair is looked for in `infos`; the first is what is written."""
+"""Names of a reward pair in `infos`; the first is the one that is written."""
 
 OURS = "socialiq"
 MOST_METADATA = 64 * 1024 * 1024  # bytes: Minari writes the bounds of every pixel
 
 
 class _Space(NamedTuple):
-    """What of a Gymnasium space counts here."""
+    """Facts of a Gymnasium space."""
 
     kind: str
     shape: tuple[int, ...]
@@ -41,17 +41,18 @@ class _Space(NamedTuple):
 def read_minari(
     folder: Path, *, social: str = "", mode: str = "demonstrator", flatten: bool = False
 ) -> Demonstrations:
-    """Read a Minari data set, of `write_minari` or of anybody, without making an environment.
+    """Read a Minari data set, of `write_minari` or of another program, without its environment.
 
     Args:
-        folder: Of the data set, or the `data` folder in it.
+        folder: The data set's folder, or the `data` folder in it.
         social: "none" if the one reward is r_env and r_social is 0, for data without a pair.
         mode: Name of the demonstrator, where the data set names none.
-        flatten: Whether observations of more axes (images) are laid out in one.
+        flatten: Whether observations of more axes (images) are flattened to one.
 
     Raises:
         UserError: If it is missing or damaged; if it has no discrete actions or no observations of
-            numbers; if it has no reward pair and nothing is said; if it is not what was written.
+            numbers; if it has no reward pair and `social` is not given; if it was changed since it
+            was written.
     """
     inner = folder / DATA_FOLDER
     place = inner if inner.is_dir() else folder
@@ -74,10 +75,12 @@ def read_minari(
 
 def _metadata(path: Path) -> dict[str, Any]:
     if path.is_file() and path.stat().st_size > MOST_METADATA:
-        raise UserError(f"{path} is larger than {MOST_METADATA:,} bytes: this is no Minari data")
+        raise UserError(
+            f"{path} is larger than {MOST_METADATA:,} bytes: this is not a Minari data set"
+        )
     metadata = read_json(path)
     if not isinstance(metadata, dict) or not isinstance(metadata.get("total_episodes"), int):
-        raise UserError(f"{path} is not of a Minari data set: it tells no total_episodes")
+        raise UserError(f"{path} is not of a Minari data set: it has no total_episodes")
     if metadata.get("data_format") != "hdf5":
         told = one_line(str(metadata.get("data_format")), 40)
         raise UserError(f"{path}: data_format is {told}: only hdf5 is read, convert the data set")
@@ -119,7 +122,7 @@ def _columns(
     social: str,
     flatten: bool,
 ) -> dict[str, Any]:
-    """All columns of `of_steps`."""
+    """Return all columns of `of_steps`."""
     seen = _space(path, metadata, "observation_space")
     if seen.kind not in ("Box", "Discrete"):
         raise UserError(
@@ -148,7 +151,7 @@ def _columns(
 
 
 def _of_episode(reader: Reader, group: str, path: Path, space: _Space) -> dict[str, np.ndarray]:
-    """The arrays of one episode, of lengths that agree."""
+    """Return the arrays of one episode, whose lengths agree."""
     names = ("actions", "rewards", "terminations", "truncations")
     part = {name: reader.array(f"{group}/{name}") for name in names}
     part["observations"] = reader.array(f"{group}/observations")
@@ -174,7 +177,7 @@ def _is_column(array: np.ndarray, shape: tuple[int, ...]) -> bool:
 
 
 def _as_rows(part: dict[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
-    """One episode as rows of a table."""
+    """Return one episode as rows of a table."""
     seen = features_of("observations", part["observations"], flatten=True)
     steps = len(part["actions"])
     rows = {
@@ -190,7 +193,7 @@ def _as_rows(part: dict[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
 
 
 def _named(ours: Any, mode: np.ndarray, other: str) -> tuple[str, ...]:
-    """Names of the demonstrators; those that the data set numbers but doesn't name get a number."""
+    """Return the demonstrators' names; where the data set has none, the number is the name."""
     names = ours.get("mode_names") if isinstance(ours, dict) else None
     if isinstance(names, list) and all(isinstance(name, str) for name in names):
         return tuple(names)

@@ -1,4 +1,4 @@
-"""Minari data sets out: HDF5, with the reward pair as a vector in `infos`.
+"""Export of Minari data sets: HDF5, with the reward pair as a vector in `infos`.
 
 Minari keeps one reward a step, so the pair stands in `infos["reward_vector"]`, of one row more
 than there are steps, as all of Minari's `infos` have: row 0 belongs to the reset and is zeros.
@@ -75,7 +75,7 @@ def _minari() -> ModuleType:
 
 
 def _check_connected(table: Demonstrations) -> None:
-    """Refuse what Minari can't say: it keeps T + 1 observations for T steps."""
+    """Refuse tables that skip steps: Minari keeps T + 1 observations for T steps."""
     starts = np.repeat(table.episode_starts, table.episode_lengths)
     skips = table.step != np.arange(table.n_transitions) - starts
     inner = np.flatnonzero(np.diff(table.episode) == 0)
@@ -90,7 +90,7 @@ def _check_connected(table: Demonstrations) -> None:
 
 
 def id_of(folder: Path) -> str:
-    """Minari's name of a data set that is named by its folder alone."""
+    """Return Minari's name of a data set from its folder."""
     name = re.sub(r"[^\w-]", "_", folder.resolve().name, flags=re.ASCII)
     return name if re.search(r"-v\d+$", name) else f"{name}-v0"
 
@@ -100,7 +100,7 @@ def _checked_id(minari: ModuleType, name: str) -> str:
         minari.dataset.minari_dataset.parse_dataset_id(name)
     except (ValueError, TypeError) as error:
         raise UserError(
-            f"'{one_line(name)}' is no Minari name: give letters, digits, - and _, then -v0"
+            f"'{one_line(name)}' is not a Minari name: give letters, digits, - and _, then -v0"
         ) from error
     return name
 
@@ -143,7 +143,7 @@ def _write(minari: ModuleType, table: Demonstrations, place: Path, name: str, an
 
 
 def _episode(table: Demonstrations, rows: slice, reward: np.ndarray) -> dict[str, Any]:
-    """What Minari keeps of one episode."""
+    """Return the fields of Minari's buffer of one episode."""
 
     def with_reset(column: np.ndarray) -> np.ndarray:
         return np.concatenate([np.zeros_like(column[:1]), column])

@@ -1,7 +1,7 @@
 """NumPy archives of unknown origin: plain arrays of numbers; nothing is unpickled.
 
-The header of a member is held against its size before any memory is asked for: NumPy itself would
-make an array of whatever shape the header tells.
+The header of a member is checked against its size before memory is allocated: NumPy itself would
+allocate an array of any shape that the header claims.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.lib import format as npy
 from socialiq.errors import UserError
 
 MOST_BYTES = 2 * 1024**3
-"""Of all arrays of one archive together."""
+"""Largest size of all arrays of one archive together."""
 
 _MEMBERS = 1_000
 _FAULTS = (
@@ -36,14 +36,14 @@ _FAULTS = (
 
 
 def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Arrays of an archive that `numpy.savez` or `numpy.savez_compressed` wrote.
+    """Read arrays of an archive that `numpy.savez` or `numpy.savez_compressed` wrote.
 
     Args:
         path: The archive.
-        names: Which members to read if they are there; others are never opened.
+        names: Members to read if they exist; others are never opened.
 
     Raises:
-        UserError: If it is missing or damaged, or one of these members is no array of numbers.
+        UserError: If it is missing or damaged, or one of these members is not numeric.
     """
     if not path.is_file():
         raise UserError(f"no such file: {path}")
@@ -80,10 +80,10 @@ def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> np.n
 
 
 def _header(file: Any) -> tuple[tuple[int, ...], np.dtype]:
-    """Shape and type of a member.
+    """Return shape and type of a member.
 
     Raises:
-        ValueError: If there is none that NumPy writes for plain arrays.
+        ValueError: If it is not one that NumPy writes for plain arrays.
     """
     version = npy.read_magic(file)
     readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}

@@ -48,7 +48,7 @@ def check_names(names: Sequence[str], source: str) -> None:
 
     Args:
         names: The columns of the file.
-        source: How messages call the file.
+        source: The file's name in messages.
 
     Raises:
         UserError: If a column is unknown, twice there or missing; the line names it.
@@ -107,7 +107,7 @@ def arrays_of(columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.nd
 
     Args:
         columns: One-dimensional arrays under the names of a file.
-        source: How messages call the file.
+        source: The file's name in messages.
 
     Raises:
         UserError: If a header is wrong, or a number is not finite; the line names column and row.

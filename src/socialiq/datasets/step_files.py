@@ -38,7 +38,7 @@ ARRAYS = (
 """Arrays of an archive (.npz); the first three are required."""
 
 HEADER = "socialiq"
-"""Where .npz and .parquet hold what no column says: a JSON object of the table's own header."""
+"""Entry of .npz and .parquet with the table's header as a JSON object."""
 
 
 def read_steps(
@@ -56,7 +56,7 @@ def read_steps(
         n_actions: Number of actions of the world; 0 where the file has a header that tells it.
         mode_names: Names of the demonstrators that `mode` numbers; by default the header's, or one.
         social: "none" if a reward of one number a step is r_env, and r_social is 0.
-        flatten: Whether observations of more axes (images) are laid out in one; .npz only.
+        flatten: Whether observations of more axes (images) are flattened to one; .npz only.
 
     Raises:
         UserError: If the file is missing or damaged, or a column is missing, unknown or wrong; the
@@ -146,7 +146,7 @@ def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
 
 
 def _header(path: Path, header: bytes | None) -> dict[str, Any] | None:
-    """Return the header of a file of ours.
+    """Return the header that `write_steps` added, if any.
 
     Raises:
         UserError: If there is one that `write_steps` did not write.
@@ -166,7 +166,7 @@ def _header(path: Path, header: bytes | None) -> dict[str, Any] | None:
 
 
 def _agreed(path: Path, what: str, given: Any, told: Any) -> Any:
-    """Return what the file tells, refusing a caller who says otherwise."""
+    """Return what the file tells, refusing an option that differs."""
     if given and given != told:
         raise UserError(f"{path} tells {what}: {told}, not {given}: leave the option out")
     return told

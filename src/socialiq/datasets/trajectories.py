@@ -1,8 +1,8 @@
-"""Trajectories in the form of the `imitation` library as demonstrations; it is not needed.
+"""Demonstrations from trajectories in the form of the `imitation` library, which is not needed.
 
 A trajectory has `obs` (steps + 1), `acts` (steps) and `terminal`, and may have `rews` and `infos`
 (steps). In `imitation`, `terminal` is also set where a time limit cut the episode. To a learner
-that is no terminal state, so it has to be told: by `info["TimeLimit.truncated"]`, which
+that is not a terminal state, so it must be marked: by `info["TimeLimit.truncated"]`, which
 Stable-Baselines3's vector environments set; by our worlds' `info["ending"]`; or by `time_limit`.
 """
 
@@ -31,7 +31,7 @@ def of_trajectories(
     flatten: bool = False,
     source: dict[str, Any] | None = None,
 ) -> Demonstrations:
-    """Make a table of trajectories: objects with the attributes above, or dicts.
+    """Make a table from trajectories: objects with the attributes above, or dicts.
 
     The reward pair of a step is `info["reward_pair"]`; else `rews` of shape (steps, 2); else, where
     `social` says so, `rews` is r_env.
@@ -42,8 +42,8 @@ def of_trajectories(
         modes: Name of the demonstrator, or one name for each trajectory.
         social: "none" if `rews` of one number a step is r_env, and r_social is 0.
         time_limit: A terminal trajectory of this many steps was cut by the clock; 0 for no limit.
-        flatten: Whether observations of more axes (images) are laid out in one.
-        source: What made the data.
+        flatten: Whether observations of more axes (images) are flattened to one.
+        source: Provenance of the data.
 
     Raises:
         UserError: If a trajectory is wrong; the line names it.
@@ -88,7 +88,7 @@ def of_condensed(
     flatten: bool = False,
     source: dict[str, Any] | None = None,
 ) -> Demonstrations:
-    """Make a table of `imitation`'s old archive: all trajectories end to end.
+    """Make a table from `imitation`'s older archive: all trajectories end to end.
 
     Args:
         arrays: `obs`, `acts`, `rews` end to end; `terminal` of each trajectory; `indices`, the
@@ -99,7 +99,7 @@ def of_condensed(
         social: As of `of_trajectories`.
         time_limit: As of `of_trajectories`.
         flatten: As of `of_trajectories`.
-        source: What made the data.
+        source: Provenance of the data.
 
     Raises:
         UserError: If an array is missing or wrong.
@@ -144,7 +144,7 @@ def of_condensed(
 
 
 def _columns(one: Any, social: str, time_limit: int, flatten: bool) -> dict[str, np.ndarray]:
-    """The columns of one trajectory, under the names of `of_steps`."""
+    """Return the columns of one trajectory, under the names of `of_steps`."""
     seen: Float32[np.ndarray, "moment feature"] = features_of("obs", _field(one, "obs"), flatten)
     action: Int32[np.ndarray, " step"] = whole_of("action", _field(one, "acts"))
     steps = len(action)
@@ -188,7 +188,7 @@ def _terminal(one: Any) -> bool:
 
 
 def _ending(terminal: bool, info: Mapping[str, Any], cut: bool) -> Ending:
-    """How the last step ended the episode."""
+    """Return the ending of the last step."""
     if not terminal:
         return Ending.NONE
     named = str(info.get("ending", "")).lower() == "timeout"

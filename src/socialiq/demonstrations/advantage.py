@@ -3,7 +3,7 @@
 Two kinds, by how the mean return-to-go V of a state is found. `advantage` takes the mean over the
 rows with the same observation, which is exact in worlds with a table of states. `advantage_fitted`
 fits a small network, for observations that never repeat; each row's V comes from a network that
-has not seen its episode, because a V that knows a row's own return would leave nothing of it.
+has not seen its episode, because a V that was fitted to a row's own return would cancel it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def advantages(
     episode: Int[np.ndarray, " transition"],
     discount: float,
 ) -> RewardPair:
-    """A of both rewards, each by its own V, each (transition,), in units of reward.
+    """Return A of both rewards, each by its own V, each (transition,), in units of reward.
 
     Args:
         kind: One of `ADVANTAGE_KINDS`.
@@ -37,7 +37,7 @@ def advantages(
         discount: γ. The policy of the rewards themselves is kept if it is the learner's γ.
 
     Raises:
-        UserError: If the data can't tell V: no state is there twice, or there is one episode.
+        UserError: If V cannot be estimated: no state occurs twice, or there is one episode.
     """
     values = _fitted if kind == "advantage_fitted" else _grouped
     found = values(observation, to_go, episode)

@@ -1,7 +1,7 @@
-"""What makes the columns of a demonstrations table one table: every check, one line each.
+"""Layout of the columns of a demonstrations table, and the checks that make them one table.
 
-A line names the column, its first bad row and what mends it. Later checks rely on earlier ones,
-so the order here is the order in which a user meets them.
+A message names the column, its first bad row and what mends it. Later checks rely on earlier ones,
+so the order here is the order of the messages.
 """
 
 from __future__ import annotations

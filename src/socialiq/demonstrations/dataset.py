@@ -46,7 +46,7 @@ class Demonstrations:
         step: Number of the step within its episode, from 0; it skips where rows were left out.
         mode_names: Names of the demonstrators' modes; some may be without episodes.
         n_actions: Number of discrete actions of the world.
-        source: What made the data (world, options, seeds), kept as JSON would give it back.
+        source: Provenance (world, options, seeds), as JSON returns it.
 
     Raises:
         UserError: If a column breaks any of this; the line names it and its first bad row.
@@ -107,7 +107,7 @@ class Demonstrations:
             mode: Index into `mode_names`, (transition,); 0 in every row without it.
             mode_names: Names of the demonstrators' modes.
             step: Number of the step, (transition,); counted within the episode without it.
-            source: What made the data.
+            source: Provenance of the data.
 
         Raises:
             UserError: If a column is wrong; the line names it and its first bad row.
@@ -156,7 +156,7 @@ class Demonstrations:
         )
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All columns by name, in a file's order; the rewards as `r_env` and `r_social`."""
+        """Return all columns by name, in a file's order; the rewards as `r_env` and `r_social`."""
         return self._columns()
 
     @property
@@ -190,7 +190,7 @@ class Demonstrations:
         return self.mode[self.episode_starts]
 
     def returns(self, kind: str, discount: float) -> RewardPair:
-        """(G_env, G_social) of every transition, each (transition,), float64 (thesis 5.3.1).
+        """Return (G_env, G_social) of every transition, each (transition,), float64 (thesis 5.3.1).
 
         Args:
             kind: One of `social.returns.TARGET_KINDS`, or of `advantage.ADVANTAGE_KINDS`.
@@ -208,7 +208,7 @@ class Demonstrations:
         return RewardPair(env, social)
 
     def _advantages(self, kind: str, discount: float) -> RewardPair:
-        """Found once and kept: fitting a network takes long, and a learner asks twice."""
+        """Return the advantages, cached: fitting a network takes long, and a learner asks twice."""
         known, key = _ADVANTAGES.setdefault(self, {}), (kind, discount)
         if key not in known:
             known[key] = advantages(
@@ -222,7 +222,7 @@ class Demonstrations:
         return RewardPair(*(column.copy() for column in known[key]))
 
     def totals(self) -> RewardPair:
-        """Undiscounted sums of r_env and r_social over each episode, each (episode,).
+        """Return undiscounted sums of r_env and r_social over each episode, each (episode,).
 
         Raises:
             UserError: If steps of an episode are not here any more.
@@ -271,7 +271,7 @@ class Demonstrations:
         return self._take(rows, self.episode[rows], source)
 
     def with_mode_names(self, mode_names: tuple[str, ...]) -> Demonstrations:
-        """The same rows under another list of mode names, matched by name.
+        """Return the same rows under another list of mode names, matched by name.
 
         Raises:
             UserError: If a mode that has episodes isn't in the list.
@@ -284,7 +284,7 @@ class Demonstrations:
         return dataclasses.replace(self, mode=index[self.mode], mode_names=mode_names)
 
     def counts(self) -> dict[str, tuple[int, int]]:
-        """Numbers of (episodes, transitions) of each mode, by name."""
+        """Return the numbers of (episodes, transitions) of each mode, by name."""
         n_modes = len(self.mode_names)
         episodes = np.bincount(self.episode_modes, minlength=n_modes)
         transitions = np.bincount(self.mode, minlength=n_modes)
@@ -293,12 +293,12 @@ class Demonstrations:
         }
 
     def summary(self) -> str:
-        """One line: how many episodes and transitions, in all and of each mode."""
+        """Return one line with the numbers of episodes and transitions, in all and by mode."""
         modes = ", ".join(f"{name} {e}/{t}" for name, (e, t) in self.counts().items())
         return f"{self.n_episodes} episodes, {self.n_transitions} transitions ({modes})"
 
     def _check_whole(self) -> None:
-        """Refuse to sum over episodes that miss steps: the sum would be wrong and look right."""
+        """Refuse to sum over episodes that miss steps: the sum would be wrong without notice."""
         within = np.arange(self.n_transitions) - self.episode_starts[self.episode]
         last = np.diff(self.episode, append=self.n_episodes) != 0
         gaps = (self.step != within) | (last & (self.ending == Ending.NONE))
@@ -309,7 +309,7 @@ class Demonstrations:
             )
 
     def _columns(self) -> dict[str, Any]:
-        # What `arrays` returns, before it is known to be arrays.
+        # As `arrays`, before the types are checked.
         rewards = {"r_env": self.rewards.env, "r_social": self.rewards.social}
         return {
             name: rewards[name] if name in rewards else getattr(self, name)

@@ -31,13 +31,13 @@ def save(path: Path, demonstrations: Demonstrations) -> str:
 
 
 def sha256_of(demonstrations: Demonstrations) -> str:
-    """The SHA-256 of a table's content, that `save` would return."""
+    """Return the SHA-256 of a table's content, as `save` does."""
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
     return storage.sha256_of(KIND, SCHEMA_VERSION, arrays, header)
 
 
 def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
-    """Return what a file says beside the columns: mode_names, n_actions, source."""
+    """Return the header of a file: mode_names, n_actions, source."""
     return {
         "mode_names": list(demonstrations.mode_names),
         "n_actions": demonstrations.n_actions,

@@ -1,11 +1,11 @@
-"""How demonstrators are mixed into one set: whole episodes, drawn without replacement.
+"""Mixtures of demonstrators in one set: whole episodes, drawn without replacement.
 
 The thesis mixes "equal proportions of ... demonstrations" in 5.2 and equal parts of
 "transitions" in 6.3. These are different data sets wherever modes differ in how long they take.
 A learner samples transitions, so under equal trajectories the slow mode weighs most: in the 7x7
 world, whose altruistic expert waits, 77 % of the transitions are then altruistic, and the
 unregularised policy turns altruistic; under equal transitions it doesn't
-(docs/reproduction/grid.md). Each reading is a function here and none is the default.
+(docs/reproduction/grid.md). Each interpretation is a function here and none is the default.
 
 Pools map a mode's name to demonstrations of that mode alone. The episodes of a pool are drawn as
 a beginning of one seeded order, so a larger draw contains a smaller one of the same seed. The
@@ -193,7 +193,7 @@ def _orders(pools: Pools, seed: int) -> dict[str, Int[np.ndarray, " episode"]]:
 def _draw(
     pools: Pools, counts: Mapping[str, int], seed: int, recipe: dict[str, Any]
 ) -> Demonstrations:
-    """Take that many episodes of each pool; the recipe and the pools' sources tell how."""
+    """Take the counted episodes of each pool; `source` records recipe and sources."""
     parts = []
     for mode, order in _orders(pools, seed).items():
         if len(order) < counts[mode]:

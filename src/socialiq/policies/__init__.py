@@ -1,1 +1,1 @@
-"""Policies that were made elsewhere, brought under audit without trust (docs/policies.md)."""
+"""Untrusted policies of other programs in, our own policies out (docs/policies.md)."""

@@ -1,4 +1,4 @@
-"""Policies given as Python code. To load one is to run its author's code, with all your rights."""
+"""Policies given as Python code. Loading one runs its author's code with all your rights."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from socialiq.policies.record import read_content
 
 
 def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy, bytes]:
-    """The policy `MODULE:ATTRIBUTE`; MODULE may be a file's path that ends in .py.
+    """Load the policy `MODULE:ATTRIBUTE`; MODULE may be a file's path that ends in .py.
 
     The attribute is a policy (it has `predict`), a class that makes one without arguments, or a
     function from observations, float32 (batch, features), to one action for each.
@@ -22,7 +22,7 @@ def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy
     Args:
         name: As above.
         source: How messages call it.
-        world: What it has to fit; its answers are held to that.
+        world: The interface that it must have; its answers are checked against it.
 
     Returns:
         The policy, and the source text of its module.
@@ -33,7 +33,7 @@ def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy
     place, _, attribute = name.rpartition(":")
     if not place or not attribute.isidentifier():
         raise UserError(
-            f"{source} is no MODULE:ATTRIBUTE: write for instance mine.policies:careful"
+            f"{source} is not MODULE:ATTRIBUTE: write for instance mine.policies:careful"
         )
     try:
         if place.endswith(".py"):

@@ -1,7 +1,7 @@
-"""Model cards: what is known of a policy, from its own record, and blanks where nothing is.
+"""Model cards: the recorded facts about a policy, and visible blanks where nothing is recorded.
 
-Markdown with YAML front matter, as model hubs read it. All text that comes from a file is escaped:
-a card must not say what a stranger's name for a setting makes it say.
+Markdown with YAML front matter, as model hubs read it. User-provided names are escaped, so that
+they cannot change the card's structure.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ def model_card(
     evaluation: Mapping[str, Any] | None = None,
     evaluated_by: str = "",
 ) -> str:
-    """A card in Markdown.
+    """Return a card in Markdown.
 
     Args:
-        policy: The policy; its provenance tells the angle and the procedure.
-        name: What it is called.
-        training: What else is known of its making: the content of `run.json`, or its entry in the
+        policy: The policy; its provenance has the angle and the procedure.
+        name: Its name.
+        training: Further records of its training: the content of `run.json`, or its entry in the
             atlas' manifest. Only `data`, `inputs`, `world`, `versions`, `made_by` and `options`
             count.
         evaluation: One flat object of names and numbers, as `socialiq evaluate --json` prints it.
-        evaluated_by: Where the evaluation comes from, in words.
+        evaluated_by: Origin of the evaluation, in words.
 
     Raises:
         UserError: If the evaluation is no such object.
@@ -83,14 +83,14 @@ def _environment() -> Environment:
 
 
 def _plain(value: Any) -> Any:
-    """A value that is filled in: one line, no markup."""
+    """Return a value as one line without markup."""
     if isinstance(value, str) and not isinstance(value, _Ready):
         return markdown(value)
     return value
 
 
 def _angle(record: Mapping[str, Any]) -> float | None:
-    """The angle that the policy was trained for, or that a dial was turned to."""
+    """Return the angle that the policy was trained for, or that a dial was set to."""
     numbers = record.get("numbers")
     told = record.get("angle", numbers.get("angle") if isinstance(numbers, dict) else None)
     finite = isinstance(told, int | float) and not isinstance(told, bool) and math.isfinite(told)
@@ -124,7 +124,7 @@ def _details(policy: QPolicy, known: Mapping[str, Any]) -> list[tuple[str, str]]
 
 
 def _rows(value: Any, name: str) -> Iterator[tuple[str, str]]:
-    """Nested settings as (dotted name, value), at most `MOST_ROWS`."""
+    """Yield nested settings as (dotted name, value), at most `MOST_ROWS`."""
     waiting, listed = [(name, value)], 0
     while waiting and listed < MOST_ROWS:
         key, one = waiting.pop(0)
@@ -145,7 +145,7 @@ def _shown(value: Any) -> str:
 
 
 def _measured(evaluation: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Names and scalars of an evaluation.
+    """Return the names and scalars of an evaluation.
 
     Raises:
         UserError: If it is of several policies, or nested.
@@ -166,7 +166,7 @@ def _measured(evaluation: Mapping[str, Any] | None) -> dict[str, Any]:
 def _front(
     name: str, angle: float | None, known: Mapping[str, Any], measured: Mapping[str, Any]
 ) -> str:
-    """YAML front matter; each value is written as JSON, which YAML reads as the same."""
+    """Return YAML front matter; each value is written as JSON, which is valid YAML."""
     tags = ["reinforcement-learning", "inverse-reinforcement-learning", "driving", "socialiq"]
     entries: dict[str, Any] = {"library_name": "socialiq", "tags": tags}
     entries["pipeline_tag"] = "reinforcement-learning"

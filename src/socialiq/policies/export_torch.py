@@ -1,4 +1,4 @@
-"""Policies out as PyTorch modules, and their weights under PyTorch's names."""
+"""Export of policies as PyTorch modules, and of their weights under PyTorch's names."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from socialiq.nn.view import View
 
 
 def as_torch_module(policy: QPolicy) -> Any:
-    """The policy's network as a `torch.nn.Module`: Q values of (batch, features), float32.
+    """Return the policy's network as a `torch.nn.Module`: Q values of (batch, features), float32.
 
-    Its weights are copies and train like any others; the greedy action is `argmax(dim=1)`.
+    Its weights are copies and can be trained; the greedy action is `argmax(dim=1)`.
 
     Args:
-        policy: Any that `QPolicy` can hold; a dial is turned to an angle first.
+        policy: Any `QPolicy`; of a dial, `DialPolicy.at` gives the policy at an angle.
 
     Raises:
         UserError: If PyTorch is not installed.
@@ -40,7 +40,7 @@ def as_torch_module(policy: QPolicy) -> Any:
 
 
 def state_dict(policy: QPolicy) -> dict[str, np.ndarray]:
-    """The weights by the names that the module has for them, float32; needs no PyTorch."""
+    """Return the weights under the module's names, float32; needs no PyTorch."""
     arrays = _named("layers", policy.weights, policy.biases)
     if isinstance(policy.view, View):
         arrays |= _named("view.layers", policy.view.weights, policy.view.biases)
@@ -48,12 +48,12 @@ def state_dict(policy: QPolicy) -> dict[str, np.ndarray]:
 
 
 def to_safetensors(policy: QPolicy) -> bytes:
-    """The bytes of a plain safetensors file of `state_dict`, for `safetensors.torch.load_file`.
+    """Return `state_dict` as a plain safetensors file, for `safetensors.torch.load_file`.
 
-    Its metadata tell the activation, the view and the provenance, as JSON.
+    Its metadata hold the activation, the view and the provenance, as JSON.
 
     Args:
-        policy: Any that `QPolicy` can hold.
+        policy: Any `QPolicy`.
     """
     _, header = policy.content()
     metadata = {"format": "pt", "policy_sha256": policy.sha256, "policy": json.dumps(header)}

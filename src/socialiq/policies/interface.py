@@ -1,4 +1,4 @@
-"""Policies that answer a batch of observations, with every answer checked."""
+"""Interface of a policy, and policies given by a function of a batch, with checked answers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from socialiq.errors import UserError
 
 
 class Interface(NamedTuple):
-    """What a driver sees and may do.
+    """Sizes of a policy's observations and actions.
 
     Attributes:
         n_features: Length of an observation.
@@ -39,11 +39,11 @@ class Interface(NamedTuple):
 
 @dataclass(frozen=True)
 class BatchPolicy:
-    """A policy given by one function of a batch; its code is not ours, so nothing is believed.
+    """A policy given by one function of a batch of observations; every answer is checked.
 
     Attributes:
-        source: How messages call it.
-        interface: What it sees and may do.
+        source: Its name in messages.
+        interface: Its sizes.
         decide: (observations float32 (batch, features), deterministic) -> one action a row.
     """
 
@@ -61,7 +61,7 @@ class BatchPolicy:
         """Choose actions for one observation, shape (features,), or a batch (batch, features).
 
         Args:
-            observation: What the driver sees.
+            observation: s.
             state: Passed through; the policy has no memory.
             episode_start: Ignored, for the same reason.
             deterministic: Passed on.
@@ -77,7 +77,7 @@ class BatchPolicy:
 
 
 def checked_batch(observation: Any, n_features: int) -> Float32[np.ndarray, "batch feature"]:
-    """Observations as a batch.
+    """Return observations as a batch, float32.
 
     Raises:
         UserError: If they have another length, or are not finite.
@@ -88,14 +88,14 @@ def checked_batch(observation: Any, n_features: int) -> Float32[np.ndarray, "bat
             f"observation of shape {batch.shape[1:]}: this policy takes ({n_features},)"
         )
     if not np.isfinite(batch).all():
-        raise UserError("observation holds NaN or infinity: mend the sensor or the data")
+        raise UserError("observation holds NaN or infinity: check the sensor or the data")
     return batch
 
 
 def checked_actions(
     answer: Any, rows: int, n_actions: int, source: str
 ) -> Int64[np.ndarray, " batch"]:
-    """An answer as action numbers.
+    """Return an answer as action numbers.
 
     Raises:
         UserError: If it is not one integer from 0 to n_actions - 1 for each row.

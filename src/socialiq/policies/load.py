@@ -1,4 +1,4 @@
-"""The one door for policies under audit: whatever kind they are, `load` makes them a `Policy`."""
+"""Loading of policies of any kind: `load_policy` returns a `Policy` and a record of its origin."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ KINDS = (
     "process:COMMAND LINE",
     "python:MODULE:ATTRIBUTE",
 )
-"""What a specification may be."""
+"""Forms of a policy specification."""
 
 _BYTES = "the file's bytes"
 
@@ -40,23 +40,24 @@ def load_policy(
     allow_code: bool = False,
     limits: Limits | None = None,
 ) -> Loaded:
-    """Load a policy that somebody else may have made, to be audited in a world.
+    """Load a policy from a file, a command or a Python module, for a world.
 
     Args:
-        spec: One of `KINDS`. A .safetensors is ours (a policy, a dial or a table), a .zip
-            Stable-Baselines3's. What a command names runs, and so does a Python module.
+        spec: One of `KINDS`. A .safetensors is a file of this package (a policy, a dial or a
+            table), a .zip one of Stable-Baselines3. A command is run, and a Python module imported.
         n_features: Length of the world's observations.
         n_actions: Number of the world's actions.
         angle: Of a dial, in degrees.
-        allow_code: Whether a Python module may be imported: its author's code runs with your
-            rights then.
-        limits: What a process may take.
+        allow_code: Whether a Python module may be imported, which runs its author's code with
+            your rights.
+        limits: Time and memory of a process.
 
     Returns:
-        The policy and its record. Close it, or use it as a context: a process runs until then.
+        The policy and its record. Close it, or use it as a context manager: a process runs
+            until then.
 
     Raises:
-        UserError: In one line, if the policy can't be read, isn't certain, or doesn't fit.
+        UserError: If the policy cannot be read, is ambiguous, or does not fit the world.
     """
     world, source = Interface(n_features, n_actions), one_line(spec)
     head, colon, rest = spec.partition(":")
@@ -68,7 +69,7 @@ def load_policy(
     readers: dict[str, Callable[[Path, str, Interface], Loaded]] = {
         ".zip": _zip,
         ".onnx": _onnx,
-        ".safetensors": lambda path, source, world: _own(path, source, world, angle),
+        ".safetensors": lambda path, source, world: _native(path, source, world, angle),
     }
     if path.suffix.lower() not in readers:
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
@@ -99,7 +100,7 @@ def _onnx(path: Path, source: str, world: Interface) -> Loaded:
     return _loaded(policy, "onnx", source, content, world, details)
 
 
-def _own(path: Path, source: str, world: Interface, angle: float | None) -> Loaded:
+def _native(path: Path, source: str, world: Interface, angle: float | None) -> Loaded:
     content = read_content(path)
     kind = kind_of(path)
     if kind == "dial":

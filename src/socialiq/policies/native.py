@@ -1,7 +1,7 @@
-"""Our own files as policies under audit: policies and dials.
+"""Files of this package as policies: policies, dials and tables.
 
-The container finds damage, but who can write a file can write its checksum. So what the header
-claims is compared with the arrays before any of it is used.
+The container's checksum finds damage; it is no signature. So the header is checked against the
+arrays before it is used.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from socialiq.worlds.tabular_policy import TabularPolicy
 
 MOST_LAYERS = 100
 MOST_PROVENANCE = 65_536
-"""Characters of a file's own account of itself, which goes into reports."""
+"""Characters of a file's header, which goes into reports."""
 
 _FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
 
 def read_policy(path: Path, world: Interface | None) -> tuple[QPolicy, dict[str, Any]]:
-    """A policy that `QPolicy.save` wrote.
+    """Read a policy that `QPolicy.save` wrote.
 
     Args:
         path: The file.
-        world: What it has to fit, if anything.
+        world: The interface that it must have, if any.
 
     Returns:
-        The policy, and what the file tells about it.
+        The policy, and details from the file.
 
     Raises:
         UserError: If the file is missing, damaged, holds something else, or doesn't fit the world.
@@ -51,15 +51,15 @@ def read_policy(path: Path, world: Interface | None) -> tuple[QPolicy, dict[str,
 def read_dial(
     path: Path, angle: float | None, world: Interface | None
 ) -> tuple[QPolicy, dict[str, Any]]:
-    """A dial that `DialPolicy.save` wrote, at one angle in degrees.
+    """Read a dial that `DialPolicy.save` wrote, at one angle in degrees.
 
     Args:
         path: The file.
         angle: Degrees.
-        world: What it has to fit, if anything.
+        world: The interface that it must have, if any.
 
     Returns:
-        The policy, and what the file tells about it.
+        The policy, and details from the file.
 
     Raises:
         UserError: As `read_policy`; if there is no angle, or the dial was not trained for it.
@@ -97,14 +97,14 @@ def _policy(
     world: Interface | None,
     extra: int,
 ) -> QPolicy:
-    """A policy whose header is true.
+    """Return a policy whose header agrees with its arrays.
 
     Args:
-        path: For messages.
+        path: Name in messages.
         arrays: Of the file.
         header: Of the file.
-        world: What the policy has to fit, if anything.
-        extra: Inputs of the first layer that are no part of the observation.
+        world: The interface that the policy must have, if any.
+        extra: Inputs of the first layer that are not part of the observation.
     """
     if len(json.dumps(header)) > MOST_PROVENANCE:
         raise _refusal(path, f"has a header of more than {MOST_PROVENANCE:,} characters")
@@ -132,7 +132,7 @@ def _n_features(policy: QPolicy, extra: int) -> int:
 
 
 def _consistent(policy: QPolicy, extra: int) -> bool:
-    """Whether every layer reads what the one before it makes, and the settings are possible."""
+    """Whether the widths of the layers agree and the settings are possible."""
     known = policy.activation in ACTIVATIONS and isinstance(policy.provenance, dict)
     temperature = policy.temperature
     warm = isinstance(temperature, float) and 0.0 < temperature < float("inf")
@@ -144,7 +144,7 @@ def _consistent(policy: QPolicy, extra: int) -> bool:
 
 
 def _view_is_possible(policy: QPolicy) -> bool:
-    """Whether a view's own numbers are what `View` and `OneHot` make; they take any."""
+    """Whether a view's numbers are ones that `View` and `OneHot` produce."""
     view = policy.view
     if view is None:
         return True
@@ -173,9 +173,8 @@ def _chained(weights: tuple[Any, ...], biases: tuple[Any, ...], inputs: int) -> 
     return inputs > 0
 
 
-KIND = "table"
-SCHEMA_VERSION = 1
-
+_TABLE_KIND = "table"
+_TABLE_VERSION = 1
 _ARRAY = "probabilities"
 
 
@@ -193,20 +192,20 @@ def save_table(path: Path, policy: TabularPolicy) -> str:
         UserError: If the file can't be written.
     """
     header = {"world": policy.world.name, "description": policy.world.description}
-    return save_arrays(path, KIND, SCHEMA_VERSION, {_ARRAY: policy.probabilities}, header)
+    return save_arrays(path, _TABLE_KIND, _TABLE_VERSION, {_ARRAY: policy.probabilities}, header)
 
 
 def read_table(path: Path, world: Interface) -> tuple[TabularPolicy, dict[str, Any]]:
-    """A table that `save_table` wrote.
+    """Read a table that `save_table` wrote.
 
     Returns:
-        The policy, and what the file tells about it.
+        The policy, and details from the file.
 
     Raises:
-        UserError: If the file is missing or damaged, is for another world or another reading of it,
-            or holds rows that are no distribution.
+        UserError: If the file is missing or damaged, is for another world or other options of it,
+            or has a row that is not a distribution.
     """
-    arrays, header = load_arrays(path, KIND, SCHEMA_VERSION)
+    arrays, header = load_arrays(path, _TABLE_KIND, _TABLE_VERSION)
     name = header.get("world")
     if not isinstance(name, str) or name not in GRIDWORLDS:
         raise UserError(f"{path} is for no world of {', '.join(GRIDWORLDS)}: make it again")
@@ -222,5 +221,5 @@ def read_table(path: Path, world: Interface) -> tuple[TabularPolicy, dict[str, A
             "again"
         )
     if not ((chances >= 0.0).all() and np.allclose(chances.sum(axis=1), 1.0, atol=1e-9)):
-        raise UserError(f"{path} has a row that is no distribution: make it again")
+        raise UserError(f"{path} has a row that is not a distribution: make it again")
     return TabularPolicy(grid, chances), {"content_sha256": header["sha256"], "world": name}

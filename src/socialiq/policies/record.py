@@ -1,4 +1,4 @@
-"""What a policy under audit is, in words that can be written into a report."""
+"""A loaded policy, and its record for reports: kind, source, hash, sizes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from socialiq.types import Policy
 
 @dataclass(frozen=True)
 class Record:
-    """A plain account of a policy.
+    """Facts about a policy, all JSON.
 
     Attributes:
         kind: "policy", "dial", "table", "sb3", "onnx", "process" or "python".
@@ -25,9 +25,9 @@ class Record:
         sha256: Of the file's bytes. Of a process: of its command and of the files named in it. Of
             Python: of the module's source. `covers` says which.
         covers: What `sha256` is the hash of.
-        interface: What it sees and may do.
-        soft: Whether it tells the distribution that it draws from, if not asked for its best.
-        details: What else its file tells, all of it JSON.
+        interface: Sizes of its observations and actions.
+        soft: Whether it gives the distribution of its stochastic actions.
+        details: Further facts from its file.
     """
 
     kind: str
@@ -39,7 +39,7 @@ class Record:
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
-        """The same as one JSON object."""
+        """Return the record as one JSON object."""
         named = {name: getattr(self, name) for name in ("kind", "source", "sha256", "covers")}
         return {**named, **self.interface._asdict(), "soft": self.soft, **self.details}
 
@@ -50,12 +50,12 @@ def _nothing() -> None:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A policy under audit and its record; a context, because a process must be ended.
+    """A policy and its record; a context manager, because a process must be ended.
 
     Attributes:
         policy: Decides, as `types.Policy`.
-        record: What it is.
-        close: Ends what the policy holds open. To call it twice does no harm.
+        record: Its facts.
+        close: Ends the policy's process, if it has one; may be called twice.
     """
 
     policy: Policy
@@ -99,5 +99,5 @@ def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def sha256_of(content: bytes) -> str:
-    """SHA-256 of bytes, as `sha256sum` prints it."""
+    """Return the SHA-256 of bytes, as `sha256sum` prints it."""
     return hashlib.sha256(content).hexdigest()

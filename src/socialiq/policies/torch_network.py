@@ -17,7 +17,7 @@ class QModule(torch.nn.Module):
     """Q values of a batch of observations, float32, with gradients.
 
     Attributes:
-        view: What stands before the first layer.
+        view: Module before the first layer.
         layers: Affine layers.
         activation: Between them.
     """
@@ -29,7 +29,7 @@ class QModule(torch.nn.Module):
         self.activation = _ACTIVATIONS[policy.activation]()
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """(batch, features) to (batch, actions)."""
+        """Map (batch, features) to (batch, actions)."""
         value = self.view(observation)
         for number, layer in enumerate(self.layers):
             value = layer(self.activation(value) if number else value)
@@ -40,8 +40,8 @@ class OneHotModule(torch.nn.Module):
     """Integer features, one place for each value (`nn.one_hot`).
 
     Attributes:
-        places: Which feature each output looks at.
-        values: Which value it looks for.
+        places: The feature that each output reads.
+        values: The value that it is compared with.
     """
 
     places: torch.Tensor
@@ -58,7 +58,7 @@ class OneHotModule(torch.nn.Module):
         self.register_buffer("values", wanted, persistent=False)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """(batch, features) to (batch, places)."""
+        """Map (batch, features) to (batch, places)."""
         return (observation[:, self.places] == self.values).to(torch.float32)
 
 
@@ -66,8 +66,8 @@ class ViewModule(torch.nn.Module):
     """Vehicles as the ego sees them, or as a set (`nn.view`).
 
     Attributes:
-        choice: What the view does.
-        layers: That all vehicles share.
+        choice: Settings of the view.
+        layers: Layers that all vehicles share.
     """
 
     def __init__(self, view: View) -> None:
@@ -76,7 +76,7 @@ class ViewModule(torch.nn.Module):
         self.layers = _affine(view.weights)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """(batch, features) to what the first layer reads."""
+        """Map (batch, features) to the first layer's input."""
         rows = observation.reshape(len(observation), -1, ROW)
         ego, others = rows[:, :1], rows[:, 1:]
         present = others[..., :1]
@@ -105,7 +105,7 @@ class ViewModule(torch.nn.Module):
 
 
 def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
-    """Components along a heading (cos, sin) and to its left."""
+    """Return components along a heading (cos, sin) and to its left."""
     x, y, cos, sin = vector[..., :1], vector[..., 1:], along[..., :1], along[..., 1:]
     return torch.cat([x * cos + y * sin, y * cos - x * sin], dim=-1)
 
@@ -117,7 +117,7 @@ def _before(policy: QPolicy) -> torch.nn.Module:
 
 
 def _affine(weights: Any) -> torch.nn.ModuleList:
-    """Layers of these shapes; the numbers come with the state dictionary."""
+    """Return layers of these shapes; their values come with the state dictionary."""
     return torch.nn.ModuleList(
         torch.nn.Linear(weight.shape[1], weight.shape[0]) for weight in weights
     )

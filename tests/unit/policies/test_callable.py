@@ -72,8 +72,8 @@ def test_module_may_be_named(tmp_path, monkeypatch):
     [
         ("missing", "raised AttributeError"),
         ("number", "is no policy"),
-        ("a b", "is no MODULE:ATTRIBUTE"),
-        ("", "is no MODULE:ATTRIBUTE"),
+        ("a b", "is not MODULE:ATTRIBUTE"),
+        ("", "is not MODULE:ATTRIBUTE"),
     ],
 )
 def test_attribute_must_be_a_policy(spec, name, match):

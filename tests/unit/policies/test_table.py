@@ -43,11 +43,11 @@ def test_other_worlds_are_refused(tmp_path):
 
 
 def test_rows_must_be_distributions(tmp_path):
-    refused(tmp_path, "no distribution", chances() * 0.9)
-    refused(tmp_path, "no distribution", np.full((STATES, SIZES[1]), np.nan))
+    refused(tmp_path, "not a distribution", chances() * 0.9)
+    refused(tmp_path, "not a distribution", np.full((STATES, SIZES[1]), np.nan))
     negative = np.zeros((STATES, SIZES[1]))
     negative[:, :2] = [2.0, -1.0]
-    refused(tmp_path, "no distribution", negative)
+    refused(tmp_path, "not a distribution", negative)
     refused(tmp_path, "must hold float64", chances()[1:])
     refused(tmp_path, "must hold float64", chances().astype(np.float32))
     refused(tmp_path, "must hold float64", np.zeros(0))

@@ -1,7 +1,7 @@
-"""Policies out as ONNX: the graph is written node by node, so that no tracing library is needed.
+"""Export of policies as ONNX: the graph is written node by node, without a tracing library.
 
-Only operators are used that the audit reads (`onnx_graph`), so what is written here can be read
-by `policies.load`. All vehicles of a pooled view share one set of weights in the file.
+Only operators of `policies.onnx.graph` are used, so `policies.load` reads the files. All vehicles
+of a pooled view share one set of weights in the file.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _ACTIVATIONS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}
 
 
 def to_onnx(policy: QPolicy) -> bytes:
-    """The bytes of an ONNX file of a policy.
+    """Return a policy as the bytes of an ONNX file.
 
     It takes float32 (batch, features) and has two outputs: `q_values`, float32 (batch, actions),
-    and `actions`, int64 (batch,), the best of them and the first of equals, as `QPolicy.predict`.
+    and `actions`, int64 (batch,), the best action, of equal ones the first, as `QPolicy.predict`.
 
     Args:
-        policy: Any that `QPolicy` can hold; a dial is turned to an angle first.
+        policy: Any `QPolicy`; of a dial, `DialPolicy.at` gives the policy at an angle.
 
     Raises:
         UserError: If the extra `onnx` is not installed.
@@ -92,7 +92,7 @@ def _model(onnx: ModuleType, graph: _Graph, policy: QPolicy) -> bytes:
 
 
 class _Graph:
-    """Nodes and constants of a graph that grows from the observation."""
+    """Nodes and constants of a graph, added from the observation onwards."""
 
     def __init__(self, onnx: ModuleType) -> None:
         self._onnx = onnx
@@ -100,20 +100,20 @@ class _Graph:
         self.constants: dict[str, np.ndarray] = {}
 
     def add(self, operator: str, inputs: list[str], name: str, **attributes: Any) -> str:
-        """Add a node, named for its one output; returns the name."""
+        """Add a node with one output of the same name; return the name."""
         node = self._onnx.helper.make_node(operator, inputs, [name], name=name, **attributes)
         self.nodes.append(node)
         return name
 
     def constant(self, name: str, array: np.ndarray) -> str:
-        """Add a constant, if it is not there yet; returns its name."""
+        """Add a constant unless it exists; return its name."""
         self.constants.setdefault(name, array)
         return name
 
     def affine(
         self, value: str, weight: np.ndarray, bias: np.ndarray, name: str, output: str = ""
     ) -> str:
-        """A layer; layers of one name share their weights, so their outputs need names."""
+        """Add an affine layer; layers of one name share weights, so their outputs need names."""
         inputs = [
             value,
             self.constant(f"{name}.weight", np.asarray(weight, np.float32)),
@@ -122,17 +122,17 @@ class _Graph:
         return self.add("Gemm", inputs, output or name, transB=1)
 
     def gather(self, places: list[int], name: str, value: str = INPUT) -> str:
-        """Some of a value's numbers, in the order told."""
+        """Add the selection of some elements of a value, in the given order."""
         index = self.constant(f"{name}.places", np.array(places, np.int64))
         return self.add("Gather", [value, index], name, axis=1)
 
     def scaled(self, value: str, scales: list[float], name: str) -> str:
-        """A value times constants."""
+        """Add the product of a value and constants."""
         factor = self.constant(f"{name}.factor", np.array(scales, np.float32))
         return self.add("Mul", [value, factor], name)
 
     def seen(self, policy: QPolicy) -> str:
-        """What the first layer reads."""
+        """Add the view of a policy; return the name of the first layer's input."""
         if isinstance(policy.view, OneHot):
             return self._one_hot(policy.view)
         return INPUT if policy.view is None else self._view(policy.view)
@@ -149,7 +149,7 @@ class _Graph:
         return self.add("Cast", [equal], "one_hot", to=self._onnx.TensorProto.FLOAT)
 
     def _view(self, view: View) -> str:
-        """Own row, then the others: encoded, summed and maximised, or side by side."""
+        """Add the ego's row and the other vehicles: encoded, summed and maximised, or listed."""
         scale = view.choice.scale
         own = self.gather(list(range(1, ROW)), "own.read")
         own = self.scaled(own, [scale] * 4 + [1.0] * 2, "own")
@@ -166,7 +166,7 @@ class _Graph:
         return self.add("Concat", [own, total, most], "view", axis=1)
 
     def _vehicle(self, view: View, number: int) -> str:
-        """One other vehicle as the view lists or encodes it; all zeros where there is none."""
+        """Add another vehicle as the view lists or encodes it; all zeros where there is none."""
         name, first, scale = f"vehicle_{number}", number * ROW, view.choice.scale
         row = self.gather(list(range(first, first + ROW)), f"{name}.read")
         parts = [self.scaled(row, [1.0] + [scale] * 4 + [1.0] * 2, f"{name}.absolute")]
@@ -189,7 +189,7 @@ class _Graph:
         return self.add("Mul", [value, self.gather([first] * width, f"{made}.presence")], made)
 
     def _relative(self, name: str, first: int, scale: float) -> str:
-        """Position, velocity and heading along the ego's heading and to its left.
+        """Add position, velocity and heading along the ego's heading and to its left.
 
         A vector (x, y) turned by the heading (cos, sin) is (x cos + y sin, y cos - x sin).
         """
@@ -202,7 +202,7 @@ class _Graph:
         return self.scaled(total, [scale] * 4 + [1.0] * 2, f"{name}.relative")
 
     def _ego(self) -> None:
-        """What every other vehicle is seen against; headings are turned, but not shifted."""
+        """Add the reference for the relative view; headings are rotated, but not shifted."""
         for label, places in _TURNS.items():
             read = self.gather(list(places), f"ego.{label}.read")
             self.scaled(read, [1.0] * 4 + [0.0] * 2, f"ego.{label}")

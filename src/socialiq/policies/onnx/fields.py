@@ -1,9 +1,8 @@
 """The fields of an ONNX file that a policy may have, checked before any library parses the file.
 
-Protocol Buffers let a file of two bytes a message ask for millions of objects, so they are counted
-on the wire first. And what can't be said can't be misread: a field outside this table (external
-data, sparse initialisers, functions, sub-graphs) refuses the file, with the field's number as it
-stands in onnx.proto.
+In Protocol Buffers, messages of two bytes each can ask for millions of objects, so fields are
+counted on the wire first. A field outside this table (external data, sparse initialisers,
+functions, sub-graphs) refuses the file; the message has its number in onnx.proto.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ def check_fields(content: bytes, source: str) -> None:
 
     Args:
         content: The file.
-        source: How messages call it.
+        source: Its name in messages.
 
     Raises:
         UserError: At the first such field, or where the file is damaged.
@@ -77,7 +76,7 @@ def check_fields(content: bytes, source: str) -> None:
                 if inner is not None:
                     waiting.append((inner, begin, after))
     except (IndexError, ValueError) as error:
-        raise UserError(f"{source} is damaged or no ONNX file: export it again") from error
+        raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
 
 
 def _refusal(source: str, message: _Message, number: int) -> UserError:

@@ -1,4 +1,4 @@
-"""What an ONNX graph may do to be a policy: work on each observation alone, in bounded memory.
+"""Rules for ONNX graphs of policies: each observation is processed alone, in bounded memory.
 
 Every value of the graph is either constant or one array for each observation. The rules below
 follow the arrays' shapes from operator to operator, so that nothing can mix the observations of a
@@ -30,12 +30,12 @@ Shape = tuple[int, ...]
 
 
 class GraphFault(Exception):
-    """What is wrong with a graph, in words that follow "the graph"."""
+    """A fault of a graph, in words that follow "the graph"."""
 
 
 @dataclass
 class Values:
-    """The values of a graph that are known so far.
+    """The values of a graph that have been defined.
 
     Attributes:
         constants: By name.
@@ -100,7 +100,7 @@ Rule = Callable[[Values, Sequence[str], Attributes], Shape]
 
 
 def follow(values: Values, operator: str, inputs: Sequence[str], attributes: Attributes) -> Shape:
-    """Shape of what an operator makes of one observation.
+    """Return the shape of an operator's output for one observation.
 
     Raises:
         GraphFault: If the operator is none of `OPERATORS`, or used as a policy can't use it.
@@ -120,7 +120,10 @@ def _same(values: Values, inputs: Sequence[str], _attributes: Attributes) -> Sha
 
 
 def _along(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
-    """A vector, worked on along itself; the default axis differs between versions of ONNX."""
+    """Return the shape of an operator along a vector.
+
+    The default axis differs between versions of ONNX; both mean the same here.
+    """
     length = values.vector(inputs[0])
     if attributes.get("axis", 1) not in (1, -1):
         raise GraphFault("works across the observations of a batch")
@@ -148,7 +151,7 @@ def _elementwise(values: Values, inputs: Sequence[str], _attributes: Attributes)
 
 
 def _check_broadcast(constant: Shape, row: Shape) -> None:
-    """A constant must not change the shape: of the batch it may only repeat."""
+    """Refuse a constant that changes the shape; along the batch it may only repeat."""
     padded = (1,) * (len(row) + 1 - len(constant)) + constant
     fits = len(padded) == len(row) + 1 and padded[0] == 1
     if not fits or any(one not in (1, length) for one, length in zip(padded[1:], row, strict=True)):

@@ -1,7 +1,7 @@
 """Policies in ONNX: checked field by field and operator by operator, then run by onnxruntime.
 
-onnxruntime is kept, rather than evaluating the graph here, because it is what a policy's author
-tests with. It is given what was checked, written anew, and never the file itself.
+onnxruntime evaluates the graph because the policy's author tests with it. It gets the checked
+model, serialised again, never the file itself.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ from socialiq.policies.onnx.graph import (
 )
 
 ROWS = 1_024
-"""Observations that are answered at once; more are cut, so that memory stays bounded."""
+"""Observations of one call; larger batches are split, so that memory stays bounded."""
 
 IR_VERSION = 10
-"""Of ONNX's file format, the newest that onnxruntime is told."""
+"""Newest version of ONNX's file format that is passed to onnxruntime."""
 
 _DOMAINS = ("", "ai.onnx")
 _ACTIONS = "actions"
 
 
 def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolicy, dict[str, Any]]:
-    """A policy from the bytes of an ONNX file.
+    """Load a policy from the bytes of an ONNX file.
 
-    Its one input is float32, (batch, ...), with a free batch; its output is a score of each action,
-    of which the best is taken, or the action itself. Of several outputs the one named "actions"
-    counts. It has no distribution, so it takes its best action always.
+    Its one input is float32, (batch, ...), with a free batch size; its output is a score for each
+    action, of which the best is taken, or the action itself. Of several outputs the one named
+    "actions" is used. It has no distribution, so it always takes its best action.
 
     Args:
         content: The file.
-        source: How messages call it.
-        world: What the policy has to fit.
+        source: Its name in messages.
+        world: The interface that the policy must have.
 
     Returns:
-        The policy, and what the file tells about it.
+        The policy, and details from the file.
 
     Raises:
         UserError: If the extra `onnx` is not installed; if the file is damaged, does more than the
-            rules of `onnx_graph` allow, or is made for another world.
+            rules of `onnx.graph` allow, or is made for another world.
     """
     onnx, onnxruntime = _libraries()
     check_fields(content, source)
@@ -64,7 +64,7 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         raise UserError(f"{source}: the graph {fault}; export a plain network") from fault
     # Of all messages of the libraries, which don't agree on a class.
     except Exception as error:
-        raise UserError(f"{source} is damaged or no ONNX file: export it again") from error
+        raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
     n_features, output = math.prod(seen), model.graph.output[0]
     session = _session(onnxruntime, model, source)
     whole = session.get_outputs()[0].type in ("tensor(int64)", "tensor(int32)")
@@ -92,9 +92,9 @@ def _libraries() -> tuple[ModuleType, ModuleType]:
 
 
 def _checked(onnx: ModuleType, model: Any) -> tuple[Shape, Shape, list[str]]:
-    """Shapes of the input and of the output for one observation, and the operators used.
+    """Return the shapes of input and output for one observation, and the operators used.
 
-    Leaves in the model what was checked, and one output.
+    Everything that was not checked is removed from the model, and all outputs but one.
 
     Raises:
         GraphFault: If the graph is no policy.
@@ -140,7 +140,7 @@ def _check_domain(domain: str) -> None:
 
 
 def _add(onnx: ModuleType, values: Values, node: Any) -> None:
-    """One node of the graph."""
+    """Check a node of the graph and define its value."""
     _check_domain(node.domain)
     attributes = {one.name: onnx.helper.get_attribute_value(one) for one in node.attribute}
     if len(node.output) != 1 or len(attributes) != len(node.attribute):
@@ -154,7 +154,7 @@ def _add(onnx: ModuleType, values: Values, node: Any) -> None:
 
 
 def _array(onnx: ModuleType, tensor: Any) -> np.ndarray:
-    """A constant's numbers; its shape is checked before they are unpacked."""
+    """Return a constant's numbers; its shape is checked before they are unpacked."""
     kinds = (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64, onnx.TensorProto.INT32)
     dims = tuple(tensor.dims)
     if tensor.data_type not in kinds:
@@ -192,18 +192,18 @@ def _session(onnxruntime: ModuleType, model: Any, source: str) -> Any:
 
 
 class _Runner:
-    """A session, asked for at most `ROWS` observations at a time."""
+    """A session that is called with at most `ROWS` observations at a time."""
 
     def __init__(self, session: Any, given: str, asked: str, shape: Shape, source: str) -> None:
         self._session, self._given, self._asked = session, given, asked
         self._shape, self._source = shape, source
 
     def actions(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
-        """Of a network that answers actions."""
+        """Return the actions of a network whose output is the action."""
         return self._outputs(batch).reshape(-1)
 
     def best(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
-        """Of a network that answers scores; the first of equals."""
+        """Return the best action of a network whose output is scores; of equal ones the first."""
         scores = self._outputs(batch)
         if not np.isfinite(scores).all():
             raise UserError(f"{self._source} answered NaN or infinity: name a sound network")

@@ -1,4 +1,4 @@
-"""A child process that exchanges lines with us, each within a time limit; POSIX only."""
+"""A child process that exchanges lines with this one, each within a time limit; POSIX only."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 
 _CHUNK = 65_536
-_KEPT = 4_096  # bytes of what the child says on its standard error
+_KEPT = 4_096  # bytes of the child's standard error
 _GUARD = Path(__file__).with_name("guard.py")
 
 
 class Child:
-    """A running command. No shell reads it; it runs with the rights of its caller.
+    """A running command. It is started without a shell and has the rights of its caller.
 
     Args:
         command: Program and arguments.
-        source: How messages call it.
+        source: Its name in messages.
         memory: Bytes of address space that it, and each process that it starts, may have; 0 for
             any amount.
 
@@ -35,7 +35,11 @@ class Child:
 
     def __init__(self, command: Sequence[str], source: str, memory: int = 0) -> None:
         if os.name != "posix":
-            raise UserError("a policy in a process of its own needs Linux or macOS: use ONNX")
+            raise UserError(
+                "a policy in a process of its own needs Linux or macOS: export it to ONNX"
+            )
+        if memory and not _can_limit_memory():
+            raise UserError("this system sets no memory limit for a process: pass --memory-gib 0")
         self.source = source
         self._ended = ""
         self._complaint = b""
@@ -95,7 +99,7 @@ class Child:
         return answer
 
     def failure(self, fault: str) -> UserError:
-        """End the child, and make the error that says why, with its own last words."""
+        """End the child and return the error, with the last line that the child wrote."""
         self._hear()
         said = one_line(self._complaint.strip().rsplit(b"\n", 1)[-1])
         self._ended = f"{fault}; it says: {said}" if said else fault
@@ -134,7 +138,7 @@ class Child:
         return found
 
     def _listen(self, waiting: selectors.BaseSelector) -> None:
-        """Keep the end of what the child says, so that it never waits for a reader."""
+        """Read the child's standard error and keep its end, so that the pipe never fills."""
         try:
             found = os.read(self._err, _CHUNK)
         except BlockingIOError:
@@ -144,7 +148,7 @@ class Child:
         self._complaint = (self._complaint + found)[-_KEPT:]
 
     def _hear(self) -> None:
-        """What it said until now, and, of a child that is ending, what it still says."""
+        """Read the rest of the standard error; a child that is ending gets 0.2 s to write it."""
         with selectors.DefaultSelector() as waiting:
             waiting.register(self._err, selectors.EVENT_READ)
             until = time.monotonic() + 0.2
@@ -154,6 +158,15 @@ class Child:
                     return
 
 
+def _can_limit_memory() -> bool:
+    """Whether the system has limits of address space; some have them and set none (`guard`)."""
+    try:
+        import resource
+    except ImportError:
+        return False
+    return hasattr(resource, "RLIMIT_AS")
+
+
 def _guard(lifeline: int, memory: int) -> list[str]:
-    """The words that start the guard; it is a program, and not imported here."""
+    """Return the command that starts the guard, which is a program and never imported."""
     return [sys.executable, "-I", "-S", str(_GUARD), str(lifeline), str(memory)]

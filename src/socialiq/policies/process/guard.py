@@ -1,19 +1,19 @@
-"""Runs a command that must not outlive its parent; a program of its own, with the standard library.
+"""Run a command that must not outlive its parent: a program of its own, on the standard library.
 
     python guard.py LIFELINE BYTES COMMAND...
 
-LIFELINE is the reading end of a pipe whose writing end the parent alone holds. When the parent
-ends, in whatever way, the system closes it, and this program kills its process group: the command
-and all it started that did not leave the group. Otherwise it ends as the command does.
+LIFELINE is the reading end of a pipe whose writing end only the parent holds. When the parent ends,
+in whatever way, the system closes the pipe, and this program kills its process group: the command
+and every process that it started and that did not leave the group. Otherwise this program ends with
+the status of the command.
 
-BYTES is how much address space each process of the command may have; 0 sets no limit. The limit is
+BYTES is the address space that each process of the command may have; 0 sets no limit. The limit is
 set here, not between fork and exec of the parent, where a program with threads may not run Python.
 """
 
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -21,13 +21,13 @@ import threading
 
 
 def main(lifeline: int, memory: int, command: list[str]) -> int:
-    """Run the command, and watch the pipe meanwhile."""
+    """Run the command and watch the pipe; return the command's exit status."""
     os.set_inheritable(lifeline, False)
     threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
     try:
         limit(memory)
-    except (OSError, ValueError):
-        print("this system sets no memory limit: allow any amount", file=sys.stderr)
+    except (ImportError, AttributeError, OSError, ValueError):  # not on every system
+        print("this system sets no memory limit: pass --memory-gib 0", file=sys.stderr)
         return 126
     try:
         child = subprocess.Popen(command)
@@ -42,8 +42,10 @@ def main(lifeline: int, memory: int, command: list[str]) -> int:
 
 
 def limit(memory: int) -> None:
-    """Bound the address space of this process and of those that it starts, for good."""
+    """Bound the address space of this process and of those that it starts."""
     if memory:
+        import resource
+
         _, most = resource.getrlimit(resource.RLIMIT_AS)
         least = memory if most == resource.RLIM_INFINITY else min(memory, most)
         resource.setrlimit(resource.RLIMIT_AS, (least, least))

@@ -1,4 +1,4 @@
-"""Policies in a process of their own, in any language, over lines of JSON (docs/policies.md)."""
+"""Policies in a process of their own, in any language, over JSON lines (docs/policies.md)."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _ANSWER, _PER_ROW = 4_096, 32  # bytes of any other: for all, and for each obser
 
 GIB = 1024**3
 LEAST_MEMORY = GIB // 4
-"""Bytes; with less no interpreter starts."""
+"""Bytes; an interpreter does not start with less."""
 
 
 class Limits(NamedTuple):
-    """What a process may take.
+    """Time and memory of a process.
 
     Attributes:
         start: Seconds from its start to its first answer.
@@ -48,10 +48,10 @@ class Limits(NamedTuple):
     memory: int = 8 * GIB
 
     def check(self) -> None:
-        """Refuse limits that are none.
+        """Refuse limits that are out of range.
 
         Raises:
-            UserError: If a number will not do.
+            UserError: If a number is out of range.
         """
         if not (0.0 < self.start <= _LONGEST and 0.0 < self.step <= _LONGEST):
             raise UserError(f"seconds for an answer must be above 0 and at most {_LONGEST:g}")
@@ -63,10 +63,10 @@ class Limits(NamedTuple):
 
 
 def limits_of(step_seconds: float, memory_gib: float) -> Limits:
-    """Limits in the units of the command line.
+    """Return limits from the units of the command line.
 
     Raises:
-        UserError: If a number will not do.
+        UserError: If a number is out of range.
     """
     if not 0.0 <= memory_gib <= _MOST_MEMORY / GIB:
         raise UserError(f"memory in GiB must be at least 0, got {memory_gib:g}")
@@ -78,16 +78,16 @@ def limits_of(step_seconds: float, memory_gib: float) -> Limits:
 def start_process(
     command_line: str, source: str, world: Interface, limits: Limits
 ) -> tuple[BatchPolicy, dict[str, Any], Child]:
-    """Start a policy and greet it.
+    """Start a policy's process and exchange the first message.
 
     Args:
-        command_line: Program and arguments, quoted as for a shell; none is used.
-        source: How messages call it.
-        world: What the policy has to fit.
-        limits: What it may take.
+        command_line: Program and arguments, quoted as for a shell; no shell is used.
+        source: Its name in messages.
+        world: The interface that the policy must have.
+        limits: Its time and memory.
 
     Returns:
-        The policy, what it tells about itself, and the process, which must be closed.
+        The policy, its own details, and the process, which must be closed.
 
     Raises:
         UserError: If it can't be started, doesn't speak the protocol, or is made for another world.
@@ -113,7 +113,7 @@ def start_process(
 
 
 def command_of(command_line: str) -> list[str]:
-    """Program and arguments.
+    """Split a command line into program and arguments.
 
     Raises:
         UserError: If there is no program, or none of that name.
@@ -129,9 +129,9 @@ def command_of(command_line: str) -> list[str]:
 
 
 def hash_of_command(command: Sequence[str]) -> str:
-    """SHA-256 of a command's words and of every file that they name.
+    """Return the SHA-256 of a command's words and of every file that they name.
 
-    What else the program reads, a model in its own folder or a library, is not covered.
+    Other files that the program reads (a model in its folder, a library) are not covered.
     """
     digest = hashlib.sha256(json.dumps(list(command)).encode())
     for word in command:
@@ -146,7 +146,7 @@ def _sizes(world: Interface) -> dict[str, int]:
 
 
 def _ask(child: Child, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
-    """One message and its answer, a JSON object.
+    """Send a message and return its answer, a JSON object.
 
     Raises:
         UserError: If it answers anything else; it is killed then.
@@ -162,7 +162,7 @@ def _ask(child: Child, message: dict[str, Any], seconds: float, most: int) -> di
 
 
 class _Conversation:
-    """Batches of observations out, actions in; each answer names the request that it answers."""
+    """Exchange of observations and actions; each answer has the number of its request."""
 
     def __init__(self, child: Child, seconds: float) -> None:
         self._child, self._seconds, self._number = child, seconds, 0
@@ -170,7 +170,7 @@ class _Conversation:
     def decide(
         self, batch: Float32[np.ndarray, "batch feature"], deterministic: bool
     ) -> np.ndarray:
-        """Ask for the actions of a batch.
+        """Request the actions of a batch.
 
         Raises:
             UserError: If the process fails, or answers anything but a list of integers.

@@ -1,6 +1,6 @@
-"""Zip archives of strangers: members are read by name into memory, never extracted.
+"""Untrusted zip archives: members are read by name into memory, never extracted.
 
-Counts and sizes are bounded before anything is unpacked, so a small file can't become a large one.
+Counts and sizes are bounded before anything is unpacked, so a small file cannot fill the memory.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import zlib
 from socialiq.errors import UserError
 
 MOST_MEMBERS = 1_000
-"""A network of a hundred layers has fewer."""
+"""More than a network of a hundred layers has."""
 
 _ENTRY = b"PK\x01\x02"  # begins every entry of a zip's directory (APPNOTE.TXT 4.3.12)
 _ENCRYPTED = 1  # bit 0 of an entry's flags
@@ -29,7 +29,7 @@ _DAMAGE = (
     RuntimeError,
     ValueError,
 )
-"""All that `zipfile` raises on a crafted file, as far as its source tells."""
+"""Exceptions that `zipfile` raises on a crafted file, by its source."""
 
 
 class Archive:
@@ -37,10 +37,10 @@ class Archive:
 
     Args:
         content: The file.
-        source: How messages call it.
+        source: Its name in messages.
 
     Raises:
-        UserError: If it is no zip, or one that no honest program writes.
+        UserError: If it is not a zip, or not one that Stable-Baselines3 writes.
     """
 
     def __init__(self, content: bytes, source: str) -> None:
@@ -52,7 +52,7 @@ class Archive:
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(content))
         except _DAMAGE as error:
-            raise self.refusal("is damaged or no zip archive") from error
+            raise self.refusal("is damaged or not a zip archive") from error
         members = self._zip.infolist()
         self.names = tuple(member.filename for member in members)
         if len(members) > MOST_MEMBERS:
@@ -71,7 +71,7 @@ class Archive:
 
         Args:
             name: Its path in the archive.
-            most: Bytes that it may have.
+            most: Its largest size in bytes.
 
         Raises:
             UserError: If it is missing, damaged or larger.
@@ -88,7 +88,7 @@ class Archive:
         return content
 
     def refusal(self, fault: str) -> UserError:
-        """The error that says what is wrong with this archive."""
+        """Return the error with a fault of this archive."""
         return UserError(f"{self.source} {fault}: restore the file or save the policy again")
 
 

@@ -1,10 +1,9 @@
-"""What the `data` member of a Stable-Baselines3 zip says in plain words.
+"""The configuration in the `data` member of a Stable-Baselines3 zip.
 
-Stable-Baselines3 writes what JSON can't hold twice: as a base64 pickle under `:serialized:`, and
-beside it as plain text, "to have an idea what was being stored" (`common/save_util.py`). Loading
-the pickle would run its author's code, so only the plain text is read. Somebody who edits one and
-not the other makes a file that we and Stable-Baselines3 read differently; the audit is then of
-what is read here, and of no other reading.
+Stable-Baselines3 writes values that JSON cannot hold twice: as a base64 pickle under
+`:serialized:`, and as plain text beside it, "to have an idea what was being stored"
+(`common/save_util.py`). Loading the pickle would run its author's code, so only the plain text is
+read. If the two differ, an audit is of the policy that is read here, not of the one that Stable-Baselines3 would load.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ _MODULES = {
     "stable_baselines3.dqn.policies": "DQN",
     "stable_baselines3.common.policies": "actor-critic",
 }
-"""Where the policy's class lives; PPO and A2C share theirs."""
+"""Modules of the policies' classes; PPO and A2C share theirs."""
 
 _DEFAULT_ACTIVATIONS = {
     "DQN": "relu",
@@ -34,7 +33,7 @@ _ACTIVATIONS = {
     "<class 'torch.nn.modules.activation.ELU'>": "elu",
 }
 
-# What these say doesn't change how a trained network answers.
+# These do not change the output of a trained network.
 _HARMLESS = {
     "activation_fn",
     "net_arch",
@@ -50,13 +49,13 @@ _LIBRARIES = ("gymnasium", "gym")
 _FLOATS = ("float32", "float64")
 
 
-class Words(NamedTuple):
-    """What the file says about its network.
+class Sb3Config(NamedTuple):
+    """The configuration of a network.
 
     Attributes:
         algorithm: "DQN" or "actor-critic".
         activation: Between the layers.
-        interface: What it sees, flattened row by row, and may do.
+        interface: Length of its observations, flattened row by row, and number of actions.
         epsilon: Share of random actions, of a DQN that is not deterministic.
     """
 
@@ -66,15 +65,15 @@ class Words(NamedTuple):
     epsilon: float
 
 
-def read_words(content: bytes, source: str) -> Words:
+def read_config(content: bytes, source: str) -> Sb3Config:
     """Read the member `data`.
 
     Args:
         content: The member.
-        source: How messages call the file.
+        source: The file's name in messages.
 
     Raises:
-        UserError: If it is not certain how the network answers.
+        UserError: If the network's output would be ambiguous.
     """
     try:
         said = json.loads(content)
@@ -87,7 +86,9 @@ def read_words(content: bytes, source: str) -> Words:
         raise _refusal(source, f"its policy class is of {one_line(str(module), 60)}")
     algorithm = _MODULES[module]
     interface = Interface(_features(said, source), _actions(said, source))
-    return Words(algorithm, _activation(said, algorithm, source), interface, _epsilon(said, source))
+    return Sb3Config(
+        algorithm, _activation(said, algorithm, source), interface, _epsilon(said, source)
+    )
 
 
 def _refusal(source: str, fault: str) -> UserError:
@@ -108,7 +109,7 @@ def _is_space(part: Mapping[str, Any], kind: str) -> bool:
 
 
 def _features(said: Mapping[str, Any], source: str) -> int:
-    """Length of a flattened observation.
+    """Return the length of a flattened observation.
 
     Images are bytes, and Stable-Baselines3 divides those by 255; so only floats are certain to
     reach the network as they are.

@@ -1,6 +1,6 @@
-"""Policies of Stable-Baselines3, read from its zip with neither it nor torch, unpickling nothing.
+"""Policies of Stable-Baselines3, read from its zip without that library, torch or unpickling.
 
-The zip holds `policy.pth`, the tensors (see `state_dict`), and `data`, the rest (see `sb3_words`).
+The zip holds `policy.pth`, the tensors (see `state_dict`), and `data`, the rest (see `config`).
 The members with optimizer states are never opened.
 """
 
@@ -19,7 +19,7 @@ from socialiq.foreign import one_line
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
 from socialiq.policies.sb3.archive import Archive
-from socialiq.policies.sb3.config import Words, read_words
+from socialiq.policies.sb3.config import Sb3Config, read_config
 from socialiq.policies.sb3.state_dict import read_state_dict
 
 MOST_WORDS = 8 * 1024 * 1024
@@ -31,55 +31,55 @@ _UNUSED = {
     "DQN": re.compile(r"q_net_target\.q_net\.\d+\.(weight|bias)"),
     "actor-critic": re.compile(r"(mlp_extractor\.value_net\.\d+|value_net)\.(weight|bias)"),
 }
-"""Tensors that have no part in choosing an action."""
+"""Tensors that are not used to choose an action."""
 
 
 def read_sb3(
     content: bytes, source: str, world: Interface
 ) -> tuple[QPolicy | EpsilonGreedy, dict[str, Any]]:
-    """A policy from the bytes of a zip.
+    """Load a policy from the bytes of a zip.
 
-    Deterministic, it takes the best action as Stable-Baselines3's `predict` does. Else a DQN
-    explores with the rate that it had when it was saved, and PPO and A2C draw from the softmax
+    If deterministic, it takes the best action, as `predict` of Stable-Baselines3 does. Otherwise a
+    DQN explores at the rate that it had when it was saved, and PPO and A2C draw from the softmax
     over their outputs.
 
     Args:
         content: The file.
-        source: How messages call it.
-        world: What the policy has to fit.
+        source: Its name in messages.
+        world: The interface that the policy must have.
 
     Returns:
-        The policy, and what the file tells about it.
+        The policy, and details from the file.
 
     Raises:
         UserError: If the file is damaged, holds another kind of policy, or one for another world.
     """
     archive = Archive(content, source)
-    words = read_words(archive.read("data", MOST_WORDS), source)
-    words.interface.check(source, world)
+    config = read_config(archive.read("data", MOST_WORDS), source)
+    config.interface.check(source, world)
     tensors = read_state_dict(archive.read("policy.pth", MOST_NETWORK), f"{source}, policy.pth")
-    layers = _layers(tensors, words, source)
+    layers = _layers(tensors, config, source)
     weights = tuple(tensors[f"{layer}.weight"] for layer in layers)
     biases = tuple(tensors[f"{layer}.bias"] for layer in layers)
-    _check_sizes(weights, biases, words.interface, source)
-    network = QPolicy(weights, biases, words.activation, 1.0)
+    _check_sizes(weights, biases, config.interface, source)
+    network = QPolicy(weights, biases, config.activation, 1.0)
     details = {
-        "algorithm": words.algorithm,
-        "activation": words.activation,
-        "layers": [words.interface.n_features, *(len(bias) for bias in biases)],
+        "algorithm": config.algorithm,
+        "activation": config.activation,
+        "layers": [config.interface.n_features, *(len(bias) for bias in biases)],
     }
-    if words.algorithm == "DQN":
-        return EpsilonGreedy(network, words.epsilon), details | {"epsilon": words.epsilon}
+    if config.algorithm == "DQN":
+        return EpsilonGreedy(network, config.epsilon), details | {"epsilon": config.epsilon}
     return network, details
 
 
-def _layers(tensors: Mapping[str, np.ndarray], words: Words, source: str) -> list[str]:
-    """Names of the layers in order; Stable-Baselines3 numbers them 0, 2, 4, between activations."""
-    hidden, unused = _HIDDEN[words.algorithm], _UNUSED[words.algorithm]
+def _layers(tensors: Mapping[str, np.ndarray], config: Sb3Config, source: str) -> list[str]:
+    """Return the names of the layers in order; they are numbered 0, 2, 4, between activations."""
+    hidden, unused = _HIDDEN[config.algorithm], _UNUSED[config.algorithm]
     used = {name for name in tensors if not unused.fullmatch(name)}
     count = sum(name.startswith(f"{hidden}.") for name in used) // 2
     layers = [f"{hidden}.{2 * number}" for number in range(count)]
-    layers += [_LAST] if words.algorithm == "actor-critic" else []
+    layers += [_LAST] if config.algorithm == "actor-critic" else []
     expected = {f"{layer}.{part}" for layer in layers for part in ("weight", "bias")}
     for name in sorted(used ^ expected):
         fault = "holds" if name in used else "lacks"
@@ -104,7 +104,8 @@ def _check_sizes(
             )
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
             raise UserError(
-                f"{source} has NaN or infinity in layer {number}: name a policy of a sound training"
+                f"{source} has NaN or infinity in layer {number}: name a policy whose "
+                "training was stable"
             )
         inputs = len(bias)
     if inputs != interface.n_actions:
@@ -116,14 +117,14 @@ def _check_sizes(
 
 @dataclass(frozen=True)
 class EpsilonGreedy:
-    """The best action, or with probability ε one drawn evenly from all.
+    """The best action, or with probability ε a uniformly random action.
 
-    Stable-Baselines3 throws one coin for all observations of a call; here every observation has
-    its own, so that episodes don't depend on the batch. Of a single observation the distribution
-    is the same.
+    Stable-Baselines3 draws once for all observations of a call; here every observation has its own
+    draw, so that episodes do not depend on the batch. For a single observation the distribution is
+    the same.
 
     Attributes:
-        greedy: Says what is best.
+        greedy: Chooses the best action.
         epsilon: ε, in [0, 1].
         rng: Source of the draws.
     """
@@ -135,7 +136,7 @@ class EpsilonGreedy:
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Probability of each action."""
+        """Return the probability of each action."""
         best = self.greedy.q_values(observations).argmax(axis=1)
         n_actions = self.greedy.n_actions
         return (1.0 - self.epsilon) * np.eye(n_actions)[best] + self.epsilon / n_actions

@@ -100,4 +100,4 @@ def test_huge_counts_cost_nothing(crafted, without_shape_checker, field):
     ],
 )
 def test_damage_is_refused(content):
-    refused(content, "is damaged or no ONNX file|has field")
+    refused(content, "is damaged or not an ONNX file|has field")
