@@ -3,7 +3,8 @@
 Stable-Baselines3 writes values that JSON cannot hold twice: as a base64 pickle under
 `:serialized:`, and as plain text beside it, "to have an idea what was being stored"
 (`common/save_util.py`). Loading the pickle would run its author's code, so only the plain text is
-read. If the two differ, an audit is of the policy that is read here, not of the one that Stable-Baselines3 would load.
+read. If the two differ, an audit is of the policy that is read here, not of the one that
+Stable-Baselines3 would load.
 """
 
 from __future__ import annotations
