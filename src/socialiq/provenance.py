@@ -46,7 +46,7 @@ def machine() -> str:
 
 @cache
 def package_sha256() -> str:
-    """SHA-256 over every source file of this package: its path in the package, and its bytes."""
+    """Return the SHA-256 over the paths and bytes of all source files of this package."""
     root = Path(str(importlib.resources.files("socialiq")))
     digest = hashlib.sha256()
     found = {path.relative_to(root).as_posix(): path for path in _sources(root)}
@@ -59,5 +59,5 @@ def package_sha256() -> str:
 
 def _sources(root: Path) -> list[Path]:
     inside = (path for path in root.rglob("*") if path.suffix in _SUFFIXES and path.is_file())
-    # Results come along in an installed package only; they are data, with hashes of their own.
+    # Results are included in an installed package only; they are data with their own hashes.
     return [path for path in inside if path.relative_to(root).parts[0] != "results"]

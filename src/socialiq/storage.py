@@ -1,4 +1,4 @@
-"""Files that are whole or absent: atomic writes, and arrays with a checked header.
+"""Atomic writes of files and folders, and arrays with a checked header.
 
 One container serves every array file of the project: safetensors, whose string metadata carries
 one JSON header with the kind of content, the schema version and a SHA-256 over header and arrays.
@@ -28,7 +28,7 @@ _UNREADABLE = (safetensors.SafetensorError, OSError, ValueError, RecursionError)
 
 
 def write_atomically(path: Path, content: bytes | str) -> None:
-    """Write a file so that a reader finds the old content or the new, never a part.
+    """Write a file atomically: a reader finds the old content or the new.
 
     Raises:
         UserError: If the folder is missing or can't be written.
@@ -71,10 +71,10 @@ def read_json(path: Path) -> Any:
 
 
 def new_folder(path: Path) -> Path:
-    """Make an output folder that was not there, or is empty.
+    """Make a new output folder; an empty folder is accepted.
 
     Raises:
-        UserError: If it exists with something in it, or can't be made.
+        UserError: If it exists and is not empty, or can't be made.
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise UserError(f"{path} exists already: name a new folder, or remove it first")
@@ -86,7 +86,7 @@ def new_folder(path: Path) -> Path:
 
 
 def content_hash(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> str:
-    """SHA-256 over a header and named arrays: names, types, shapes and bytes."""
+    """Return the SHA-256 over a header and named arrays: names, types, shapes and bytes."""
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
         array = np.asarray(arrays[name], order="C")
@@ -102,17 +102,17 @@ def save_arrays(
     arrays: Mapping[str, np.ndarray],
     header: Mapping[str, Any],
 ) -> str:
-    """Write named arrays and a JSON-able header to one checked file.
+    """Write named arrays and a JSON-compatible header to one checked file.
 
     Args:
         path: The file; its folder must exist.
-        kind: What the file holds, for instance "demonstrations".
+        kind: Kind of content, for instance "demonstrations".
         version: Schema version of that kind.
         arrays: Named arrays, any shapes.
-        header: Whatever else a reader needs.
+        header: Further JSON-compatible content.
 
     Returns:
-        The content's SHA-256.
+        SHA-256 of the content.
 
     Raises:
         UserError: If the file can't be written.
@@ -127,14 +127,14 @@ def save_arrays(
 def sha256_of(
     kind: str, version: int, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
 ) -> str:
-    """The SHA-256 that `save_arrays` would return, without a file."""
+    """Return the SHA-256 that `save_arrays` would return, without a file."""
     return content_hash(*_as_read(kind, version, arrays, header))
 
 
 def _as_read(
     kind: str, version: int, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Content as a reader will see it: keys as JSON's strings, numbers in this machine's order."""
+    """Return content as it is read back: JSON's string keys, native byte order."""
     full = json.loads(json.dumps({"kind": kind, "version": version, **header}))
     contiguous = {
         name: np.asarray(array, array.dtype.newbyteorder("="), order="C")
@@ -144,11 +144,11 @@ def _as_read(
 
 
 def kind_of(path: Path) -> str:
-    """What a file of `save_arrays` says it holds; "" where it says nothing that can be read.
+    """Return the kind in the header of a file of `save_arrays`; "" if there is none.
 
-    Nothing is checked: `load_arrays` does that, and tells what is wrong.
+    The file is not checked; `load_arrays` does that and reports errors.
     """
-    if not path.is_file():  # a pipe would be waited for
+    if not path.is_file():  # reading a pipe would block
         return ""
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
@@ -162,7 +162,7 @@ def kind_of(path: Path) -> str:
 def load_arrays(
     path: Path, kind: str, version: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read a file of `save_arrays` and check every byte of it.
+    """Read a file of `save_arrays` and check all its bytes.
 
     Returns:
         The named arrays, and the header with `kind`, `version` and `sha256` in it.
@@ -178,7 +178,7 @@ def load_arrays(
             text = (file.metadata() or {}).get(_HEADER, "null")
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         wrapper = json.loads(text)
-    # The last two are what safetensors raises of numbers that NumPy doesn't have.
+    # safetensors raises the last two for types that NumPy doesn't have.
     except (*_UNREADABLE, AttributeError, TypeError) as error:
         raise UserError(
             f"{path} is damaged or not a {kind} file: restore it or make it again"
@@ -194,7 +194,7 @@ def load_arrays(
             f"version {version}: make the file again with this version"
         )
     sha256 = content_hash(arrays, header)
-    # The hash is of values; another spelling of the same ones is damage too.
+    # The hash covers values; another encoding of equal values is damage too.
     respelled = json.dumps(wrapper) != text or not _padded_with_spaces(path)
     if sha256 != wrapper.get("sha256") or respelled:
         raise UserError(f"{path} is damaged (its SHA-256 differs): restore it or make it again")
@@ -202,21 +202,21 @@ def load_arrays(
 
 
 def _word(value: Any) -> str:
-    """What a file says it is, if that is a word: it may be any text, and goes into a line."""
+    """Return a header value for an error message, if it is a short word; it may be any text."""
     word = str(value) if isinstance(value, str | int) else ""
     plain = word.isascii() and word.replace("-", "").replace("_", "").isalnum() and len(word) <= 40
     return word if plain else "something else"
 
 
 def _padded_with_spaces(path: Path) -> bool:
-    """Whether nothing but spaces follows the JSON object of a safetensors header."""
+    """Whether only spaces follow the JSON object of a safetensors header."""
     with path.open("rb") as file:
         length = int.from_bytes(file.read(8), "little")
         return file.read(length).rstrip(b" ").endswith(b"}")
 
 
 def part_beside(folder: Path) -> Path:
-    """An empty folder in which to write what shall become this one, whole (`swap_folder`).
+    """Make an empty folder for the later content of `folder` (see `swap_folder`).
 
     Raises:
         UserError: If it can't be made.
@@ -228,10 +228,10 @@ def part_beside(folder: Path) -> Path:
 
 
 def swap_folder(part: Path, folder: Path) -> None:
-    """Put a finished folder in place; an old one goes only after that, and comes back on failure.
+    """Move a finished folder into place. The old folder is removed last, and restored on failure.
 
     Raises:
-        UserError: If it can't be done; what was there is there again then.
+        UserError: If the move fails; the old folder is then restored.
     """
     old = part.with_name(f"{part.name}.old")
     try:
@@ -252,7 +252,7 @@ def packaged_results() -> Path:
     """Return the folder of the committed results, in an installed package or in a checkout.
 
     Raises:
-        UserError: If the results did not come with the package.
+        UserError: If the package was installed without the results.
     """
     package = Path(str(importlib.resources.files("socialiq")))
     for folder in (package / "results", package.parents[1] / "results"):
@@ -262,9 +262,9 @@ def packaged_results() -> Path:
 
 
 def shipped(path: Path) -> Path:
-    """Return the path, or the committed result of that name where `results/...` is not there.
+    """Return the path, or the packaged result of that name if `results/...` doesn't exist.
 
-    So commands of the documentation work outside of a checkout too.
+    Commands of the documentation therefore also work outside a checkout.
     """
     if path.exists() or path.parts[:1] != ("results",):
         return path

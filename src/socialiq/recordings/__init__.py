@@ -1,1 +1,1 @@
-"""Recorded traffic: tracks on a road network, driven again as demonstrations."""
+"""Recorded traffic: tracks on a road network, converted to demonstrations."""

@@ -1,8 +1,8 @@
-"""Census: where recorded drivers lie in the plane of the two rewards, and how sure that is.
+"""Census of recorded drivers in the plane of the two rewards, with confidence regions.
 
-A driver's point is the mean reward pair of a decision, over its one episode; its angle is the
-point's direction. An angle so found is a description of what happened around a vehicle. It isn't
-what the driver wanted, and not an angle that a policy could be trained at: see `LIMITS`.
+A driver's point is the mean reward pair of a decision, over its episode; its angle is the
+point's direction. This angle describes the events around a vehicle. It is neither the driver's
+intention nor an angle for training a policy: see `LIMITS`.
 """
 
 from __future__ import annotations
@@ -33,35 +33,35 @@ LIMITS = (
     "drivers do not.",
     "An episode that leaves the field of view says nothing of what came after.",
 )
-"""What no census can show."""
+"""Limits of the interpretation of a census."""
 
 STANDING = 0.5
-"""m/s; who is slower on average stands, at a signal or in a queue."""
+"""m/s; drivers with a lower mean speed stand, at a signal or in a queue."""
 
 LEAST_DECISIONS = 3
-"""Of an episode that gives an interval: a plane's covariance needs three points."""
+"""Fewest decisions for an interval: a covariance in the plane needs three points."""
 
 
 @dataclass(frozen=True)
 class Driver:
-    """One recorded driver.
+    """Recorded driver.
 
     Attributes:
-        recording: Its name.
+        recording: Name of the recording.
         identity: The vehicle's number in the file.
-        decisions: Of its episode.
-        seconds: Of its episode.
-        ending: "arrival", "collision", or "truncated" where it left the view.
+        decisions: Number of decisions of the episode.
+        seconds: Duration of the episode.
+        ending: "arrival", "collision", or "truncated" if it left the view.
         r_env: Mean of a decision.
         r_social: Mean of a decision.
         angle: Direction of the two, degrees; None if both are 0.
         low: Smallest direction of the confidence region, degrees; None if the region holds the
             origin, so that every direction is possible, or there are fewer than three decisions.
-        high: Largest one.
+        high: Largest direction of the confidence region, degrees.
         speed: Mean at the ends of its decisions, m/s.
-        yielding: Mean of that signal, unweighted.
-        disruption: Mean of that signal, unweighted.
-        residual: Root mean square of what the inferred actions leave unexplained, m/s.
+        yielding: Mean of the signal `yielding`, unweighted.
+        disruption: Mean of the signal `disruption`, unweighted.
+        residual: Root mean square of the residual of the inferred actions, m/s.
     """
 
     recording: str
@@ -82,7 +82,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with a percentile interval, degrees; unwrapped around the estimate."""
+    """Estimate with a percentile interval, degrees; unwrapped around the estimate."""
 
     estimate: float
     low: float
@@ -91,21 +91,21 @@ class Interval:
 
 @dataclass(frozen=True)
 class Population:
-    """All drivers together, each counted once.
+    """Statistics of all drivers, each counted once.
 
     Attributes:
-        drivers: How many.
-        recordings: How many they come from.
+        drivers: Number of drivers.
+        recordings: Number of recordings.
         r_env: Mean of the drivers' points.
         r_social: Mean of the drivers' points.
-        sd_env: Standard deviation of the drivers' points; it holds their noise too.
-        sd_social: Likewise.
-        over_drivers: Angle of the mean point, drivers drawn anew.
-        over_recordings: The same, whole recordings drawn anew; None with fewer than two.
+        sd_env: Standard deviation of r_env of the drivers' points, including their noise.
+        sd_social: Standard deviation of r_social of the drivers' points.
+        over_drivers: Angle of the mean point, with resampled drivers.
+        over_recordings: The same, with resampled recordings; None with fewer than two.
         standing: Drivers whose mean speed is below `STANDING`.
-        of_the_moving: Angle of the mean point of the others, drivers drawn anew; None without any.
-        circular_sd: Of the drivers' angles, degrees.
-        with_direction: Drivers whose angle has an interval.
+        of_the_moving: Angle of the mean point of the others, with resampled drivers, or None.
+        circular_sd: Circular standard deviation of the drivers' angles, degrees.
+        with_direction: Number of drivers whose angle has an interval.
         confidence: Of all intervals.
     """
 
@@ -126,12 +126,12 @@ class Population:
 
 @dataclass(frozen=True)
 class Census:
-    """What was found.
+    """Result of a census.
 
     Attributes:
-        drivers: One by one.
-        population: Together.
-        posterior: Of the angles that the drivers show, each driver counted once; empty if nobody
+        drivers: Each driver.
+        population: All drivers.
+        posterior: Posterior of the drivers' angles, each driver counted once; empty if no driver
             has three decisions.
     """
 
@@ -247,7 +247,7 @@ def _interval(
     confidence: float,
     resamples: int,
 ) -> Interval:
-    """Angle of the mean point with whole units drawn anew; deviations are wrapped."""
+    """Return the angle of the mean point with resampled units; deviations are wrapped."""
     angle = angle_of(*(sums.sum(axis=0) / sizes.sum()).tolist())
     means = [
         sums[rows].sum(axis=1) / sizes[rows].sum(axis=1, keepdims=True)
@@ -261,7 +261,7 @@ def _interval(
 
 
 def circular_sd(angles: Float64[np.ndarray, " driver"]) -> float:
-    """Circular standard deviation sqrt(-2 ln R) in degrees (Mardia & Jupp 2000, 2.3.11).
+    """Return the circular sd sqrt(-2 ln R) in degrees (Mardia & Jupp 2000, 2.3.11).
 
     Args:
         angles: rad.

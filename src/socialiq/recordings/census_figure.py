@@ -1,4 +1,4 @@
-"""The census of recorded drivers: their points in the plane of the rewards, and their angles."""
+"""Figure of a census: drivers in the plane of the rewards, and their angles."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def census(
     population: Mapping[str, Any],
     posterior: Sequence[Mapping[str, Any]],
 ) -> Figure:
-    """Points, angles, and what the angles may be.
+    """Draw the points, the angles, and the posterior of the angles.
 
     Args:
         drivers: Rows of `drivers.csv`.
-        population: Of `summary.json`.
-        posterior: Rows of `posterior.csv`; none where nobody has one.
+        population: `population` of `summary.json`.
+        posterior: Rows of `posterior.csv`; may be empty.
     """
     drawn = figure(14.5, 4.8)
     left, middle, right = drawn.subplots(1, 3, width_ratios=(1.25, 1.0, 1.0))
@@ -134,7 +134,7 @@ def _posterior(axes: Any, posterior: Sequence[Mapping[str, Any]]) -> None:
         if len(shares) and np.isfinite(shares).all():
             axes.stairs(shares, ends, color=color, linewidth=1.8, label=label)
             axes.legend(loc="upper left", fontsize=8)
-    axes.margins(y=0.2)  # room for the legend
+    axes.margins(y=0.2)  # space for the legend
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("angle shown, degrees")
     axes.set_ylabel("posterior, % in 15 degrees")

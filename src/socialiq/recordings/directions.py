@@ -9,17 +9,17 @@ import numpy as np
 from jaxtyping import Float64
 
 SECTOR = 15.0
-"""Degrees; width of the sectors in which posteriors are told."""
+"""Degrees; width of the sectors of posteriors."""
 
 
 class Sector(NamedTuple):
-    """How much of the drivers' posteriors lies in one sector of directions.
+    """Posterior probability of a sector of directions.
 
     Attributes:
         low: Degrees, from -180.
         high: Degrees, up to 180.
         share: Mean over the drivers.
-        share_moving: Mean over those of them who move; NaN if nobody does.
+        share_moving: Mean over the moving drivers; NaN if none moves.
     """
 
     low: float
@@ -31,15 +31,15 @@ class Sector(NamedTuple):
 def sectors(
     drivers: Sequence[tuple[Float64[np.ndarray, "_ 2"], bool]], seed: int, draws: int
 ) -> tuple[Sector, ...]:
-    """The mixture of all drivers' posteriors, each driver counted once.
+    """Return the mixture of all drivers' posteriors by sector, each driver counted once.
 
     Args:
         drivers: Reward pairs of each driver's decisions, at least three, and whether it moves.
         seed: Of the draws.
-        draws: From each posterior.
+        draws: Number of draws from each posterior.
 
     Returns:
-        Sectors from -180 to 180 degrees; none without drivers.
+        Sectors from -180 to 180 degrees; empty without drivers.
     """
     if not drivers:
         return ()
@@ -56,7 +56,7 @@ def sectors(
 def posterior(
     pairs: Float64[np.ndarray, "decision 2"], draws: int, rng: np.random.Generator
 ) -> Float64[np.ndarray, " draw"]:
-    """Directions of draws from the posterior of the mean pair, in [-180, 180] degrees.
+    """Return directions of draws from the posterior of the mean pair, in [-180, 180] degrees.
 
     For independent normal rows and the prior `|Σ|^(-3/2)` the mean is t-distributed around x̄ with
     n - 2 degrees of freedom and scale S / (n (n - 2)), S the sum of squares (Geisser & Cornfield
@@ -64,8 +64,8 @@ def posterior(
 
     Args:
         pairs: r_env and r_social, at least three rows.
-        draws: How many.
-        rng: Source of the draws.
+        draws: Number of draws.
+        rng: Generator of the draws.
     """
     count, free = len(pairs), len(pairs) - 2
     values, axes = np.linalg.eigh(np.cov(pairs.T) * (count - 1) / (count * free))

@@ -1,7 +1,7 @@
-"""Tracks written as other programs write them: CSV in three layouts, CommonRoad XML 2020a.
+"""Export of tracks: CSV in three layouts, CommonRoad XML 2020a.
 
-Numbers are written so that they are read back to the last bit. The layouts' own units and
-reference points are kept (degrees, feet, front centres), which costs the last bits of some.
+Numbers are written with full precision. The layouts' own units and reference points are used
+(degrees, feet, front centres), whose conversion changes the last bits of some numbers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from socialiq.recordings.tracks import RoadUser, Tracks
 from socialiq.storage import write_atomically
 
 FOOT = 0.3048
-"""m; exactly, by definition."""
+"""Length of a foot in m, exact by definition."""
 
 _TEN_HERTZ = 0.1
 
@@ -44,13 +44,13 @@ def write_csv(tracks: Tracks, layout: str, folder: Path) -> Path:
     """Write tracks as the files of a data set, to be read with the column map of the same name.
 
     Args:
-        tracks: Who was where.
+        tracks: The tracks.
         layout: `ind` (three files), `interaction` or `ngsim` (10 Hz only; ngsim has no heading, no
             pedestrians and no bicycles, and calls a bus a truck).
-        folder: Where to write; it must exist.
+        folder: Output folder; it must exist.
 
     Returns:
-        The file with the states: what an import is given.
+        The file with the states, the argument of an import.
 
     Raises:
         UserError: If the layout can't hold the tracks, or a file can't be written.
@@ -162,15 +162,15 @@ def write_commonroad(recording: Recording, path: Path) -> None:
     """Write a recording as CommonRoad XML 2020a.
 
     A velocity that is not along the heading is written with a slip angle. Signs get the numbers
-    that the format's made-up country ZAM has.
+    of the format's fictitious country ZAM.
 
     Args:
-        recording: Its name becomes the benchmark's; other readers want one like
+        recording: Its name becomes the benchmark's; other readers require a name such as
             `ZAM_Cross-1_1_T-1`.
         path: The file.
 
     Raises:
-        UserError: If two things have one number, or the file can't be written.
+        UserError: If two elements have the same number, or the file can't be written.
     """
     tracks, road = recording.tracks, recording.road
     taken = [*tracks.identity.tolist(), *road.lanelets]
@@ -221,7 +221,7 @@ def _write_road(root: ElementTree.Element, road: RoadNetwork, free: Iterable[int
         ElementTree.SubElement(sign, "virtual").text = "true"
     for identity in lights:
         light = ElementTree.SubElement(root, "trafficLight", id=str(identity))
-        # No colours are known. Other readers want the cycle to be there.
+        # Colours are unknown, but other readers require the cycle.
         ElementTree.SubElement(light, "cycle")
         ElementTree.SubElement(light, "active").text = "true"
 
@@ -251,8 +251,8 @@ def _write_lanelet(root: ElementTree.Element, lanelet: Lanelet) -> ElementTree.E
 
 def _write_obstacles(root: ElementTree.Element, tracks: Tracks) -> None:
     along, across = tracks.along_and_across()
-    # A lateral part at the level of rounding is none. Other readers want the states of a track to
-    # have the same values, so one that slides gives all of its track a slip angle.
+    # A lateral part at the level of rounding is 0. Other readers require the states of a track to
+    # have the same fields, so a single sliding state gives its whole track a slip angle.
     slides = np.zeros(tracks.n_tracks, bool)
     np.logical_or.at(slides, tracks.track, np.abs(across) > 1e-9)
     slips = slides[tracks.track]
@@ -290,5 +290,5 @@ def _write_point(parent: ElementTree.Element, x: float, y: float) -> None:
 
 
 def _decimal(value: float) -> str:
-    """The shortest text of the same number; the format's schema knows no exponents."""
+    """Return the shortest text of the same number; the format's schema has no exponents."""
     return np.format_float_positional(value, unique=True, trim="0")

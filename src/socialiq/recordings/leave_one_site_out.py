@@ -1,7 +1,7 @@
-"""Agreement with recorded drivers that were held out: what a log can say of a learnt policy.
+"""Agreement of learned policies with recorded drivers, by leave-one-site-out.
 
-Every site is held out once, and policies learnt from the others predict its drivers' actions.
-Agreement is no measure of an angle: the policy of 90 degrees is not meant to drive as people do.
+Every site is held out once, and policies learned from the others predict its drivers' actions.
+Agreement does not measure an angle: the policy of 90 degrees is not meant to drive as people do.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from socialiq.types import Row
 
 @dataclass(frozen=True)
 class Config:
-    """What is trained.
+    """Settings of the training.
 
     Attributes:
         angles: Target angles of IQ-Learn, degrees.
-        updates: Gradient steps of either learner.
+        updates: Gradient steps of each learner.
         batch_size: Transitions of a batch.
         hidden: Widths of the hidden layers.
-        seed: Of either learner.
+        seed: Seed of both learners.
     """
 
     angles: tuple[float, ...] = (0.0, 45.0, 90.0)
@@ -46,7 +46,7 @@ class Config:
     seed: int = 0
 
     def static(self) -> StaticConfig:
-        """IQ-Learn on demonstrations alone; leaving the view is a cut, not an end."""
+        """Return IQ-Learn's offline configuration; leaving the view is a truncation."""
         return dataclasses.replace(
             offline(INTERSECTION_CALIBRATED),
             endings=Endings(timeout="bootstrap"),
@@ -58,13 +58,13 @@ class Config:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What was found.
+    """Agreement on held-out sites.
 
     Attributes:
-        rows: One for each site and method: decisions, share of them predicted, mean negative
+        rows: A row for each site and method: decisions, share predicted, mean negative
             log-likelihood in nats.
-        finite: Whether every loss was.
-        failures: One line for each run that stopped.
+        finite: Whether every loss was finite.
+        failures: A line for each run that stopped.
     """
 
     rows: list[Row]
@@ -72,7 +72,7 @@ class HeldOut:
     failures: tuple[str, ...]
 
     def by_method(self) -> list[Row]:
-        """All held-out decisions together, by method."""
+        """Return the results over all held-out decisions, by method."""
         found = []
         for method in dict.fromkeys(row["method"] for row in self.rows):
             mine = [row for row in self.rows if row["method"] == method]
@@ -95,8 +95,8 @@ def held_out(table: Demonstrations, config: Config) -> HeldOut:
     """Hold out each site that has an episode once, with all its recordings.
 
     Args:
-        table: Of an ego swap.
-        config: What is trained.
+        table: Demonstrations of an ego swap.
+        config: Settings of the training.
 
     Raises:
         UserError: If fewer than two sites have episodes.

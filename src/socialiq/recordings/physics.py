@@ -1,9 +1,9 @@
-"""Whether tracks can be true: speeds against displacements, headings, sizes, overlaps.
+"""Physical plausibility of tracks: speeds, displacements, headings, sizes, overlaps.
 
-A recording is measured, so nothing fits exactly, and the tolerances say how much is allowed. They
-are set by twelve scenarios of NGSIM, whose noise is known to be large, so that what they refuse is
-no noise (docs/recordings.md has the figures). A track that fails is left out with its reason; if
-most fail in the same way, the file is refused and the unit that explains it is named.
+Recordings have measurement errors, which the tolerances allow. They were set with twelve scenarios
+of NGSIM, whose noise is known to be large, so that refused tracks are not merely noisy
+(docs/recordings.md has the figures). A track that fails is left out with its reason. If
+most tracks fail in the same way, the file is refused and the unit that explains it is named.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ SPEED_ERROR = 1.0
 """m/s; a track's mean difference of stated and driven speed may be this ..."""
 SPEED_SHARE = 0.1
 """... and this share of its mean driven speed. Single states of NGSIM differ by up to 8.5 m/s, for
-its speeds and positions were smoothed apart; half of its tracks by less than 0.12 in the mean."""
+its speeds and positions were smoothed separately; half of the tracks by a mean below 0.12."""
 
 JUMP = 1.5
-"""m; how much further than its speed says a road user may get from one frame to the next. The most
+"""m; largest excess of a displacement between frames over that of the speed. The largest
 among the twelve is 0.85."""
 
 FASTEST = 70.0
@@ -57,7 +57,7 @@ _RATIOS = {
     1 / 3.6: "velocities are in km/h",
     0.44704: "velocities are in miles per hour",
 }
-"""What a ratio of driven to stated speed says."""
+"""Explanations of the ratio of driven to stated speed."""
 
 _HEADINGS = {
     "degrees, read as radians": lambda heading: np.radians(heading),
@@ -68,10 +68,10 @@ _HEADINGS = {
 
 
 def sift(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
-    """Leave out the tracks that cannot be true.
+    """Leave out the tracks that are physically impossible.
 
     Returns:
-        The others, and why each was left out.
+        The other tracks, and the reason for each refused track.
 
     Raises:
         UserError: If no track is left, or most fail in a way that a wrong unit explains.
@@ -96,7 +96,7 @@ def sift(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
 
 
 class _Steps(NamedTuple):
-    """From each state to the next of its track."""
+    """Steps from each state to the next of its track."""
 
     track: Int64[np.ndarray, " step"]
     row: Int64[np.ndarray, " step"]
@@ -131,18 +131,18 @@ def _steps(tracks: Tracks) -> _Steps:
 
 
 def _angle(difference: np.ndarray) -> np.ndarray:
-    """Between two directions, in [0, π]."""
+    """Return the angle between two directions, in [0, π]."""
     return np.abs(np.mod(difference + np.pi, 2 * np.pi) - np.pi)
 
 
 def _axis_angle(difference: np.ndarray) -> np.ndarray:
-    """Between two axes, in [0, π/2]: who reverses moves along its axis too."""
+    """Return the angle between two axes, in [0, π/2], which ignores reversing."""
     angle = _angle(difference)
     return np.minimum(angle, np.pi - angle)
 
 
 def _mean(values: np.ndarray, track: np.ndarray, n_tracks: int) -> np.ndarray:
-    """Mean by track; 0 where a track has no step."""
+    """Return the mean by track; 0 for a track without steps."""
     counts = np.bincount(track, minlength=n_tracks)
     return np.bincount(track, values, n_tracks) / np.maximum(counts, 1)
 
@@ -163,7 +163,7 @@ def _check_sizes(tracks: Tracks, _: _Steps, reasons: np.ndarray) -> None:
 
 def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
     length, width = tracks.length * unit, tracks.width * unit
-    # A person may be wider than long, so the least of the two is judged.
+    # A person may be wider than long, so the smaller of the two is checked.
     return (np.minimum(length, width) < SHORTEST) | (length > LONGEST) | (width > WIDEST)
 
 
@@ -232,7 +232,7 @@ def _check_directions(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> Non
 def _headings_read_as(steps: _Steps, along: np.ndarray, n_tracks: int) -> str:
     for told, read in _HEADINGS.items():
         if "as degrees" in told and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
-            continue  # A turn of radians is six degrees.
+            continue  # A full turn in radians is the number 6.28, which is 6 degrees.
         angle = _axis_angle(steps.direction[along] - read(steps.heading[along]))
         medians = _medians(angle, steps.track[along], n_tracks)
         if 2 * (medians <= HEADING_ERROR).sum() > (~np.isnan(medians)).sum():
@@ -241,7 +241,7 @@ def _headings_read_as(steps: _Steps, along: np.ndarray, n_tracks: int) -> str:
 
 
 def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
-    """Median by track, NaN where a track has fewer than `FEWEST_STEPS`; rows in order of tracks."""
+    """Return the median by track, NaN for fewer than `FEWEST_STEPS`; rows in order of tracks."""
     found = np.full(n_tracks, np.nan)
     ends = np.searchsorted(track, np.arange(n_tracks + 1))
     for one in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
@@ -250,10 +250,10 @@ def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np
 
 
 def _check_overlaps(tracks: Tracks, good: Bool[np.ndarray, " track"], reasons: np.ndarray) -> None:
-    """Nobody can tell which of two that overlap is wrong, so both go."""
+    """Refuse both tracks of an overlap, because either may be wrong."""
     kept, numbers = tracks.kept(good), np.flatnonzero(good)
     found = overlaps(kept)
-    # The deepest first: it is the one that is told.
+    # The deepest first: it is reported.
     for place in np.argsort(-found.depth, kind="stable"):
         if found.depth[place] <= DEEPEST_OVERLAP:
             break

@@ -1,4 +1,4 @@
-"""A recording: its tracks and the road under them."""
+"""Recordings: tracks and the road."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from socialiq.recordings.tracks import Tracks
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was read from one source.
+    """Recording of one source.
 
     Attributes:
-        tracks: Who was where.
-        road: The lanelets; none where the source has no map.
+        tracks: The tracks.
+        road: The lanelets; None if the source has no map.
     """
 
     tracks: Tracks
@@ -28,11 +28,11 @@ class Recording:
 
 
 class Refused(NamedTuple):
-    """A track that was left out.
+    """Track that was left out.
 
     Attributes:
         identity: The road user's name in the file.
-        reason: What is wrong with it, where.
+        reason: Error and its place.
     """
 
     identity: str
@@ -41,13 +41,13 @@ class Refused(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """One recording read from a file.
+    """Recording read from a file.
 
     Attributes:
         recording: The tracks that passed every check, and the road.
-        refused: The others.
-        skipped: How many things of the file are no tracks, by kind.
-        n_states: States that were read, those of refused tracks too.
+        refused: The other tracks.
+        skipped: Number of the file's elements that are not tracks, by kind.
+        n_states: Number of states read, including those of refused tracks.
     """
 
     recording: Recording
@@ -57,7 +57,7 @@ class Imported:
 
 
 def order_fault(frames: Int[np.ndarray, " state"] | Sequence[int]) -> str:
-    """What is wrong with a track's frames, which have to go up by one; "" where nothing is."""
+    """Return the error in a track's frames, which must increase by one; "" if there is none."""
     steps = np.diff(np.asarray(frames, np.int64))
     if (steps == 1).all():
         return ""
@@ -74,13 +74,13 @@ _SUFFIXES = (".safetensors", ".xml", ".csv")
 
 
 def refuse_recording(world: str) -> None:
-    """Refuse a file where a world is asked for.
+    """Raise an error for a file in place of a world.
 
     Args:
-        world: What the user named.
+        world: Name given by the user.
 
     Raises:
-        UserError: If it is a file's name; no world's name looks like one.
+        UserError: If it is a file's name.
     """
     if world.lower().endswith(_SUFFIXES):
         raise UserError(

@@ -1,4 +1,4 @@
-"""When recorded vehicles touch: separating axes of two rectangles."""
+"""Contacts and overlaps of recorded vehicles: separating axes of two rectangles."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def touching(
     """Whether two rectangles overlap, or will when they have moved on.
 
     Args:
-        centre: x and y of either, m.
-        heading: Of either, rad.
-        size: Length and width of either, m.
-        moved: How far either will move, m; zero asks about now.
+        centre: x and y of each, m.
+        heading: Heading of each, rad.
+        size: Length and width of each, m.
+        moved: Displacement of each, m; 0 for the present.
     """
     apart = centre[:, 1] - centre[:, 0]
     closing = moved[:, 1] - moved[:, 0]
@@ -44,12 +44,12 @@ def touching(
 
 
 class Overlaps(NamedTuple):
-    """Pairs of states of one frame whose rectangles have a point in common.
+    """Pairs of states of a frame whose rectangles overlap.
 
     Attributes:
-        first: Row of the one.
-        second: Row of the other.
-        depth: m; how far they would have to move apart, at the least.
+        first: Row of the first state.
+        second: Row of the second state.
+        depth: Smallest displacement that would separate them, m.
     """
 
     first: Int64[np.ndarray, " pair"]
@@ -57,13 +57,13 @@ class Overlaps(NamedTuple):
     depth: Float64[np.ndarray, " pair"]
 
 
-_BLOCK = 100_000  # states whose pairs are held at one time
+_BLOCK = 100_000  # states whose pairs are held in memory at a time
 
 
 def overlaps(tracks: Tracks) -> Overlaps:
-    """All overlaps of a recording, by the separating axes of each two rectangles.
+    """Return all overlaps of a recording, by the separating axes of two rectangles.
 
-    Two rectangles lie apart exactly if an axis along a side of one of them separates them
+    Two rectangles are disjoint exactly if an axis along a side of one of them separates them
     (Gottschalk, Lin and Manocha, SIGGRAPH 1996). The smallest overlap on the four axes is the
     depth.
     """
@@ -101,9 +101,9 @@ def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " some"]) -> Overlaps:
 def _near(
     tracks: Tracks, rows: Int64[np.ndarray, " some"], radius: Float64[np.ndarray, " track"]
 ) -> tuple[Int64[np.ndarray, " pair"], Int64[np.ndarray, " pair"]]:
-    """Pairs of rows of one frame whose circumscribed circles meet."""
+    """Return pairs of rows of a frame whose circumscribed circles meet."""
     reach = 2 * radius.max()
-    # Frames lie too far apart along a third axis for states of two of them to be near.
+    # A third axis separates frames, so that states of different frames are never near.
     frames = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
     places = np.stack([tracks.x[rows], tracks.y[rows], frames], axis=1)
     pairs = rows[KDTree(places).query_pairs(reach, output_type="ndarray")]

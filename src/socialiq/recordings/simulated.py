@@ -1,8 +1,8 @@
-"""The simulator's episodes as recordings: the road as lanelets, every sub-step as a frame.
+"""Simulated episodes as recordings: the road as lanelets, every sub-step as a frame.
 
-So everything that reads recordings can be tried, and tested, without anybody's data. A vehicle
-that is spawned after a decision is recorded from the sub-step after on, because the simulator's
-own observation of that decision was made before.
+All code for recordings can therefore be tested without external data. A vehicle
+that is spawned after a decision is recorded from the next sub-step, because the simulator's
+observation of that decision precedes it.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.options import Options
 
 FIRST_LANELET = 1000
-"""Lanelets are numbered from here on in the order of the simulator's lanes."""
+"""Number of the first lanelet; lanelets are in the order of the simulator's lanes."""
 
-_SPACING = 0.5  # m between the points of an arc; it is found again as one, whatever the spacing
+_SPACING = 0.5  # m between the points of an arc; `path_of` recovers the arc for any spacing
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One simulated episode, recorded, and what the simulator says about it.
+    """Recorded simulated episode, with the simulator's own results.
 
     Attributes:
         recording: Tracks and road.
         ego: Number of the ego's track.
-        way: The lanelet on which the ego means to cross the junction.
-        observation: At every decision and at the end.
-        action: Of the ego.
+        way: Lanelet of the ego's planned way over the junction.
+        observation: Observation at every decision and at the end.
+        action: Actions of the ego.
         pair: r_env and r_social.
         ending: Value of `Ending`.
     """
@@ -51,7 +51,7 @@ class Episode:
 
 
 def road() -> RoadNetwork:
-    """The simulator's twenty lanes as lanelets, y to the north."""
+    """Return the simulator's twenty lanes as lanelets, y to the north."""
     return RoadNetwork({FIRST_LANELET + lane: _lanelet(lane) for lane in range(geometry.N_LANES)})
 
 
@@ -78,18 +78,18 @@ def _lanelet(lane: int) -> Lanelet:
 
 def _following(lane: int) -> list[int]:
     if lane % 5 == geometry.EXIT:
-        return []  # the simulator lets exits lead back to approaches; nobody drives there
+        return []  # the simulator connects exits to approaches; no vehicle drives there
     return geometry.CONNECTED[lane, 1 : 4 if lane % 5 == 0 else 2].tolist()
 
 
 def record(options: Options, policy: Policy, seed: int, name: str = "") -> Episode:
-    """Play an episode and keep every sub-step.
+    """Run an episode and record every sub-step.
 
     Args:
         options: The scenario.
-        policy: Who drives the ego.
-        seed: Of the episode.
-        name: Of the recording; by default made of the seed.
+        policy: Policy of the ego.
+        seed: Seed of the episode.
+        name: Name of the recording; by default derived from the seed.
     """
     batch = Batch(options, 1, traced=True)
     batch.reset([seed])
@@ -129,7 +129,7 @@ def _now(batch: Batch) -> np.ndarray:
 def _tracks(frames: list[np.ndarray], dt: float, name: str, source: dict[str, Any]) -> Tracks:
     rows = np.concatenate(frames)
     frame = np.repeat(np.arange(len(frames)), [len(one) for one in frames])
-    # In the order of the simulator's list: identities rise with it.
+    # In the order of the simulator's list, in which identities ascend.
     order = np.lexsort([frame, rows["identity"]])
     rows, frame = rows[order], frame[order]
     identity, track = np.unique(rows["identity"], return_inverse=True)

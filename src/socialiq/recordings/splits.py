@@ -1,7 +1,7 @@
-"""Splits of recorded demonstrations: whole recordings go to one side or the other.
+"""Splits of recorded demonstrations by whole recordings.
 
 Vehicles of one recording see each other, so two episodes of one recording hold the same moments
-from two seats. A split inside a recording would test on what was trained on.
+from two vehicles. A split inside a recording would test on training data.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from socialiq.errors import UserError
 
 
 def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndarray, " episode"]]:
-    """The names of a table's recordings, and the place of each episode's among them.
+    """Return the names of a table's recordings, and the index of each episode's recording.
 
     Raises:
-        UserError: If the table wasn't made by an ego swap, or its episodes were picked since.
+        UserError: If the table wasn't made by an ego swap, or its episodes were selected since.
     """
     listed, place = table.source.get("recordings"), table.source.get("episode_recording")
     if not isinstance(listed, list) or not isinstance(place, list):
@@ -34,12 +34,12 @@ def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndar
 
 
 def site_of(recording: str) -> str:
-    """The site of a recording: its map, where the name is a CommonRoad benchmark's.
+    """Return the site of a recording: the map of a CommonRoad benchmark's name, else the name.
 
-    Scenarios of one map may be cut out of one drive and show the same vehicles seconds later.
+    Scenarios of one map may come from one recording and show the same vehicles seconds later.
 
     Args:
-        recording: Its name; one that says nothing of a map is a site of its own.
+        recording: Name of the recording.
     """
     found = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
     return found[1] if found else recording
@@ -49,11 +49,11 @@ def split(table: Demonstrations, held_out: Sequence[str]) -> tuple[Demonstration
     """Split by recording.
 
     Args:
-        table: Of an ego swap.
+        table: Demonstrations of an ego swap.
         held_out: Names of the recordings to keep for testing.
 
     Returns:
-        What to train on, and what was held out. Both list their own recordings alone.
+        Training and held-out demonstrations, each with its own recordings only.
 
     Raises:
         UserError: If a name is unknown, or one side would be empty: one recording can't be

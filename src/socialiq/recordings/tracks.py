@@ -1,4 +1,4 @@
-"""Tracks: the positions of every road user of a recording, in one table for all file formats.
+"""Tracks: positions of all road users of a recording, in one table for all file formats.
 
 SI units, right-handed: x to the east, y to the north, headings counter-clockwise from east; a
 position is the centre of the road user's rectangle. All times are multiples of one step.
@@ -20,7 +20,7 @@ from socialiq.errors import UserError
 
 
 class RoadUser(enum.IntEnum):
-    """What moves."""
+    """Class of a road user."""
 
     CAR = 0
     TRUCK = 1
@@ -53,9 +53,9 @@ ROAD_USERS: dict[str, type[np.generic]] = {
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """One recording's road users: a row for each state, a place in the lists for each track.
+    """Road users of a recording: a row for each state, a list entry for each track.
 
-    The rows of a track are adjacent and their frames go up by one; tracks stand in the order of
+    The rows of a track are adjacent and their frames increase by one; tracks are in the order of
     their numbers, 0, 1, 2, ...
 
     Attributes:
@@ -71,11 +71,11 @@ class Tracks:
         length: m along the heading, by track.
         width: m, by track.
         dt: s between frames.
-        recording: Its name; data are split by it.
-        source: What was read: file, its SHA-256, format, licence line, as JSON would give it back.
+        recording: Name of the recording, by which data are split.
+        source: Provenance as JSON: file, its SHA-256, format, licence line.
 
     Raises:
-        UserError: If a column breaks any of this; the line names it and its first bad place.
+        UserError: If a column is invalid; the line names it and its first bad row or track.
     """
 
     track: Int32[np.ndarray, " state"]
@@ -113,7 +113,7 @@ class Tracks:
         return self.vx * east + self.vy * north, self.vy * east - self.vx * north
 
     def kept(self, keep: Bool[np.ndarray, " track"]) -> Tracks:
-        """Only these tracks, numbered anew.
+        """Return only these tracks, renumbered.
 
         Raises:
             UserError: If none is left.
@@ -139,14 +139,14 @@ class Tracks:
 
     @property
     def starts(self) -> Int64[np.ndarray, " track_and_one"]:
-        """Row of each track's first state, and behind them the number of rows."""
+        """Row of each track's first state, followed by the number of rows."""
         return np.searchsorted(self.track, np.arange(self.n_tracks + 1)).astype(np.int64)
 
 
 def _check(columns: Mapping[str, Any], dt: Any, recording: Any) -> None:
-    """Refuse columns that do not make one table of tracks.
+    """Raise an error for columns that do not form a valid table of tracks.
 
-    The line names the column, its first bad row or track, and what mends it. Later checks rely on
+    The line names the column, its first bad row or track, and the correction. Later checks rely on
     earlier ones. Whether the values are physically possible is checked in `recordings.physics`.
 
     Args:
@@ -203,7 +203,7 @@ def _check_layout(
 
 
 def _refuse(name: str, bad: np.ndarray, problem: str, what: str = "row") -> None:
-    """Refuse the column if any place is bad, naming the first."""
+    """Raise an error for the column if any entry is bad, naming the first."""
     if bad.any():
         raise UserError(f"column {name}, {what} {int(np.argmax(bad))}: {problem}")
 

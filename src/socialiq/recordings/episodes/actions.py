@@ -1,4 +1,4 @@
-"""Which action of the simulator's ego a recorded driver's speed is closest to."""
+"""Inference of the simulator's actions from a recorded driver's speeds."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from socialiq.worlds.intersection.state import FASTER, IDLE, SLOWER
 
 
 class Inferred(NamedTuple):
-    """What was made of one driver's speeds.
+    """Inferred actions of a driver.
 
     Attributes:
         action: The closest action of each decision.
-        residual: Speed at the next decision less what that action would have led to, m/s.
+        residual: Speed at the next decision minus that predicted by the action, m/s.
     """
 
     action: Int32[np.ndarray, " decision"]
@@ -29,12 +29,12 @@ def inferred(speed: Float64[np.ndarray, " decision_and_one"], options: Options) 
     """Infer the actions of a driver from the speeds at its decisions.
 
     Each action of the simulator sets a target speed, from which the speed one decision later
-    follows; the action whose speed comes closest is taken, `idle` where two come equally close.
-    `idle` keeps the target, which a recording doesn't show: it is that of the action before, at
-    first the target nearest to the speed.
+    follows. The action with the closest speed is taken, `idle` in a tie.
+    `idle` keeps the target speed, which is not recorded: it is that of the previous action,
+    initially the target nearest to the speed.
 
     Args:
-        speed: At every decision, and at the end of the last one, m/s.
+        speed: Speed at every decision, and at the end of the last decision, m/s.
         options: Target speeds and frequencies.
     """
     targets = np.array(options.target_speeds)
@@ -57,6 +57,6 @@ def inferred(speed: Float64[np.ndarray, " decision_and_one"], options: Options) 
 
 
 def _nearest(speed: float, targets: Float64[np.ndarray, " target"]) -> int:
-    """Number of the target that the simulator counts from (`core.ego.speed_index`)."""
+    """Return the index of the simulator's present target speed (`core.ego.speed_index`)."""
     share = (speed - targets[0]) / (targets[-1] - targets[0])
     return int(np.clip(np.rint(share * (len(targets) - 1)), 0, len(targets) - 1))

@@ -1,4 +1,4 @@
-"""One recorded vehicle as the ego: what it saw, did and was paid, by the simulator's kernels."""
+"""Annotation of a recorded vehicle as the ego: observations, actions and rewards."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
 from socialiq.worlds.intersection.state import FEATURES, Contact
 
-_BOUNDARY = 2.0  # m before the end of a section that may still count to it
+_BOUNDARY = 2.0  # m before the end of a section within which the next section may count
 _KINDS = {APPROACH: geometry.APPROACH, JUNCTION: geometry.STRAIGHT, EXIT: geometry.EXIT}
 
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """One vehicle's episode.
+    """Episode of one vehicle.
 
     Attributes:
-        track: Its number in the recording.
-        junction: Place of the junction in `Lanes.junctions`.
-        frame: Of every decision, and of the end of the last one.
-        observation: What it saw there, in the simulator's frame: the junction's centre is the
+        track: Number of the track in the recording.
+        junction: Index of the junction in `Lanes.junctions`.
+        frame: Frame of every decision, and of the end of the last decision.
+        observation: Observation there, in the simulator's frame: the junction's centre is the
             origin and the ego comes from the south.
-        action: The simulator's action that its speed is closest to.
-        residual: What that action leaves unexplained of the speed one decision later, m/s.
-        speed: At every decision and at the end, m/s.
+        action: Inferred action of each decision.
+        residual: Speed one decision later minus that predicted by the action, m/s.
+        speed: Speed at every decision and at the end, m/s.
         pair: r_env and r_social of every decision.
-        signals: What they are made of, in the order of `SIGNALS`.
-        ending: Value of `Ending`, by decision; TIMEOUT where the view or the clock ended it.
+        signals: Signals of the rewards, in the order of `SIGNALS`.
+        ending: Value of `Ending`, by decision; TIMEOUT at the end of the view or the time limit.
         jump: Largest difference between a decision's advance along the route and the distance
             driven, m; large where the lanelets don't fit the track.
         contact: Value of the simulator's `Contact`: whose motion closed the gap, if it collided.
@@ -60,7 +60,7 @@ class Driven:
 
 
 def driven(scene: Scene, track: int, way: Crossing, reading: Reading) -> Driven | None:
-    """Annotate a vehicle's way over a junction; none if it is shorter than one decision.
+    """Annotate a vehicle's way over a junction; None if it is shorter than one decision.
 
     Args:
         scene: The recording.
@@ -105,7 +105,7 @@ def driven(scene: Scene, track: int, way: Crossing, reading: Reading) -> Driven 
 def _distances(
     scene: Scene, rows: Int64[np.ndarray, " snapshot"]
 ) -> Float64[np.ndarray, " snapshot"]:
-    """From each snapshot to the one before, m; 0 at the first."""
+    """Return the distance of each snapshot from the previous snapshot, m; 0 at the first."""
     x, y = scene.tracks.x[rows], scene.tracks.y[rows]
     return np.hypot(np.diff(x, prepend=x[0]), np.diff(y, prepend=y[0]))
 
@@ -113,7 +113,7 @@ def _distances(
 def _decision_rows(
     scene: Scene, track: int, way: Crossing, options: Options
 ) -> Int64[np.ndarray, " decision_and_one"]:
-    """Every so many frames, from where the way to this junction begins."""
+    """Return the rows of decisions, from the start of the way to this junction."""
     matched, of = scene.matched(track), scene.lanes.junction_of
     others = [p for p in range(way.first) if matched.lanelets[p] in of]
     begun = np.flatnonzero(matched.place > (others[-1] if others else -1))
@@ -124,7 +124,7 @@ def _decision_rows(
 
 
 def _ego(scene: Scene, way: Crossing, rows: Int64[np.ndarray, " snapshot"]) -> np.ndarray:
-    """SNAPSHOT records of the ego, without its slot, the count and the ending."""
+    """Return SNAPSHOT records of the ego, without its slot, the count and the ending."""
     tracks = scene.tracks
     x, y = tracks.x[rows], tracks.y[rows]
     made = np.zeros(len(rows), SNAPSHOT)
@@ -148,11 +148,11 @@ def _route_coordinate(
     x: Float64[np.ndarray, " snapshot"],
     y: Float64[np.ndarray, " snapshot"],
 ) -> Float64[np.ndarray, " snapshot"]:
-    """Metres along the sections, one after the other.
+    """Return metres along the sequence of sections.
 
-    As `core.ego.route_coordinate` counts, a vehicle is on the first section whose end it has not
-    passed; but only the section that it was matched to and those beside it are asked, because on a
-    road that bends the coordinates of others mean nothing.
+    As in `core.ego.route_coordinate`, a vehicle is on the first section whose end it has not
+    passed. Only the matched section and its neighbours are considered, because on a curved
+    road coordinates along other sections are meaningless.
     """
     found = np.empty(len(x))
     lengths = [path.length if path is not None else 0.0 for path in way.sections]
@@ -181,7 +181,7 @@ def _endings(
     options: Options,
     reading: Reading,
 ) -> tuple[list[int], Contact]:
-    """How each snapshot ends the episode, the first being its beginning; who ran into whom."""
+    """Return the ending at each snapshot, the first of which is the start, and the contact."""
     arrived = (snapshots["kind"] == geometry.EXIT) & (snapshots["along"] >= EXIT_DISTANCE)
     late = np.arange(len(rows)) / options.policy_frequency >= options.duration
     endings, contact = [int(Ending.NONE)] * len(rows), Contact.NONE
@@ -201,7 +201,7 @@ def _endings(
 def _contact(
     scene: Scene, track: int, before: int, after: int, first: int, reading: Reading
 ) -> Contact:
-    """Whom the ego touched first after one row, up to another, and who struck whom."""
+    """Return the ego's first contact between two rows, and which vehicle struck."""
     predicted = reading.contact == "predicted"
     slack = 0.0 if predicted else reading.slack
     for row in range(before + 1, after + 1):
@@ -224,7 +224,7 @@ def _vehicles(
     options: Options,
     reading: Reading,
 ) -> np.ndarray:
-    """SEEN records of everybody there; the ego's slot and their count go to the snapshots."""
+    """Return SEEN records of all vehicles; write the ego's slot and the count to the snapshots."""
     present = [scene.present(int(scene.tracks.frame[row])) for row in rows]
     made = np.zeros((len(rows), max(map(len, present))), SEEN)
     entry = scene.heading_before(way)
@@ -244,7 +244,7 @@ def _vehicles(
 def _place(
     scene: Scene, way: Crossing, entry: float, rows: Int64[np.ndarray, " there"], seen: np.ndarray
 ) -> None:
-    """Positions and headings in the simulator's frame: y to the south, headings clockwise."""
+    """Write positions and headings in the simulator's frame: y to the south, clockwise."""
     tracks, centre = scene.tracks, scene.lanes.junctions[way.junction]
     turn = np.pi / 2 - entry
     cos, sin = np.cos(turn), np.sin(turn)
@@ -256,7 +256,7 @@ def _place(
 
 
 def _line(scene: Scene, track: int, way: Crossing, row: int) -> Path:
-    """The lane that the ego is on: its section, inside the junction the nearest lanelet."""
+    """Return the ego's lane: its section, or inside the junction the nearest lanelet."""
     state = row - scene.rows(track).start
     nearest, part = int(scene.matched(track).nearest[state]), int(way.part[state])
     if part == JUNCTION and nearest in scene.lanes.junctions[way.junction].lanelets:
@@ -267,7 +267,7 @@ def _line(scene: Scene, track: int, way: Crossing, row: int) -> Path:
 
 
 def _seat(scene: Scene, way: Crossing, entry: float, row: int) -> tuple[int, bool]:
-    """A vehicle's kind of lane, and whether it came by the ego's approach."""
+    """Return a vehicle's kind of lane, and whether it entered by the ego's approach."""
     track = int(scene.tracks.track[row])
     other = scene.crossing(track, way.junction)
     if other is None:

@@ -1,4 +1,4 @@
-"""How recorded driving is read as episodes: every choice by name."""
+"""Options of the conversion of recorded driving to episodes."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ Contact = Literal["overlap", "predicted"]
 
 @dataclass(frozen=True)
 class Reading:
-    """The readings that a recording needs beside those of the simulator.
+    """Options that a recording needs in addition to those of the simulator.
 
     Attributes:
         policy_rate: Decisions per second; divides the recording's rate.
         target_speeds: Speeds in m/s that actions step through; the last is v_max of the rewards.
         loss: A neighbour's loss of speed. "between_decisions" is the simulator's: its speed at
-            one decision less that at the next, or since it came into view, each taken from the
+            one decision minus that at the next, or since it came into view, each taken from the
             recording's own frame. "summed" adds up every fall from frame to frame at the
-            recording's rate, so a vehicle that brakes and speeds up again is charged as well.
-        contact: When the ego has collided. "overlap": its rectangle lies on another's.
-            "predicted" is the simulator's: or would in the frame before, at the speeds then.
+            recording's rate, so that a vehicle that brakes and speeds up again also counts.
+        contact: Criterion of a collision. "overlap": the ego's rectangle overlaps another's.
+            "predicted" is the simulator's: or would have from the previous frame, at its speeds.
         slack: m by which both rectangles are shorter and narrower than recorded before they
-            overlap: recorded boxes touch where their drivers did not. 0 with "predicted".
-        near: s. Two vehicles meet in a conflict if they are at it, within `reach`, at times
-            that are no further apart.
-        reach: m before a junction that count as being at it.
+            overlap: recorded boxes may touch although the vehicles did not. 0 with "predicted".
+        near: s. Two vehicles meet in a conflict if they are within `reach` of it at times
+            that differ by at most this.
+        reach: m before a junction within which a vehicle is at it.
         clock: Whether an episode times out after the options' duration, with that penalty.
-            Recorded drivers have no such clock.
-        options: Readings and weights of the rewards; the three frequencies, speeds and the
-            canonical order are set from this reading and the recording.
+            Recorded drivers have no such limit.
+        options: Options and weights of the rewards; the three frequencies, speeds and the
+            canonical order are set from these options and the recording.
     """
 
     policy_rate: int = 1
@@ -56,13 +56,13 @@ class Reading:
                 raise UserError(f"{name} must be a number of at least 0, got {value}")
 
     def options_at(self, dt: float) -> Options:
-        """The simulator's options at a recording's rate.
+        """Return the simulator's options at a recording's rate.
 
         Args:
             dt: s between frames.
 
         Raises:
-            UserError: If the rate is no whole number or no multiple of the policy rate.
+            UserError: If the rate is not a whole multiple of the policy rate.
         """
         rate = round(1 / dt)
         if abs(rate * dt - 1) > 1e-6 or rate % self.policy_rate:

@@ -1,4 +1,4 @@
-"""Ego swap: every vehicle that meets a conflict is the ego of one episode."""
+"""Ego swap: every vehicle that meets a conflict becomes the ego of one episode."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.state import ACTIONS
 
 HUMAN = "human"
-"""The one mode of recorded drivers: nothing in a recording says what they wanted."""
+"""Mode of all recorded drivers: a recording doesn't contain their intentions."""
 
 NOT_A_VEHICLE = "not a vehicle"
 OFF_THE_ROAD = "off the lanelets"
 NO_JUNCTION = "never at a conflict area"
 ALONE = "nobody in its way near in time"
 _LARGEST_JUMP = 5.0  # m
-_MOVING = 0.5  # m/s; who never reaches it looks like anybody else who stands
+_MOVING = 0.5  # m/s; tracks that never reach it are indistinguishable
 
 TOO_SHORT = "in view for less than a decision"
 NO_WAY = "its way doesn't fit the lanelets"
 REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT, NO_WAY)
-"""Why a track makes no episode, in the order of asking."""
+"""Reasons for which a track makes no episode, in the order of the checks."""
 
 
 @dataclass(frozen=True, eq=False)
 class Swapped:
-    """What one recording gave.
+    """Episodes of one recording.
 
     Attributes:
-        recording: Its name.
-        n_tracks: How many road users it has.
-        seconds: From its first frame to its last.
-        source: What was read.
+        recording: Name of the recording.
+        n_tracks: Number of road users.
+        seconds: Time from the first frame to the last.
+        source: Provenance of the recording.
         identity: The file's number of each episode's ego.
-        episodes: One for each ego.
-        left_out: How many tracks gave none, by reason.
+        episodes: Episode of each ego.
+        left_out: Number of tracks without an episode, by reason.
         conflicts: Pairs of lanelets in conflict.
-        moments: Of every track that moves, what tells it from any other.
-        reading: The choices that were made.
+        moments: Signature of every track that moves.
+        reading: The options.
     """
 
     recording: str
@@ -67,12 +67,12 @@ class Swapped:
 
     @property
     def n_transitions(self) -> int:
-        """Decisions of all episodes."""
+        """Number of decisions of all episodes."""
         return sum(len(one.action) for one in self.episodes)
 
     @property
     def counts(self) -> dict[str, Any]:
-        """One row of a table: what there was, and what became of it."""
+        """Return a table row with counts of tracks, episodes and reasons."""
         endings = Counter(int(one.ending[-1]) for one in self.episodes)
         return {
             "recording": self.recording,
@@ -94,7 +94,7 @@ def swap(recording: Recording, reading: Reading | None = None) -> Swapped:
 
     Args:
         recording: Tracks and road.
-        reading: The choices; by default those of `Reading`.
+        reading: Options; by default those of `Reading`.
 
     Raises:
         UserError: If there is no road network, the policy rate doesn't fit the recording's, or
@@ -127,7 +127,7 @@ def swap(recording: Recording, reading: Reading | None = None) -> Swapped:
 
 
 def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
-    """A vehicle's episode, or the reason why there is none."""
+    """Return a vehicle's episode, or the reason for which there is none."""
     if track not in scene.vehicles:
         return NOT_A_VEHICLE
     if scene.matched(track).off > OFF_THE_MAP:
@@ -149,7 +149,7 @@ def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
 
 
 def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:
-    """The episode of one vehicle, by its number in the file.
+    """Return the episode of one vehicle, by its number in the file.
 
     Raises:
         UserError: If there is no such vehicle, or it makes no episode; the line says why.
@@ -167,7 +167,7 @@ def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:
 
 
 def meets(scene: Scene, track: int, junction: int, reading: Reading) -> bool:
-    """Whether somebody's way is in conflict with a vehicle's, and they are there near in time."""
+    """Whether another vehicle's way conflicts with a vehicle's, close in time."""
     way, mine = scene.crossing(track, junction), scene.presence(track, junction, reading.reach)
     if way is None or mine is None:
         return False
@@ -190,14 +190,14 @@ def _in_conflict(scene: Scene, track: int, way: Crossing, other: int, other_way:
 
 
 def moments_of(tracks: Tracks) -> frozenset[bytes]:
-    """What tells the moving tracks of a recording from all others: their speeds, to 1 cm/s."""
+    """Return signatures of the moving tracks of a recording: their speeds, to 1 cm/s."""
     speed = np.round(np.hypot(tracks.vx, tracks.vy), 2) + 0.0
     each = np.split(speed, tracks.starts[1:-1])
     return frozenset(one.tobytes() for one in each if len(one) and one.max() > _MOVING)
 
 
 def check_distinct(swapped: Sequence[Swapped]) -> None:
-    """Refuse recordings that were given twice, under one name or under two.
+    """Raise an error for recordings that were given twice, under the same or different names.
 
     Raises:
         UserError: If two have one name, or more than half of one's moving tracks are in another.
@@ -217,10 +217,10 @@ def check_distinct(swapped: Sequence[Swapped]) -> None:
 
 
 def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
-    """One table of all episodes, each with its recording and vehicle in `source`.
+    """Return a table of all episodes, each with its recording and vehicle in `source`.
 
     Raises:
-        UserError: If no recording gave an episode, two have one name, or they were read
+        UserError: If no recording has an episode, two have the same name, or they were read
             differently.
     """
     check_distinct(swapped)

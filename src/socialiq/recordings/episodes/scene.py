@@ -1,4 +1,4 @@
-"""A recording made ready to be driven again: every vehicle matched to the road once."""
+"""Recording with every vehicle matched to the road."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from socialiq.recordings.tracks import RoadUser
 from socialiq.worlds.intersection.state import Contact
 
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
-"""Who drives on lanelets; others are neither ego nor neighbour."""
+"""Road users that drive on lanelets; others are neither ego nor neighbour."""
 
 
 class Scene:
-    """One recording with its conflicts and routes.
+    """Recording with its conflicts and routes.
 
     Args:
         recording: Tracks and road.
 
     Attributes:
-        tracks: The recording's.
-        lanes: Its road with conflicts.
-        matcher: Of that road.
+        tracks: Tracks of the recording.
+        lanes: Road with conflicts.
+        matcher: Matcher of that road.
         vehicles: Numbers of the tracks that are vehicles.
-        speed: Along the heading, m/s, by state.
+        speed: Speed along the heading, m/s, by state.
 
     Raises:
         UserError: If there is no road network, or Shapely is not installed.
@@ -49,24 +49,24 @@ class Scene:
         self._presences: dict[tuple[int, int, float], tuple[int, int] | None] = {}
 
     def rows(self, track: int) -> slice:
-        """The rows of a track."""
+        """Return the rows of a track."""
         return slice(int(self._starts[track]), int(self._starts[track + 1]))
 
     def matched(self, track: int) -> Matched:
-        """A track's lanelets."""
+        """Return a track's lanelets."""
         if track not in self._matched:
             self._matched[track] = self.matcher.match(self.tracks, track)
         return self._matched[track]
 
     def crossing(self, track: int, junction: int) -> Crossing | None:
-        """A track's way over a junction; none if it doesn't touch it."""
+        """Return a track's way over a junction; None if it doesn't touch it."""
         if (track, junction) not in self._crossings:
             found = self.matcher.crossing(self.matched(track), self.lanes, junction)
             self._crossings[track, junction] = found
         return self._crossings[track, junction]
 
     def junctions(self, track: int) -> list[int]:
-        """The junctions on a track's way, in order."""
+        """Return the junctions on a track's way, in order."""
         of = self.lanes.junction_of
         return list(dict.fromkeys(of[n] for n in self.matched(track).lanelets if n in of))
 
@@ -78,22 +78,22 @@ class Scene:
         return dict(zip(frames.tolist(), np.split(order, first[1:]), strict=True))
 
     def present(self, frame: int) -> Int64[np.ndarray, " row"]:
-        """Rows of the vehicles of one frame, in the order of their tracks."""
+        """Return the rows of the vehicles of one frame, in the order of their tracks."""
         return self._by_frame.get(int(frame), np.zeros(0, np.int64))
 
     def row_at(self, track: int, frame: int) -> int | None:
-        """A track's row at a frame; none if it isn't there."""
+        """Return a track's row at a frame; None if it isn't present."""
         rows = self.rows(track)
         row = rows.start + frame - int(self.tracks.frame[rows.start])
         return row if rows.start <= row < rows.stop else None
 
     def presence(self, track: int, junction: int, reach: float) -> tuple[int, int] | None:
-        """First and last frame of a track inside a junction, or within reach before it.
+        """Return the first and last frame of a track in a junction, or within reach before it.
 
         Args:
-            track: Its number.
-            junction: Place in `Lanes.junctions`.
-            reach: m.
+            track: Number of the track.
+            junction: Index in `Lanes.junctions`.
+            reach: Distance before the junction, m.
         """
         key = (track, junction, reach)
         if key not in self._presences:
@@ -115,14 +115,14 @@ class Scene:
         return near
 
     def contact(self, track: int, row: int, ahead: float, slack: float) -> Contact:
-        """Whom a vehicle touches, or would after some time at the speeds it has: who struck whom.
+        """Return a vehicle's contacts, now or after some time at the present speeds.
 
-        By whose motion closed the gap along the line of the centres (`core.collisions`).
+        The kind is by whose motion closed the gap between the centres (`core.collisions`).
 
         Args:
             track: The vehicle.
-            row: Its row.
-            ahead: s to look ahead; 0 looks at now.
+            row: Row of the vehicle.
+            ahead: Time of the prediction, s; 0 for the present.
             slack: m by which rectangles are shorter and narrower than recorded.
         """
         tracks = self.tracks
@@ -142,7 +142,7 @@ class Scene:
         return Contact.EGO_STRUCK if mine >= -theirs else Contact.EGO_WAS_STRUCK
 
     def lost(self, row: int, frames: int, summed: bool) -> float:
-        """Speed that a vehicle lost over the last frames, or since it came into view, m/s."""
+        """Return the loss of speed over the last frames, or since it came into view, m/s."""
         first = max(row - frames, int(self._starts[self.tracks.track[row]]))
         speeds = self.speed[first : row + 1]
         if summed:
@@ -150,7 +150,7 @@ class Scene:
         return float(speeds[0] - speeds[-1])
 
     def heading_before(self, way: Crossing) -> float:
-        """Direction in which a way enters its junction, rad."""
+        """Return the direction in which a way enters its junction, rad."""
         before, across, _ = way.sections
         return across.heading_at_start if before is None else before.heading_at_end
 

@@ -1,7 +1,7 @@
-"""Column maps: which column of a CSV file holds what, in which unit, in which frame.
+"""Column maps: columns of a CSV file with their quantities, units and frames.
 
-A map is a TOML file, so that a data set that is not known here needs no code. Maps of some data
-sets come with the package, by name.
+A map is a TOML file, so a new data set needs no code. The package contains maps of some data
+sets, by name.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ UNITS: dict[str, dict[str, float]] = {
     "heading": {"radians": 1.0, "degrees": math.pi / 180},
     "time": {"s": 1.0, "ms": 1e-3},
 }
-"""Units by quantity, the default first, and what they are worth."""
+"""Units by quantity, the default first, with their factors."""
 
 REQUIRED = ("id", "x", "y")
 COLUMNS = (
@@ -37,26 +37,26 @@ _MAPS = Path(__file__).parent / "column_maps"
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """How to read one CSV layout.
+    """Description of a CSV layout.
 
     Attributes:
-        format: Its name.
-        licence: A line about the data's licence; it goes along with what is read.
-        separator: Between cells.
-        columns: Our name of a quantity to the file's name of its column.
-        scales: What one of the file's units is worth, by quantity of `UNITS`.
-        rate: Frames a second; 0 where `rate_file` has it.
-        rate_file: Ending of the file's name, what stands for it in that of the file with the rate,
+        format: Name of the layout.
+        licence: A line about the data's licence, stored with the recording.
+        separator: Separator of cells.
+        columns: Name of a quantity here to the file's name of its column.
+        scales: Factor of the file's unit, by quantity of `UNITS`.
+        rate: Frames a second; 0 if `rate_file` has it.
+        rate_file: Ending of the file's name, its replacement for the file with the rate,
             and the column there.
         any_order: Whether the rows of a track may come in any order.
-        repeated_ids: Whether an id may come again for somebody else, after a gap.
+        repeated_ids: Whether an id may be reused for another road user, after a gap.
         y_down: Whether y points down (south) in the file.
-        point: `centre`, `front` or `corner` of the box: what the position is of.
-        users_file: Ending of the file's name, and what stands for it in that of the file with a row
-            for each track; None where all is in one.
+        point: Reference point of positions: `centre`, `front` or `corner` of the box.
+        users_file: Ending of the file's name, and its replacement for the file with a row
+            for each track; None if there is a single file.
         users_columns: Names of that file's columns.
         classes: The file's words for classes.
-        default_sizes: Length and width in m, by the file's word, where it has none.
+        default_sizes: Length and width in m, by the file's word for a class without sizes.
     """
 
     format: str
@@ -77,7 +77,7 @@ class ColumnMap:
 
 
 def known_maps() -> tuple[str, ...]:
-    """Names of the maps that come with the package."""
+    """Return the names of the maps in the package."""
     return tuple(sorted(path.stem for path in _MAPS.glob("*.toml")))
 
 
@@ -85,10 +85,10 @@ def read_map(name: str) -> ColumnMap:
     """Read a column map.
 
     Args:
-        name: Of a map that comes with the package, or a path that ends in `.toml`.
+        name: Name of a map in the package, or a path that ends in `.toml`.
 
     Raises:
-        UserError: If there is no such map, or it says something that no map may say.
+        UserError: If there is no such map, or it has an invalid entry.
     """
     path = Path(name)
     if not name.endswith(".toml"):

@@ -3,8 +3,8 @@
 The format: Althoff, Koschi and Manzinger, "CommonRoad: Composable benchmarks for motion planning on
 roads" (IV 2017), and its documentation at https://commonroad.in.tum.de.
 
-Dynamic obstacles become tracks. Static ones are counted and left out. So is the planning problem:
-it says where a car that nobody recorded would start, so it is no track.
+Dynamic obstacles become tracks. Static obstacles are counted and left out. So is the planning
+problem, which describes the start of a car that was not recorded.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LICENCE = "the scenario's own: see its source, and the terms under which it was 
 
 
 def read_commonroad(path: Path, most_states: int = MOST_STATES) -> Imported:
-    """Read a scenario as a recording. Nothing is judged but the order of each track's frames.
+    """Read a scenario as a recording. Only the order of each track's frames is checked.
 
     Args:
         path: The XML file.
@@ -49,7 +49,7 @@ def read_commonroad(path: Path, most_states: int = MOST_STATES) -> Imported:
 
 
 class _Draft:
-    """Gathers one file. States wait in flat arrays until the end of their obstacle is seen."""
+    """Builder of a recording. States are kept in flat arrays until the end of their obstacle."""
 
     def __init__(self, path: Path, most_states: int) -> None:
         self._path, self._most = path, most_states
@@ -99,7 +99,7 @@ class _Draft:
             self._fault = self._fault or _what_is_wrong(state, error)
 
     def _value(self, state: State, name: str) -> float:
-        """A value's number; of an interval its middle; of a missing one what stands for none."""
+        """Return a value's number, the middle of an interval, or the default of a missing value."""
         value = state.get(name)
         if isinstance(value, str):
             return float(value)
@@ -112,7 +112,7 @@ class _Draft:
 
     def thing(self, thing: Element) -> None:
         kind = thing.tag
-        if kind == "obstacle":  # 2018b has one word for both
+        if kind == "obstacle":  # 2018b has the same word for both
             kind = f"{(thing.findtext('role') or '').strip()}Obstacle"
         if kind == "dynamicObstacle":
             self._track(thing)
@@ -121,7 +121,7 @@ class _Draft:
         self._drop_pending()
 
     def _drop_pending(self) -> None:
-        """Forget states that no track took."""
+        """Discard states that no track used."""
         kept = self._starts[-1]
         del self._frames[kept:]
         del self._values[5 * kept :]
@@ -162,7 +162,7 @@ class _Draft:
         return identity
 
     def _complete_velocity(self, first: int) -> np.ndarray:
-        """The pending track's rows; velocities that the file leaves out come from its positions."""
+        """Return the pending track's rows; missing velocities are derived from its positions."""
         rows = np.array(self._values[5 * first :]).reshape(-1, 5)
         missing = np.isnan(rows[:, 3])
         if missing.any() and np.isfinite(rows[:, :3]).all():
@@ -226,10 +226,10 @@ def _number(text: str) -> float:
 
 
 def _kind_and_size(thing: Element) -> tuple[int, float, float]:
-    """Class, length and width of an obstacle.
+    """Return class, length and width of an obstacle.
 
     Raises:
-        ValueError: If it has no rectangle or circle around its position; its text says what.
+        ValueError: If it has no rectangle or circle around its position.
     """
     name = (thing.findtext("type") or "").strip()
     if name not in words.TYPES:
@@ -241,7 +241,7 @@ def _kind_and_size(thing: Element) -> tuple[int, float, float]:
         raise ValueError(f"its shape is {one_line(told, 40)}: only one rectangle or circle is read")
     shape = shapes[0]
     if shape.tag == "circle":
-        # A circle is driven as the square around it.
+        # A circle is represented by the square around it.
         length = width = 2 * _number(shape.findtext("radius") or "")
     else:
         length, width = (_number(shape.findtext(side) or "") for side in ("length", "width"))

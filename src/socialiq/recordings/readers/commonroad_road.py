@@ -1,4 +1,4 @@
-"""The road network of a CommonRoad file: lanelets, and the signs and lights that they name."""
+"""Road network of a CommonRoad file: lanelets with their signs and lights."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _IGNORED = ("intersection",)
 
 
 class RoadDraft:
-    """Gathers a file's lanelets, signs and lights, in whatever order they come.
+    """Builder of a road network from a file's lanelets, signs and lights, in any order.
 
     Args:
-        path: The file, for complaints.
+        path: The file, for error messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -32,7 +32,7 @@ class RoadDraft:
         self._named: dict[int, list[int]] = {}
 
     def thing(self, thing: Element) -> bool:
-        """Take a child of the first element, if it is of the road.
+        """Add a child of the first element, if it belongs to the road.
 
         Raises:
             UserError: If it can't be read; the line has its number.
@@ -55,7 +55,7 @@ class RoadDraft:
         return True
 
     def network(self) -> RoadNetwork:
-        """The road: each lanelet with the strongest of its signs and the lowest of its limits."""
+        """Return the road: each lanelet with the strongest of its signs and the lowest limit."""
         return RoadNetwork(
             {identity: self._with_signs(one) for identity, one in self._lanelets.items()}
         )
@@ -64,7 +64,7 @@ class RoadDraft:
         shown = [self._signs[one] for one in self._named[lanelet.identity] if one in self._signs]
         if not shown:
             return lanelet
-        # A light stands above the signs beside it, as on the road.
+        # A light takes precedence over signs, as on the road.
         sign = max(one for one, _ in shown)
         limit = min(lanelet.speed_limit, *(limit for _, limit in shown))
         return replace(lanelet, sign=sign, speed_limit=limit)
@@ -111,7 +111,7 @@ def _beside(element: Element | None) -> tuple[int, bool] | None:
 
 
 def _stop_line(element: Element | None, left: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-    """Two points; a stop line without points is at the lanelet's end."""
+    """Return two points; a stop line without points is at the lanelet's end."""
     if element is None:
         return None
     points = _points(element)
@@ -121,7 +121,7 @@ def _stop_line(element: Element | None, left: np.ndarray, right: np.ndarray) -> 
 
 
 def _sign(thing: Element) -> tuple[Sign, float]:
-    """What a sign says about who goes first, and its speed limit in m/s."""
+    """Return a sign's right of way, and its speed limit in m/s."""
     sign, limit = Sign.NONE, np.inf
     for element in thing.findall("trafficSignElement"):
         number = (element.findtext("trafficSignID") or "").strip()
@@ -132,7 +132,7 @@ def _sign(thing: Element) -> tuple[Sign, float]:
 
 
 class _RoadAlone:
-    """Gathers the lanelets of one file and lets everything else pass."""
+    """Consumer that keeps the lanelets of a file and ignores everything else."""
 
     def __init__(self, path: Path) -> None:
         self._path, self.draft = path, RoadDraft(path)
@@ -144,7 +144,7 @@ class _RoadAlone:
             )
 
     def state(self, state: State) -> None:
-        """Tracks are not asked for."""
+        """Ignore a state."""
 
     def thing(self, thing: Element) -> None:
         self.draft.thing(thing)

@@ -1,4 +1,4 @@
-"""The words of CommonRoad XML that a recording needs: kinds of obstacles, numbers of signs."""
+"""Streaming reader of CommonRoad XML, with its kinds of obstacles and numbers of signs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TYPES = {
     "train": RoadUser.OTHER,
     "unknown": RoadUser.OTHER,
 }
-"""What may move. An emergency vehicle is no ordinary car: others make way for it."""
+"""Classes of road users. An emergency vehicle is not a car: others make way for it."""
 
 TYPES_WRITTEN = {
     RoadUser.CAR: "car",
@@ -50,8 +50,8 @@ SIGNS = {
     "r1": Sign.YIELD,
     "r2": Sign.STOP,
 }
-"""Numbers of signs that say who goes first, as Germany (and the made-up country ZAM), the USA,
-Australia and Spain number them; no two countries give one number two meanings."""
+"""Numbers of right-of-way signs, as Germany (and the fictitious country ZAM), the USA,
+Australia and Spain number them; no number has different meanings in two countries."""
 
 SPEED_LIMITS = ("274", "R2-1", "R15", "r301", "3.24", "C43", "B14", "B31", "Ρ-32")
 """Signs whose value is a speed limit, in m/s."""
@@ -59,13 +59,13 @@ SPEED_LIMITS = ("274", "R2-1", "R15", "r301", "3.24", "C43", "B14", "B31", "Ρ-3
 LIGHT = "light"
 SPEED_LIMIT_NUMBER = "274"
 SIGN_NUMBERS = {Sign.PRIORITY: "306", Sign.YIELD: "205", Sign.STOP: "206", Sign.LIGHT: LIGHT}
-"""What is written."""
+"""Version that is written."""
 
 State = dict[str, "str | tuple[str, str]"]
-"""Texts of a state by the element's name; two where an interval is given."""
+"""Texts of a state by the element's name; two for an interval."""
 
 _CHUNK = 1 << 18
-_MOST_BYTES = 8 << 20  # of one state or one thing without its states: a lanelet of 80,000 points
+_MOST_BYTES = 8 << 20  # of a state or an element without its states: a lanelet of 80,000 points
 _MOST_DEPTH = 64
 _STATES = ("state", "initialState")
 _VALUES = ("orientation", "time", "velocity", "slipAngle")
@@ -75,27 +75,27 @@ _REGIONS = ("rectangle", "circle", "polygon", "lanelet")
 
 @runtime_checkable
 class Consumer(Protocol):
-    """What is told about a file."""
+    """Protocol of a receiver of a file's elements."""
 
     def root(self, name: str, attributes: dict[str, str]) -> None:
-        """The first element."""
+        """Receive the first element."""
 
     def state(self, state: State) -> None:
-        """A state; `thing` follows after the last one of its obstacle or planning problem."""
+        """Receive a state; `thing` follows after the last state of its obstacle or problem."""
 
     def thing(self, thing: Element) -> None:
-        """A whole child of the first element, without its states."""
+        """Receive a complete child of the first element, without its states."""
 
 
 def read(path: Path, consumer: Consumer) -> str:
-    """Tell a consumer what a file holds.
+    """Pass a file's elements to a consumer.
 
     Returns:
         The file's SHA-256.
 
     Raises:
         UserError: If the file is missing, empty, not XML, declares a document type, or holds
-            something of absurd size. The line has the file's line.
+            an element of excessive size. The line has the file's line.
     """
     digest = hashlib.sha256()
     stream = _Stream(path, consumer)
@@ -176,7 +176,7 @@ class _Stream:
         elif self._depth > _MOST_DEPTH:
             raise UserError(f"{self._where()}: elements nested too deep: this is no recording")
         elif name in _STATES:
-            # A state has no attributes that matter, and most of a file is states: while one is
+            # A state's attributes are not needed, and most of a file is states: while a state is
             # read, these handlers are not called.
             self._parser.StartElementHandler = None
             self._parser.EndElementHandler = self._state_end
@@ -186,7 +186,7 @@ class _Stream:
         self._builder.start(name, attributes)
 
     def _misplaced(self) -> UserError:
-        # Only a state inside a state can bring the count of open elements out of step.
+        # Only a state inside a state can invalidate the count of open elements.
         return UserError(f"{self._where()}: a state inside a state: this is no recording")
 
     def _text(self, text: str) -> None:
@@ -204,7 +204,7 @@ class _Stream:
             self._consumer.thing(self._builder.close())
 
     def _make_state_end(self) -> Callable[[str], None]:
-        """What is called at each end of an element inside a state; the inner loop of reading."""
+        """Return the handler of the end of an element inside a state; the inner loop of reading."""
         texts: list[str] = []
         found: State = {}
         consumer = self._consumer

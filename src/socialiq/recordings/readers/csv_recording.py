@@ -1,4 +1,4 @@
-"""Recordings in CSV files of any layout, by a column map. They have no road."""
+"""Reader of recordings in CSV files of any layout, by a column map, without road."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _MOST_RECORDINGS = 1_000
 
 
 def read_csv(path: Path, columns: ColumnMap, most_states: int = MOST_STATES) -> list[Imported]:
-    """Read the recordings of a CSV file. Of physics nothing is judged but headings beyond a turn.
+    """Read the recordings of a CSV file. Of physics only headings beyond a full turn are checked.
 
     Args:
         path: The file with the states.
-        columns: What is where.
+        columns: Column map of the file.
         most_states: More rows than these are refused before they fill the memory.
 
     Returns:
-        One for each recording that the file holds.
+        The recordings of the file.
 
     Raises:
         UserError: If a file is missing, empty, lacks a column, has a cell that can't be read, is
@@ -58,7 +58,7 @@ def read_csv(path: Path, columns: ColumnMap, most_states: int = MOST_STATES) -> 
 
 
 def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
-    """Names of the recordings: the file's, and the column's word where it has several."""
+    """Return the names of the recordings: the file's, and the column's word if it has several."""
     stem = table.path.stem
     if columns.users_file is not None:
         stem = table.path.name.removesuffix(columns.users_file[0]).removesuffix(".csv")
@@ -72,7 +72,7 @@ def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
 
 
 def _frames(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
-    """Numbers of frames; from the time where the file has none."""
+    """Return the numbers of frames, derived from the time if the file has none."""
     if "frame" in table:
         frame = table["frame"]
     else:
@@ -95,7 +95,7 @@ def _first(table: Table, bad: np.ndarray) -> str:
 
 
 class _Draft:
-    """Makes one recording of some rows of a table."""
+    """Builder of a recording from some rows of a table."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class _Draft:
         self._refused.append(Refused(str(self._table["id"][track[0]]), one_line(reason)))
 
     def _sorted(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows by track, and where each track begins, and the number of rows."""
+        """Return rows by track, the first row of each track, and the number of rows."""
         identity = self._table["id"][rows]
         if self._columns.any_order:
             order = np.lexsort((self._frame[rows], identity))
@@ -179,7 +179,7 @@ class _Draft:
                 )
 
     def _check_rate(self, rows: np.ndarray, starts: np.ndarray) -> None:
-        """Where the file has frames and times, they have to tell the same rate."""
+        """Raise an error if the file's frames and times have different rates."""
         if "time" not in self._table or "frame" not in self._table:
             return
         inside = np.ones(len(rows) - 1, bool)
@@ -195,7 +195,7 @@ class _Draft:
             )
 
     def _user(self, track: np.ndarray) -> tuple[int, float, float]:
-        """Class, length and width of a track."""
+        """Return class, length and width of a track."""
         table, places = self._table, track
         if self._users is not None:
             found = np.flatnonzero(self._users["id"] == table["id"][track[0]])
@@ -230,7 +230,7 @@ class _Draft:
         return float(np.median(good)) if len(good) else 0.0
 
     def _states(self, track: np.ndarray, user: tuple[int, float, float]) -> np.ndarray:
-        """Five rows: x, y, heading, vx, vy."""
+        """Return five rows: x, y, heading, vx, vy."""
         fault = order_fault(self._frame[track])
         if fault:
             jump = int(np.argmax(np.diff(self._frame[track]) != 1)) + 1
@@ -240,7 +240,7 @@ class _Draft:
         x, y = (self._table[one][track] * self._columns.scales["position"] for one in "xy")
         self._check_finite("x or y", track, x + y)
         if self._columns.point == "corner":
-            # The upper left corner of a box along the axes, y as the file has it.
+            # The upper left corner of an axis-parallel box, with y as in the file.
             x, y = x + length / 2, y + width / 2 * -up
         y = up * y
         heading, vx, vy = self._motion(track, x, y, kind == RoadUser.PEDESTRIAN)

@@ -1,6 +1,6 @@
-"""CSV files as typed columns, read piece by piece: what stays in memory is numbers, not text.
+"""CSV files as typed columns, read in chunks, so that memory holds numbers and not text.
 
-Python's own reader is used: it is fast enough (see `socialiq bench recordings`) and tells the row.
+Python's reader is fast enough (see `socialiq bench recordings`) and gives the row of an error.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Words = dict[str, int]
 
 
 class Table:
-    """Columns of one file by our name; what is text is numbered.
+    """Columns of a file by their names here; texts are numbered.
 
     Attributes:
         path: The file.
         n_rows: Number of rows, without the header.
-        words: Of each column of text, the number of each word.
+        words: Number of each word, for each column of text.
     """
 
     def __init__(self, path: Path, separator: str, most_rows: int) -> None:
@@ -42,7 +42,7 @@ class Table:
         self._parts: dict[str, list[np.ndarray]] = {}
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A column, whole."""
+        """Return a complete column."""
         parts = self._parts[name]
         if len(parts) > 1:
             self._parts[name] = [np.concatenate(parts)]
@@ -53,24 +53,24 @@ class Table:
         return name in self._parts
 
     def word(self, name: str, number: int) -> str:
-        """The word of a column of text that has a number."""
+        """Return the word with a number in a column of text."""
         return next(word for word, one in self.words[name].items() if one == number)
 
     def row_name(self, place: int) -> str:
-        """How people find a row: the header is row 1."""
+        """Return the name of a row for messages: the header is row 1."""
         return f"row {place + 2}"
 
     def read(self, columns: dict[str, str], texts: frozenset[str], whole: frozenset[str]) -> None:
         """Read the file.
 
         Args:
-            columns: Our names to the file's.
-            texts: Our names of columns of text; the others are numbers, NaN where a cell is empty.
-            whole: Our names of columns of whole numbers, without empty cells.
+            columns: Names here to the file's.
+            texts: Names of columns of text; the others are numbers, NaN for an empty cell.
+            whole: Names of columns of whole numbers, without empty cells.
 
         Raises:
             UserError: If the file is missing, empty, too large, lacks a column or has a cell that
-                is no number; the line names the column and the row.
+                is not a number; the line names the column and the row.
         """
         rows = csv.reader(_lines(self.path), delimiter=self._separator)
         try:
@@ -121,7 +121,7 @@ class Table:
         try:
             return np.array(list(map(float, cells)))
         except ValueError:
-            pass  # A cell is empty or no number: look at each.
+            pass  # A cell is empty or not a number: check each.
         found = np.full(len(cells), np.nan)
         for at, cell in enumerate(cells):
             if cell.strip().lower() not in _MISSING:
@@ -152,7 +152,7 @@ class Table:
 
 
 def sha256_of(path: Path) -> str:
-    """Of a file, read piece by piece.
+    """Return the SHA-256 of a file, read in chunks.
 
     Raises:
         UserError: If it can't be read.
@@ -210,10 +210,10 @@ def _beside(path: Path, endings: tuple[str, str]) -> Path:
 
 
 def rate_of(path: Path, columns: ColumnMap) -> float:
-    """Frames a second, by the column map or the file that it names.
+    """Return the frames a second, from the column map or the file that it names.
 
     Raises:
-        UserError: If that file is missing, or has no such number or several.
+        UserError: If that file is missing, or does not have exactly one such number.
     """
     if columns.rate_file is None:
         return columns.rate
@@ -227,10 +227,10 @@ def rate_of(path: Path, columns: ColumnMap) -> float:
 
 
 def users_of(path: Path, columns: ColumnMap) -> Table | None:
-    """The file with a row for each track; None where the column map names none.
+    """Return the file with a row for each track; None if the column map names none.
 
     Raises:
-        UserError: If it is missing, can't be read, or has two rows for one track.
+        UserError: If it is missing, can't be read, or has two rows for a track.
     """
     if columns.users_file is None:
         return None

@@ -1,4 +1,4 @@
-"""The one door for recorded traffic: read a file of any format, keep tracks that can be true."""
+"""Import of recorded traffic: read a file of any format, and keep plausible tracks."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def import_file(
     Args:
         path: The file.
         format: One of `FORMATS`.
-        columns: What is where in a CSV file.
+        columns: Column map of a CSV file.
         most_states: More than these are refused before they fill the memory.
 
     Returns:
-        One for each recording, with the tracks that passed, and why each other one did not.
+        The recordings, with the tracks that passed, and the reason for each other track.
 
     Raises:
-        UserError: If the file can't be read, or most of its tracks fail in one way; the line names
+        UserError: If the file can't be read, or most tracks fail in the same way; the line names
             the file.
     """
     one_of("format", format, FORMATS)

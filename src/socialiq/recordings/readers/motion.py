@@ -1,4 +1,4 @@
-"""Velocities and headings from positions, for files that have none."""
+"""Velocities and headings derived from positions, for files without them."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ Column = Float64[np.ndarray, " state"]
 
 
 def wrapped(angle: Column) -> Column:
-    """The same direction in (-π, π]; an angle that lies there keeps its bits."""
+    """Return the same direction in (-π, π]; an angle in this range keeps its bits."""
     outside = (angle <= -np.pi) | (angle > np.pi)
     return np.where(outside, np.pi - np.mod(np.pi - angle, 2 * np.pi), angle)
 
 
 def differences(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
-    """Velocity of one track by central differences; one-sided at its ends, 0 for a single state."""
+    """Return a track's velocity by central differences, one-sided at its ends; 0 for one state."""
     if len(x) < 2:
         return np.zeros(len(x)), np.zeros(len(x))
     return np.gradient(x, dt), np.gradient(y, dt)
 
 
 def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
-    """Velocity of one track, in m/s, by a local quadratic over `WINDOW` (Savitzky and Golay 1964).
+    """Return a track's velocity, m/s, by a local quadratic (Savitzky and Golay 1964).
 
-    Its frames are as many as fit the window and the track, an odd number; a track of fewer than
+    The number of frames is odd and fits `WINDOW` and the track; a track of fewer than
     three states is differenced.
     """
     window = min(2 * round(WINDOW / dt / 2) + 1, len(x) - (len(x) + 1) % 2)
@@ -46,12 +46,12 @@ def smoothed(x: Column, y: Column, dt: float) -> tuple[Column, Column]:
 
 
 def heading_of_motion(vx: Column, vy: Column) -> Column | None:
-    """The direction of travel; where one track is `STILL`, that of the last state that was not.
+    """Return the direction of travel; below `STILL`, that of the last faster state.
 
-    Before a track first moves it is the direction in which it then moves off.
+    Before a track first moves, it is its first direction of travel.
 
     Returns:
-        rad in (-π, π], or None where the track never moves and so shows no heading.
+        rad in (-π, π], or None if the track never moves.
     """
     moving = np.flatnonzero(np.hypot(vx, vy) >= STILL)
     if not len(moving):

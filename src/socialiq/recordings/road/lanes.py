@@ -1,8 +1,8 @@
-"""Where lanelets get in each other's way: conflict areas, and the junctions that they make up.
+"""Conflict areas of lanelets, and the junctions that they form.
 
-Two lanelets cross if their centre lines do; they merge if they lead to one lanelet. Lanelets that
-follow each other or come from one lanelet overlap as well, but whoever drives on one drives behind
-whoever drives on the other: no conflict. Shapely (extra `data`) is loaded here alone.
+Two lanelets cross if their centre lines do; they merge if they lead to the same lanelet. Lanelets
+that follow each other or leave the same lanelet also overlap, but their vehicles follow each
+other: no conflict. Only this module imports Shapely (extra `data`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from socialiq.recordings.road.network import Lanelet, RoadNetwork
 
 
 class Conflict(enum.IntEnum):
-    """How two lanelets get in each other's way."""
+    """Kind of conflict of two lanelets."""
 
     CROSSING = 0
     MERGING = 1
@@ -27,12 +27,12 @@ class Conflict(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Junction:
-    """Lanelets that hang together by conflicts.
+    """Lanelets connected by conflicts.
 
     Attributes:
-        lanelets: Their numbers.
-        x: Centre of all their conflict areas together, m to the east.
-        y: The same, m to the north.
+        lanelets: Numbers of the lanelets.
+        x: Centre of the union of their conflict areas, m to the east.
+        y: Centre, m to the north.
     """
 
     lanelets: frozenset[int]
@@ -42,14 +42,14 @@ class Junction:
 
 @dataclass(frozen=True, eq=False)
 class Lanes:
-    """A road network with its conflicts.
+    """Road network with its conflicts.
 
     Attributes:
         road: The lanelets.
-        conflicts: What kind of conflict two lanelets have, by their numbers, the smaller first.
+        conflicts: Kind of conflict of two lanelets, by their numbers, the smaller first.
         junctions: The groups of lanelets in conflict.
-        junction_of: Place in `junctions`, by lanelet; lanelets without a conflict are not there.
-        surface: All lanelets' areas together, for Shapely.
+        junction_of: Index in `junctions`, by lanelet; lanelets without a conflict are omitted.
+        surface: Union of all lanelets' areas, for Shapely.
     """
 
     road: RoadNetwork
@@ -59,13 +59,13 @@ class Lanes:
     surface: Any
 
     def conflict(self, one: int, other: int) -> bool:
-        """Whether two lanelets get in each other's way."""
+        """Whether two lanelets are in conflict."""
         return (min(one, other), max(one, other)) in self.conflicts
 
     def on_road(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Bool[np.ndarray, " point"]:
-        """Which points lie on some lanelet."""
+        """Whether each point is on a lanelet."""
         return _shapely().intersects_xy(self.surface, x, y)
 
 

@@ -1,4 +1,4 @@
-"""The road network under a recording: lanelets, how they follow each other, who has to give way.
+"""Road network of a recording: lanelets, their connections, and right of way.
 
 The frame is that of `tracks`: metres, x to the east, y to the north.
 """
@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 
 
 class Sign(enum.IntEnum):
-    """What tells a lanelet's traffic who goes first; NONE where the file says nothing."""
+    """Right-of-way sign of a lanelet; NONE if the file has none."""
 
     NONE = 0
     PRIORITY = 1
@@ -27,22 +27,22 @@ class Sign(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Lanelet:
-    """A piece of one lane, driven from the first points of its bounds to the last.
+    """Section of a lane, driven from the first points of its bounds to the last.
 
     Attributes:
-        identity: Its number in the file.
+        identity: Number of the lanelet in the file.
         left: Left bound, in driving direction.
-        right: Right bound, with as many points.
+        right: Right bound, with the same number of points.
         successors: Lanelets that it leads to.
         predecessors: Lanelets that lead to it.
-        adjacent_left: The lanelet beside it, and whether it is driven in the same direction.
-        adjacent_right: Likewise.
-        speed_limit: m/s; infinity where none is known.
-        sign: Who goes first.
-        stop_line: Two points, where the file has one.
+        adjacent_left: The lanelet to its left, and whether it has the same direction.
+        adjacent_right: The same to its right.
+        speed_limit: m/s; infinity if unknown.
+        sign: Right of way.
+        stop_line: Two points, if the file has a stop line.
 
     Raises:
-        UserError: If a bound has fewer than two points, they are not as many on both sides, or one
+        UserError: If a bound has fewer than two points, the numbers differ, or a coordinate
             isn't finite.
     """
 
@@ -73,16 +73,16 @@ class Lanelet:
 
     @property
     def centre(self) -> Float64[np.ndarray, "point 2"]:
-        """Centre line: the middle of the bounds, point by point."""
+        """Centre line: the midpoints of the bounds."""
         return (self.left + self.right) / 2
 
 
 @dataclass(frozen=True, eq=False)
 class RoadNetwork:
-    """All lanelets by their numbers.
+    """Lanelets of a road, by their numbers.
 
     Attributes:
-        lanelets: In the order of the file.
+        lanelets: Lanelets in the order of the file.
     """
 
     lanelets: dict[int, Lanelet] = field(default_factory=dict)

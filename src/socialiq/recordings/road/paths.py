@@ -1,4 +1,4 @@
-"""Lines that are driven along, and coordinates along them: how far, and how far to the side.
+"""Paths with longitudinal and lateral coordinates.
 
 A point before a line's start or behind its end is measured along the line's straight extension,
 on an arc along the circle.
@@ -13,17 +13,17 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float64
 
-ARC_TOLERANCE = 1e-6  # m; points this close to a circle were made from one
-_LEAST_POINTS = 8  # of an arc: three points lie on a circle anyway
-_LARGEST_RADIUS = 1000.0  # m; what is flatter is a polyline
+ARC_TOLERANCE = 1e-6  # m; points this close to a circle are an arc
+_LEAST_POINTS = 8  # of an arc: three points are always on a circle
+_LARGEST_RADIUS = 1000.0  # m; flatter lines are polylines
 
 
 class Coordinates(NamedTuple):
-    """Points seen from a line.
+    """Coordinates of points relative to a line.
 
     Attributes:
-        along: m from the line's start; negative before it.
-        lateral: m to the left of it.
+        along: Distance along the line from its start, m; negative before it.
+        lateral: Distance to the left of the line, m.
         heading: Direction of the line there, rad.
     """
 
@@ -34,7 +34,7 @@ class Coordinates(NamedTuple):
 
 @runtime_checkable
 class Path(Protocol):
-    """A line with coordinates along it."""
+    """Protocol of a line with coordinates along it."""
 
     @property
     def length(self) -> float:
@@ -43,34 +43,34 @@ class Path(Protocol):
 
     @property
     def heading_at_start(self) -> float:
-        """Direction of the line where it begins, rad."""
+        """Direction of the line at its start, rad."""
         ...
 
     @property
     def heading_at_end(self) -> float:
-        """Direction of the line where it ends, rad."""
+        """Direction of the line at its end, rad."""
         ...
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Coordinates:
-        """Where points lie along and beside the line."""
+        """Return the longitudinal and lateral coordinates of points."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """Straight pieces from point to point.
+    """Polyline.
 
     Attributes:
-        points: At least two, no two neighbours the same.
+        points: At least two points, with different neighbours.
     """
 
     points: Float64[np.ndarray, "point 2"]
 
     @cached_property
     def steps(self) -> Float64[np.ndarray, "piece 2"]:
-        """From each point to the next, m."""
+        """Vector from each point to the next, m."""
         return np.diff(self.points, axis=0)
 
     @cached_property
@@ -79,7 +79,7 @@ class Polyline:
 
     @cached_property
     def starts(self) -> Float64[np.ndarray, " piece"]:
-        """How far along the line each piece begins, m."""
+        """Distance along the line to the start of each segment, m."""
         return np.concatenate([[0.0], np.cumsum(self._lengths)[:-1]])
 
     @property
@@ -89,18 +89,18 @@ class Polyline:
 
     @property
     def heading_at_start(self) -> float:
-        """Direction of the first piece, rad."""
+        """Direction of the first segment, rad."""
         return float(np.arctan2(self.steps[0, 1], self.steps[0, 0]))
 
     @property
     def heading_at_end(self) -> float:
-        """Direction of the last piece, rad."""
+        """Direction of the last segment, rad."""
         return float(np.arctan2(self.steps[-1, 1], self.steps[-1, 0]))
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Coordinates:
-        """Projection on the nearest piece, of equally near ones the first."""
+        """Project points on the nearest segment; of equally near segments on the first."""
         steps, starts, lengths = self.steps, self.starts, self._lengths
         unit = steps / lengths[:, None]
         dx, dy = x[:, None] - self.points[:-1, 0], y[:, None] - self.points[:-1, 1]
@@ -119,13 +119,13 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Arc:
-    """A part of a circle.
+    """Arc of a circle.
 
     Attributes:
         x: Centre, m.
         y: Centre, m.
         radius: m.
-        phase: Angle at which it starts, rad.
+        phase: Angle at its start, rad.
         sense: 1 counter-clockwise, -1 clockwise.
         length: m.
     """
@@ -139,18 +139,18 @@ class Arc:
 
     @property
     def heading_at_start(self) -> float:
-        """Direction of the tangent where it starts, rad."""
+        """Direction of the tangent at its start, rad."""
         return self.phase + self.sense * np.pi / 2
 
     @property
     def heading_at_end(self) -> float:
-        """Direction of the tangent where it ends, rad."""
+        """Direction of the tangent at its end, rad."""
         return self.heading_at_start + self.sense * self.length / self.radius
 
     def coordinates(
         self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
     ) -> Coordinates:
-        """Polar coordinates, the angle counted at most half a turn either way from the start."""
+        """Return polar coordinates, with angles at most half a turn from the start."""
         dx, dy = x - self.x, y - self.y
         turned = wrapped(np.arctan2(dy, dx) - self.phase)
         lateral = self.sense * (self.radius - np.hypot(dx, dy))
@@ -159,12 +159,12 @@ class Arc:
 
 
 def wrapped(angle: Float64[np.ndarray, " point"]) -> Float64[np.ndarray, " point"]:
-    """The same angles in [-π, π)."""
+    """Return the same angles in [-π, π)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def path_of(points: Float64[np.ndarray, "point 2"]) -> Path:
-    """The line through some points: an arc if they were made from one, else straight pieces."""
+    """Return the line through some points: an arc if they are on a circle, else a polyline."""
     moved = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 0])
     kept = points[moved]
     return _arc_of(kept) or Polyline(kept)

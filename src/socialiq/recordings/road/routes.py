@@ -1,7 +1,7 @@
-"""Which lanelets a track drives, in order, and its way over a junction in three sections.
+"""Map matching: a track's sequence of lanelets, and its way over a junction.
 
-Tracks are matched as a whole: of all sequences of lanelets the one that lies closest to the
-track, changes of lane and gaps in the map having their price (the Viterbi algorithm).
+A track is matched to the closest of all sequences of lanelets, with costs for changes of lane and
+gaps in the map (Viterbi algorithm).
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from socialiq.recordings.road.network import RoadNetwork
 from socialiq.recordings.road.paths import Path, path_of, wrapped
 from socialiq.recordings.tracks import Tracks
 
-LANE_CHANGE = 2.0  # what a change of lane costs, in m of being off for one state
-GAP = 20.0  # a step to a lanelet that is not connected
-OFF_THE_MAP = 3.5  # m beside or beyond the nearest lanelet; who is further away on average is off
-AHEAD = 100.0  # m; how far a route is continued beyond the last state
-_HOPS = 3  # lanelets that may be passed between two frames
+LANE_CHANGE = 2.0  # cost of a change of lane, in m of misfit for one state
+GAP = 20.0  # cost of a step to a lanelet that is not connected
+OFF_THE_MAP = 3.5  # m; largest mean distance from the nearest lanelet
+AHEAD = 100.0  # m; continuation of a route beyond the last state
+_HOPS = 3  # most lanelets passed between two frames
 
 APPROACH, JUNCTION, EXIT = range(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """A track on the road.
+    """Track matched to the road.
 
     Attributes:
-        lanelets: The sequence that it drives, continued straight on beyond its last state.
-        place: Of each state in that sequence.
-        nearest: Number of the lanelet that is closest to each state, whatever the sequence.
+        lanelets: Sequence of lanelets, continued straight on beyond the last state.
+        place: Index of each state's lanelet in that sequence.
+        nearest: Number of the lanelet closest to each state, regardless of the sequence.
         off: Mean distance from the sequence, m.
     """
 
@@ -44,12 +44,12 @@ class Matched:
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """A matched track's way over one junction.
+    """Way of a matched track over one junction.
 
     Attributes:
-        junction: Place in `Lanes.junctions`.
-        first: Place of the junction's first lanelet in the sequence.
-        last: Place of its last one.
+        junction: Index in `Lanes.junctions`.
+        first: Index of the junction's first lanelet in the sequence.
+        last: Index of its last lanelet.
         sections: Approach, way over the junction, exit; no approach where the sequence begins
             inside the junction, no exit where it ends there.
         part: APPROACH, JUNCTION or EXIT, by state.
@@ -63,7 +63,7 @@ class Crossing:
 
 
 class Matcher:
-    """Matches the tracks of one road network; distances of all lanelets are measured alike.
+    """Matcher of tracks to a road network, with the same measure for all lanelets.
 
     Args:
         road: The lanelets.
@@ -77,7 +77,7 @@ class Matcher:
         self._price = self._prices()
 
     def path(self, number: int) -> Path:
-        """A lanelet's centre line."""
+        """Return a lanelet's centre line."""
         return self.paths[self._place[number]]
 
     def _prices(self) -> Float64[np.ndarray, "from to"]:
@@ -104,12 +104,12 @@ class Matcher:
         y: Float64[np.ndarray, " state"],
         heading: Float64[np.ndarray, " state"],
     ) -> tuple[Float64[np.ndarray, "state lanelet"], Float64[np.ndarray, "state lanelet"]]:
-        """How badly each lanelet fits each state: metres sideways and beyond, and radians.
+        """Return the misfit of each lanelet for each state, in metres and radians.
 
-        The measure is the simulator's own (`core.geometry.closest_lane`).
+        The measure is that of the simulator (`core.geometry.closest_lane`).
 
         Returns:
-            The sum, and its metres alone.
+            The sum, and its part in metres.
         """
         metres = np.empty((len(x), len(self.paths)))
         radians = np.empty_like(metres)
@@ -150,7 +150,7 @@ class Matcher:
         return chosen
 
     def _between(self, one: int, other: int) -> list[int]:
-        """Lanelets passed without a state on them, and the one reached."""
+        """Return the lanelets passed without a state, and the lanelet reached."""
         ways = [[one]]
         for _ in range(_HOPS):
             longer = []
@@ -165,7 +165,7 @@ class Matcher:
         return [other]
 
     def _onwards(self, number: int) -> list[int]:
-        """What follows a lanelet, each time the successor that bends least."""
+        """Return the lanelets that follow, always the straightest successor."""
         way, length = [number], 0.0
         while length < AHEAD:
             following = [one for one in self._next(way[-1], False) if one not in way]
@@ -176,12 +176,12 @@ class Matcher:
         return way[1:]
 
     def section(self, lanelets: list[int], backwards: bool, least: float = 0.0) -> Path | None:
-        """The line along lanelets that follow each other, lanes beside it left out.
+        """Return the line along consecutive lanelets, without parallel lanes.
 
         Args:
             lanelets: Part of a sequence.
             backwards: Keep the last lanelet and what leads to it; otherwise the first and on.
-            least: m; a shorter line is continued beyond the sequence, where the road goes on.
+            least: m; a shorter line is continued beyond the sequence, if the road continues.
         """
         kept: list[int] = []
         for number in reversed(lanelets) if backwards else lanelets:
@@ -207,7 +207,7 @@ class Matcher:
         return [one for one in following if one in self._place]
 
     def crossing(self, matched: Matched, lanes: Lanes, junction: int) -> Crossing | None:
-        """A track's way over a junction; none if it doesn't touch it."""
+        """Return a track's way over a junction; None if it doesn't touch it."""
         inside = [number in lanes.junctions[junction].lanelets for number in matched.lanelets]
         if not any(inside):
             return None
