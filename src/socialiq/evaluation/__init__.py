@@ -1,1 +1,1 @@
-"""What a policy does: rollouts, exact evaluation, metrics, regret."""
+"""Evaluation of policies: rollouts, exact evaluation, metrics, regret."""

@@ -1,4 +1,4 @@
-"""Conflicts at the intersection's junction, read off the ego's observation when it decides."""
+"""Conflicts at the intersection's junction, from the ego's observation at a decision."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
 from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
 
-CONFLICT_SECONDS = 3.0  # how soon a vehicle that crosses must reach the junction to count
+CONFLICT_SECONDS = 3.0  # time within which a crossing vehicle must reach the junction to count
 
 APPROACH_X = 2.0  # m, centre of the ego's approach lane
 
@@ -28,19 +28,19 @@ def at_junction(observation: Float32[np.ndarray, "batch feature"]) -> Bool[np.nd
 def conflict(
     observation: Float32[np.ndarray, "batch feature"], seconds: float
 ) -> Bool[np.ndarray, " batch"]:
-    """Whether somebody who crosses is in the junction, or will be there soon at its speed.
+    """Whether a crossing vehicle is in the junction, or will be there soon at its speed.
 
-    It is what the drivers of `policies.gap` look for, wherever the ego is.
+    The rule-based drivers of `policies.gap` use the same criterion. The ego may be anywhere.
 
     Args:
-        observation: What the egos see.
-        seconds: How soon.
+        observation: Observations of the egos.
+        seconds: Largest time until the vehicle reaches the junction.
     """
     vehicles = observation.shape[1] // len(FEATURES)
     seen = observation.reshape(len(observation), vehicles, len(FEATURES)).astype(np.float64)
     seen[..., 1:3] *= POSITION_RANGE
     seen[..., 3:5] *= SPEED_RANGE
-    # Who follows the ego doesn't cross, also when the ego has turned out of the lane they share.
+    # A follower doesn't cross, even if the ego has left the shared lane.
     seen[:, 0, 1] = APPROACH_X
     return np.any(policies.conflict(seen, seconds), axis=1)
 

@@ -1,4 +1,4 @@
-"""Evaluation of a dial: exactly in an enumerable world, by rollouts and mixtures elsewhere."""
+"""Evaluation of a dial: exact in an enumerable world, by rollouts and mixtures elsewhere."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from socialiq.worlds.intersection.batch import Batch
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a dial does at each angle that it was queried at.
+    """Metrics of a dial at each queried angle.
 
     Attributes:
-        angles: Queried, in degrees, rising.
-        metrics: Of the policy at each.
+        angles: Queried angles in degrees, ascending.
+        metrics: Metrics of the policy at each angle.
     """
 
     angles: tuple[float, ...]
@@ -36,18 +36,18 @@ class Sweep:
 
     @property
     def points(self) -> Float[np.ndarray, "angle 2"]:
-        """Expected sums (r_env, r_social) at each angle."""
+        """Return the expected sums (r_env, r_social) at each angle."""
         return np.array([one.totals for one in self.metrics])
 
     def regrets(self, best: AttainableSet) -> Float[np.ndarray, " angle"]:
-        """J*(α) - J(α) at each angle."""
+        """Return the regret J*(α) - J(α) at each angle."""
         pairs = zip(self.angles, self.metrics, strict=True)
         return np.array([best.optimum(angle).value - one.value(angle) for angle, one in pairs])
 
     def backward_steps(self) -> RewardPair:
-        """Largest step against the dial's sense from one angle to the next, 0 if there is none.
+        """Return the largest changes in the wrong direction between successive angles.
 
-        Turning it up should never raise the sum of r_env, and never lower that of r_social.
+        With a larger angle the sum of r_env should not rise, and that of r_social should not fall.
         """
         steps = np.diff(self.points, axis=0)
         return RewardPair(max(0.0, float(steps[:, 0].max())), max(0.0, float(-steps[:, 1].min())))
@@ -60,7 +60,7 @@ def sweep(
 
     Args:
         dial: The dial.
-        table: The world it was trained in, or its reachable part.
+        table: World of the training, or its reachable part.
         readout: "greedy" or "soft".
         angles: In degrees, rising.
     """
@@ -72,10 +72,10 @@ def sweep(
 
 
 def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> AttainableSet:
-    """What policies can reach that take demonstrated actions only: the ceiling of offline learning.
+    """Return the attainable set of demonstrated actions, the limit of offline learning.
 
-    Where nothing is demonstrated the best is assumed, so a learner that stays in the support
-    can't beat it. `Optimum` has what any policy can reach.
+    In states without demonstrations all actions are allowed, so a learner that stays in the support
+    can't exceed it. `Optimum` has the limit of all policies.
 
     Args:
         data: Demonstrations in the table's world.
@@ -90,7 +90,7 @@ def support_ceiling(data: Demonstrations, table: Table, timed: bool) -> Attainab
 def ceiling_regrets(
     ceiling: AttainableSet, best: Optimum, angles: Sequence[float]
 ) -> Float[np.ndarray, " angle"]:
-    """What the support costs at each angle: J*(α) less the best value inside the support."""
+    """Return the regret of the support at each angle: J*(α) less its best value."""
     return np.array(
         [best.attainable.optimum(one).value - ceiling.optimum(one).value for one in angles]
     )
@@ -98,10 +98,10 @@ def ceiling_regrets(
 
 @dataclass(frozen=True)
 class DialRollouts:
-    """What a dial did at each angle, on seeds that all angles share.
+    """Rollouts of a dial at several angles, on common seeds.
 
     Attributes:
-        sweep: Means over all episodes.
+        sweep: Means over all episodes at each angle.
         totals: Sums of (r_env, r_social) of each episode, by angle.
     """
 
@@ -109,15 +109,15 @@ class DialRollouts:
     totals: tuple[Float[np.ndarray, "episode 2"], ...]
 
     def mixture(self, wanted: float, seed: int) -> tuple[Setting, AngleEstimate]:
-        """The mixture of two queried policies whose behaviour lies at an angle.
+        """Return the mixture of two queried policies with a given behavioural angle.
 
-        The first half of the episodes chooses it, the second half measures it: an interval over the
-        episodes that chose would be about its own wish. Both policies drove the same seeds, so what
-        is resampled is the mixture's expected sums on a seed.
+        The first half of the episodes selects it, the second half measures it: an interval over the
+        selecting episodes would be biased towards the wanted angle. Both policies drove the same
+        seeds, so the mixture's expected sums on a seed are resampled.
 
         Args:
             wanted: Behavioural angle in degrees.
-            seed: Of the bootstrap.
+            seed: Seed of the bootstrap.
 
         Raises:
             UserError: If no mixture of these policies has this angle.
@@ -136,20 +136,20 @@ def rollout_dial(
     seeds: Int64[np.ndarray, " episode"],
     readout: Readout = "greedy",
 ) -> DialRollouts:
-    """Drive a dial at some angles.
+    """Run episodes of a dial at several angles.
 
     Args:
         dial: The dial.
-        batch: Where to drive.
+        batch: Batch of episodes to drive.
         angles: In degrees, rising.
-        seeds: One for each episode; every angle drives them all.
+        seeds: Seed of each episode, the same for all angles.
         readout: "greedy" or "soft".
 
     Raises:
         UserError: If there are fewer than two episodes, or an angle is outside the dial's range.
     """
     if len(seeds) < 2:
-        raise UserError("a mixture needs two episodes or more: one half chooses, one measures")
+        raise UserError("a mixture needs two episodes or more: one half selects, one measures")
     driven = [
         episodes_of(batch, dial.at(angle), seeds, deterministic=readout == "greedy")
         for angle in angles

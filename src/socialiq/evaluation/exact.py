@@ -1,4 +1,4 @@
-"""Exact evaluation in an enumerable world: no sampling noise at all."""
+"""Exact evaluation in an enumerable world, without sampling noise."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def evaluate_exactly(
 
 
 class Optimum:
-    """J*(α) of a world: the best mean total that any policy, even one with a clock, can reach.
+    """Optimum J*(α) of a world: the largest mean total of any policy, also time-dependent.
 
     Args:
         table: The world, or its reachable part.
@@ -54,14 +54,14 @@ class Optimum:
         self.attainable: AttainableSet = attainable_set(table.mdp, table.world.horizon)
 
     def regret(self, metrics: Metrics, angle: float) -> float:
-        """J*(α) - J(α) of a policy, 0 at best; angle in degrees."""
+        """Return the regret J*(α) - J(α) >= 0 of a policy; angle in degrees."""
         return self.attainable.optimum(angle).value - metrics.value(angle)
 
 
 def action_table(
     policy: QPolicy, table: Table, readout: Readout
 ) -> Float[np.ndarray, "*time state action"]:
-    """A trained network's action probabilities in every state, or every time and state, of a table.
+    """Return a network's action probabilities in every state, or time and state, of a table.
 
     Args:
         policy: The network.
@@ -69,7 +69,7 @@ def action_table(
         readout: "greedy" takes the best action, "soft" the distribution softmax(Q/τ).
 
     Returns:
-        Probabilities by state, and by time first where the world shows its clock.
+        Probabilities by state; if the world has a clock, by time and state.
     """
     one_of("readout", readout, READOUTS)
     times = np.arange(table.world.horizon if table.world.clock else 1)
@@ -86,10 +86,10 @@ def action_table(
 def exact_monitor(
     table: Table, temperatures: Sequence[float]
 ) -> Callable[[Any], dict[str, np.ndarray]]:
-    """A monitor for `learners.callbacks.Callbacks`: every metric of every run, greedy and soft.
+    """Return a monitor for `learners.callbacks.Callbacks`: metrics of each run, greedy and soft.
 
     Args:
-        table: The world, or better its reachable part.
+        table: The world, or (faster) its reachable part.
         temperatures: τ of each run.
     """
 
@@ -109,15 +109,15 @@ def exact_monitor(
 def visit_counts(
     data: Demonstrations, table: Table, values: Float[np.ndarray, " transition"] | None = None
 ) -> Float[np.ndarray, "time state action"]:
-    """How often each action was taken at each time in each state, or sums of values there.
+    """Return counts of each action by time and state, or sums of values.
 
     Args:
         data: Demonstrations in the table's world, with or without its clock.
         table: The world or its reachable part.
-        values: What to sum instead of ones.
+        values: Values to sum instead of counting.
 
     Raises:
-        UserError: If a state is none of the table's, or an episode outlasts the horizon.
+        UserError: If a state is not in the table, or an episode is longer than the horizon.
     """
     features = len(table.world.features)
     places = {state.tobytes(): number for number, state in enumerate(table.states)}

@@ -1,4 +1,4 @@
-"""The thesis' three experts and the demonstrations collected from them (5.2)."""
+"""Demonstrations of the thesis' three experts (5.2)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def expert_pools(table: Table, episodes: dict[str, int], seed: int) -> dict[str,
     Args:
         table: The world with all its states.
         episodes: Number of episodes by mode.
-        seed: Each mode draws from a stream of its own.
+        seed: Seed; each mode has its own stream.
 
     Returns:
-        One pool by mode.
+        Pool of each mode.
     """
     pools = {}
     for number, (mode, angle) in enumerate(MODES.items()):
@@ -41,7 +41,7 @@ def expert_pools(table: Table, episodes: dict[str, int], seed: int) -> dict[str,
 def trajectory_datasets(
     table: Table, seeds: Sequence[int], episodes_each: int
 ) -> list[Demonstrations]:
-    """For each seed a mixture with as many fresh episodes of every expert (5.2)."""
+    """Return, for each seed, a mixture with equal numbers of new episodes of every expert (5.2)."""
     return [
         equal_trajectories(
             expert_pools(table, dict.fromkeys(MODES, episodes_each), seed), episodes_each, seed
@@ -53,8 +53,8 @@ def trajectory_datasets(
 def transition_datasets(
     table: Table, seeds: Sequence[int], transitions_each: int
 ) -> list[Demonstrations]:
-    """For each seed a mixture with as many transitions of every expert (6.3)."""
-    enough = dict.fromkeys(MODES, transitions_each)  # an episode has one transition at least
+    """Return, for each seed, a mixture with equal numbers of transitions of every expert (6.3)."""
+    enough = dict.fromkeys(MODES, transitions_each)  # an episode has at least one transition
     return [
         equal_transitions(expert_pools(table, enough, seed), transitions_each, seed)
         for seed in seeds

@@ -1,8 +1,8 @@
 """Families of policies in the plane of the two rewards: the best at each angle, hypervolume.
 
 A policy's mean totals are a point, and J(α) = cos α · R_env + sin α · R_social is the point's
-extent along the normal at α. So a policy is the best of all where that normal lies in the normal
-cone of its vertex of the convex hull, and the best nowhere if it is no vertex.
+extent along the normal at α. A policy is the best of all at the angles whose normal is in the
+normal cone of its vertex of the convex hull, and at no angle if it is not a vertex.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from socialiq.types import RewardPair
 Points = Mapping[str, Sequence[float]]
 """Mean totals (R_env, R_social) by the name of the policy."""
 
-_NARROWEST = 1e-9  # degrees; below it a point lies on an edge, but for rounding
+_NARROWEST = 1e-9  # degrees; below it a point is on an edge, up to rounding
 
 
 def support_intervals(points: Points) -> dict[str, tuple[float, float] | None]:
-    """The angles at which each policy is the best of all.
+    """Return the angles at which each policy is the best of all.
 
     Args:
         points: Mean totals by name.
@@ -42,7 +42,7 @@ def support_intervals(points: Points) -> dict[str, tuple[float, float] | None]:
 
 
 def _interval(points: Float[np.ndarray, "point 2"], place: int) -> tuple[float, float] | None:
-    """The normals at 90 degrees or more from every direction in which another point lies.
+    """Return the normals at 90 degrees or more from the directions of all other points.
 
     These directions leave a gap; a gap wider than 180 degrees makes the point a vertex.
     """
@@ -62,7 +62,7 @@ def _interval(points: Float[np.ndarray, "point 2"], place: int) -> tuple[float, 
 
 
 def best_at(points: Points, angle: float) -> str:
-    """The policy of the largest J(α); of those that tie exactly the first.
+    """Return the policy of the largest J(α); of exact ties the first.
 
     Args:
         points: Mean totals by name.
@@ -76,7 +76,7 @@ def best_at(points: Points, angle: float) -> str:
 
 
 def regret_at(points: Points, angle: float) -> dict[str, float]:
-    """How far J(α) of each policy lies below that of the best of them, 0 for the best.
+    """Return the difference of J(α) between the best policy and each policy, 0 for the best.
 
     Args:
         points: Mean totals by name.
@@ -95,16 +95,16 @@ def support_shares(
     resamples: int = 2000,
     seed: int = 0,
 ) -> dict[str, float]:
-    """In which share of bootstrap resamples each policy is the best at an angle.
+    """Return the share of bootstrap resamples in which each policy is the best at an angle.
 
-    A resample draws whole episodes, the same for all policies, so what an episode's seed makes
-    easy or hard for everybody drops out. Policies that tie share a resample equally.
+    A resample draws whole episodes, the same for all policies, so the common effect of an episode's
+    seed cancels. Policies that tie share a resample equally.
 
     Args:
         totals: R_env and R_social of each episode by name, on common episode seeds.
         angle: α in degrees.
-        resamples: How many.
-        seed: Of the resampling.
+        resamples: Number of resamples.
+        seed: Seed of the resampling.
 
     Returns:
         Shares, which sum to 1.
@@ -139,12 +139,12 @@ def _checked(points: Points) -> Float[np.ndarray, "point 2"]:
 def hypervolume(
     points: Float[np.ndarray, "policy 2"], reference: Float[np.ndarray, " xy"]
 ) -> float:
-    """Area of what at least one policy dominates (Zitzler and Thiele 1999).
+    """Return the area dominated by at least one policy (Zitzler and Thiele 1999).
 
     Args:
         points: Mean totals (R_env, R_social), more is better.
-        reference: The corner that bounds the area below; points that don't beat it in both
-            count for nothing. Areas compare only under one reference.
+        reference: Corner that bounds the area below; points that don't exceed it in both
+            are ignored. Areas are comparable only with the same reference.
 
     Returns:
         The area, in units of R_env times units of R_social.
@@ -157,7 +157,7 @@ def hypervolume(
     above = points[(points > reference).all(axis=1)] - reference
     area, height = 0.0, 0.0
     for env, social in above[np.argsort(-above[:, 0])]:
-        # From the right, each point adds the strip by which it is higher than all before it.
+        # From the right, each point adds the strip by which it exceeds all before it.
         area += env * max(social - height, 0.0)
         height = max(height, social)
     return float(area)

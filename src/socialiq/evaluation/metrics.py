@@ -1,4 +1,4 @@
-"""The metrics of thesis 5.4, however the policy was evaluated."""
+"""Metrics of thesis 5.4, from exact evaluation or rollouts."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Metrics(NamedTuple):
         r_social: Mean sum of r_social.
         angle: α̂ in degrees, of these means.
         collision: Share of episodes that end in a collision.
-        arrival: Share that arrive.
-        timeout: Share that run out of time.
+        arrival: Share of episodes that end in an arrival.
+        timeout: Share of episodes that end by the time limit.
         mean_speed: Cells (or metres) per step, over all steps.
         stopped: Share of steps at speed 0.
         length: Mean number of steps.
@@ -44,7 +44,7 @@ class Metrics(NamedTuple):
         stopped: float,
         length: float,
     ) -> Metrics:
-        """Put together mean totals and the share of each `Ending`."""
+        """Build metrics from mean totals and the share of each `Ending`."""
         return Metrics(
             r_env=float(totals.env),
             r_social=float(totals.social),
@@ -59,11 +59,11 @@ class Metrics(NamedTuple):
 
     @property
     def totals(self) -> RewardPair:
-        """The mean reward totals as a pair."""
+        """Mean reward totals as a pair."""
         return RewardPair(self.r_env, self.r_social)
 
     def value(self, angle: float) -> float:
-        """J(α): the mean total scored at an angle in degrees (Eq 4.3)."""
+        """Return J(α), the mean total scored at an angle in degrees (Eq 4.3)."""
         return float(score(weights(angle), self.totals))
 
 

@@ -1,9 +1,9 @@
 """Online planning: a rollout policy that simulates its actions in states consistent with its view.
 
-Unlike `oracle_lookahead` it is a policy: it knows the observation, and how traffic moves, but
-neither the others' destinations nor who will come. It draws these, takes each action in each draw,
-drives on by its network for some decisions, and takes the network's value of where that leads (a
-rollout algorithm, one step of policy improvement: Bertsekas and Tsitsiklis 1996, Neuro-Dynamic
+Unlike `oracle_lookahead` it is a policy: it has the observation and a model of the traffic, but
+neither the others' destinations nor the later traffic. It draws these, simulates each action in
+each draw and some further decisions of its network, and adds the network's value of the last state
+(a rollout algorithm, one step of policy improvement: Bertsekas and Tsitsiklis 1996, Neuro-Dynamic
 Programming, section 6.1).
 """
 
@@ -26,26 +26,26 @@ from socialiq.worlds.intersection.state import ACTIONS
 
 @runtime_checkable
 class Valued(Protocol):
-    """A policy that tells what its actions are worth, as `nn.q_policy.QPolicy` does."""
+    """Protocol of a policy with action values, such as `nn.q_policy.QPolicy`."""
 
     def q_values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Q of each action."""
+        """Return Q of each action."""
         ...
 
 
 class RolloutPolicy:
-    """The rollout policy of a network.
+    """Rollout policy of a network.
 
     Args:
-        policy: Whose values and actions are improved on.
-        options: The scenario that it believes to be in.
-        angle: At which rewards are scored, in degrees: that of the network.
-        draws: States drawn for each observation.
-        decisions: Decisions played out in each, the first one included.
+        policy: Network policy to improve.
+        options: Scenario of the simulation.
+        angle: Angle of the score in degrees: that of the network.
+        draws: Number of states drawn for each observation.
+        decisions: Number of simulated decisions, including the first.
         doubt: Standard errors, over the draws, by which an action must beat the network's own.
-        discount: γ of the network.
+        discount: Discount γ of the network.
 
     Raises:
         UserError: If draws or decisions are not positive.
@@ -67,7 +67,7 @@ class RolloutPolicy:
         self._policy, self._options, self._weights = policy, options, exact_weights(angle)
         self._draws, self._decisions = draws, decisions
         self._doubt, self._discount = doubt, discount
-        self._batch: Batch | None = None  # of the last call; the next has most often its size
+        self._batch: Batch | None = None  # of the last call; usually the next has the same size
 
     def predict(
         self,
@@ -76,13 +76,13 @@ class RolloutPolicy:
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[Int64[np.ndarray, ...], None]:
-        """The action that surely comes out best; the same for the same view."""
+        """Choose the significantly best action; equal observations give equal actions."""
         seen = np.asarray(observation, np.float32)
         rows = np.atleast_2d(seen)
         own = np.asarray(self._policy.q_values(rows)).argmax(axis=1)
         gain = self.values(rows)
         gain = gain - np.take_along_axis(gain, own[:, None, None], axis=2)
-        # The best of three noisy means is too good; the network's own action needs no proof.
+        # The best of three noisy means is biased upwards; the network's own action needs no test.
         error = gain.std(axis=1, ddof=min(1, self._draws - 1)) / np.sqrt(self._draws)
         best = (gain.mean(axis=1) - self._doubt * error).argmax(axis=1)
         return best.reshape(seen.shape[:-1]), state
@@ -90,10 +90,10 @@ class RolloutPolicy:
     def values(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch draw action"]:
-        """What each action is worth in each draw."""
+        """Return the value of each action in each draw."""
         size, copies = len(observations), self._draws * len(ACTIONS)
         seen = np.repeat(observations, copies, axis=0)
-        # By view, so that no draw is the lot of every decision; the same for all its actions.
+        # Seeds depend on the observation, so that draws differ between decisions but not actions.
         first = np.array([zlib.crc32(one.tobytes()) for one in observations], np.uint64) << 20
         entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
         batch = self._batch_of(len(seen))

@@ -1,9 +1,9 @@
-"""Oracle lookahead: how well a policy would drive if it knew the future traffic.
+"""Oracle lookahead: performance of a policy that knows the future traffic.
 
-At every decision the state is copied once for each action, the action taken, and the policy drives
-each copy to the end of its episode. The copies draw the same random numbers as the episode itself
-will, so the best of these ends is known beforehand, and that action is taken. This is one step of
-policy improvement, not a bound: a better policy to improve on would give more.
+At every decision the state is copied once for each action, the action is taken, and the policy
+drives each copy to the end of its episode. The copies draw the same random numbers as the episode
+itself will, so the best action is known in advance. This is one step of policy improvement, not a
+bound: a better base policy would give more.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from socialiq.worlds.intersection.state import ACTIONS
 
 
 class OracleLookahead:
-    """A policy that looks ahead in the very batch that it drives.
+    """Policy with oracle lookahead in the batch that it drives.
 
     Args:
-        policy: Who drives after the look.
-        batch: Where it drives, on the core.
+        policy: Policy that drives the copies.
+        batch: Batch that it drives, on the core.
         angle: At which totals are scored, in degrees.
     """
 
@@ -35,16 +35,16 @@ class OracleLookahead:
 
     def predict(
         self,
-        observation: np.ndarray,  # noqa: ARG002  the batch itself is looked at
+        observation: np.ndarray,  # noqa: ARG002  the batch's state is used
         state: None = None,
         episode_start: np.ndarray | None = None,  # noqa: ARG002
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[Int64[np.ndarray, " batch"], None]:
-        """The action of each episode whose known end is the best."""
+        """Choose the action of each episode with the best known end."""
         return self.totals().argmax(axis=1), state
 
     def totals(self) -> Float[np.ndarray, "batch action"]:
-        """What each action will have earned at the end of its episode, from now on."""
+        """Return the score that each action gives from now to the end of its episode."""
         size = self._batch.size
         now = self._batch.save()
         self._copies.restore(now.rows(np.repeat(np.arange(size), len(ACTIONS))))
@@ -62,14 +62,14 @@ class OracleLookahead:
 def with_oracle_lookahead(
     options: Options, policy: Policy, seeds: np.ndarray, angle: float, size: int = 256
 ) -> Episodes:
-    """The episodes of a policy that looks ahead.
+    """Run the episodes of a policy with oracle lookahead.
 
     Args:
         options: The scenario.
-        policy: Who drives after each look.
+        policy: Policy that drives the copies.
         seeds: One for each episode.
         angle: At which totals are scored, in degrees.
-        size: Episodes side by side.
+        size: Number of episodes side by side.
     """
     batch = Batch(options, min(size, len(seeds)))
     return episodes_of(batch, OracleLookahead(policy, batch, angle), seeds)

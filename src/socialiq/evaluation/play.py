@@ -20,18 +20,18 @@ from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.state import Contact
 
 STOPPED_BELOW = 0.5  # m/s
-SOFT = 4172  # what is drawn by a seed for this purpose is independent of all else drawn by it
+SOFT = 4172  # key of this purpose; draws for other purposes from the same seed are independent
 
 
 class Played(NamedTuple):
-    """One decision of the episodes that are running.
+    """Decision of the running episodes.
 
     Attributes:
-        episode: Which episode each row of the batch is playing.
+        episode: Index of the episode of each row of the batch.
         running: Rows that decided.
-        observation: What they saw, of all rows.
-        action: What they did, of all rows.
-        made: What came of it, of all rows.
+        observation: Observations before the decision, of all rows.
+        action: Actions, of all rows.
+        made: Results of the decision, of all rows.
     """
 
     episode: Int64[np.ndarray, " batch"]
@@ -43,19 +43,19 @@ class Played(NamedTuple):
 
 @runtime_checkable
 class SoftPolicy(Policy, Protocol):
-    """A policy that tells the distribution it draws from, as `nn.q_policy.QPolicy` does."""
+    """Protocol of a policy with action probabilities, such as `nn.q_policy.QPolicy`."""
 
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Probability of each action."""
+        """Return the probability of each action."""
         ...
 
 
 def play(
     batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
 ) -> Iterator[Played]:
-    """Let a policy drive one episode for each seed.
+    """Run one episode for each seed.
 
     Rows take the next seed as they become free, so the batch stays full until seeds run out. A
     `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
@@ -64,7 +64,7 @@ def play(
 
     Args:
         batch: Where to play.
-        policy: Who decides, for the whole batch at once.
+        policy: Policy that decides for the whole batch at once.
         seeds: One for each episode.
         deterministic: Whether it takes its best action; a policy without `probabilities` is told.
 
@@ -93,21 +93,21 @@ def play(
         following += len(begun)
 
 
-def _driver(batch: Batch, policy: Policy, deterministic: bool) -> _Told | _Drawn:
+def _driver(batch: Batch, policy: Policy, deterministic: bool) -> _Direct | _Drawn:
     if not deterministic and isinstance(policy, SoftPolicy):
         decisions = math.ceil(batch.options.duration * batch.options.policy_frequency) + 1
         return _Drawn(policy, batch.size, decisions)
-    return _Told(policy, deterministic)
+    return _Direct(policy, deterministic)
 
 
-class _Told:
-    """A policy that draws by itself, if at all."""
+class _Direct:
+    """Policy that draws its actions itself, if at all."""
 
     def __init__(self, policy: Policy, deterministic: bool) -> None:
         self._policy, self._deterministic = policy, deterministic
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """It doesn't know of episodes."""
+        """Do nothing: the policy has no state by episode."""
 
     def decide(self, observation: np.ndarray) -> Int64[np.ndarray, " batch"]:
         chosen, _ = self._policy.predict(observation, deterministic=self._deterministic)
@@ -115,7 +115,7 @@ class _Told:
 
 
 class _Drawn:
-    """A soft policy; every episode brings the uniform numbers for all its decisions."""
+    """Soft policy; every episode has its own uniform numbers for all its decisions."""
 
     def __init__(self, policy: SoftPolicy, size: int, decisions: int) -> None:
         self._policy, self._rows = policy, np.arange(size)
@@ -131,14 +131,14 @@ class _Drawn:
     def decide(self, observation: np.ndarray) -> Int64[np.ndarray, " batch"]:
         cumulative = self._policy.probabilities(observation).cumsum(axis=1)
         draws = self._uniform[self._rows, self._made][:, None]
-        # Rows whose episode is over are asked too; what they answer is not used.
+        # Rows whose episode is over are included; their actions are not used.
         self._made = np.minimum(self._made + 1, self._uniform.shape[1] - 1)
         chosen = (draws >= cumulative).sum(axis=1)
         return np.minimum(chosen, cumulative.shape[1] - 1).astype(np.int64)
 
 
 class Episodes(NamedTuple):
-    """What became of each episode.
+    """Results of episodes, one row for each.
 
     Attributes:
         totals: Sums of r_env and r_social.
@@ -148,14 +148,14 @@ class Episodes(NamedTuple):
         length: Decisions.
         speed: Mean speed over the decisions, m/s.
         stopped: Share of the decisions that ended slower than 0.5 m/s.
-        neighbours_collided: Vehicles that ran into one another.
+        neighbours_collided: Number of other vehicles that collided with each other.
         signals: Sum of every signal, unweighted, (episodes, signals).
         active: Decisions in which a signal was not 0, (episodes, signals).
         signal_names: Names of the signals.
         entered: Whether the ego's centre passed its stop line.
         conflicts: Decisions at the junction (`junction.at_junction`) while somebody who crosses
             was in it or within 3 s of it.
-        pressed: Of these, the decisions in which the ego did not choose slower.
+        pressed: Number of these decisions in which the ego did not choose slower.
     """
 
     totals: RewardPair
@@ -174,7 +174,7 @@ class Episodes(NamedTuple):
     pressed: Int64[np.ndarray, " episode"]
 
     def metrics(self) -> Metrics:
-        """The metrics of thesis 5.4; speed and share stopped are means over episodes."""
+        """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
         counts = np.bincount(self.ending, minlength=len(Ending))
         return Metrics.of(
             totals=RewardPair(self.totals.env.mean(), self.totals.social.mean()),
@@ -188,7 +188,7 @@ class Episodes(NamedTuple):
 def episodes_of(
     batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
 ) -> Episodes:
-    """Play one episode for each seed and sum it up.
+    """Run one episode for each seed and return its sums.
 
     Args:
         batch: Where to play.
@@ -227,7 +227,7 @@ _COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
 
 
 def _quantities(played: Played) -> dict[str, np.ndarray]:
-    """What is summed up over an episode, of the rows that decided."""
+    """Return the quantities that are summed over an episode, of the rows that decided."""
     made, rows = played.made, np.flatnonzero(played.running)
     signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
     conflicts = conflict_at_junction(played.observation[rows])
@@ -249,20 +249,20 @@ def _quantities(played: Played) -> dict[str, np.ndarray]:
 
 
 KINDS = {"at_fault": Contact.EGO_STRUCK, "struck": Contact.EGO_WAS_STRUCK}
-"""Whose motion closed the gap: the ego's, or the other's."""
+"""Kinds of collision, by whose motion closed the gap: the ego's, or the other's."""
 
 
 def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, float | int | None]:
-    """How often the ego collides, at fault and struck, per exposure.
+    """Return rates of the ego's collisions, at fault and struck, per episode, entry and conflict.
 
     A policy that never enters the junction has no collisions there, so its rate per episode says
-    nothing of how it drives. An episode or an entry is a trial: its share has a Wilson interval.
-    Conflicts are decisions and follow one another, so a rate per conflict has none; it counts the
-    collisions of all episodes over the conflicts of all episodes.
+    nothing about its driving. An episode or an entry is a trial: its share has a Wilson interval.
+    Conflicts are decisions and not independent, so a rate per conflict has none; it divides the
+    collisions of all episodes by the conflicts of all episodes.
 
     Args:
-        episodes: What was played.
-        confidence: Of the intervals.
+        episodes: Results of the episodes.
+        confidence: Confidence level of the intervals.
 
     Returns:
         Counts `episodes`, `entries`, `conflicts`, `pressed`, and for each of `KINDS` its count,

@@ -1,4 +1,4 @@
-"""What the theory says about a gridworld's three experts before anything is trained."""
+"""Predictions of the theory for a gridworld's three experts, before any training."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ NEXT_VALUES: tuple[NextValue, ...] = ("online", "target")
 
 
 class Setting(NamedTuple):
-    """What is pooled, and what the learner is told.
+    """Setting of a prediction: the pooled demonstrations, and the learner's target.
 
     Attributes:
         angle: α in degrees.
         target_kind: A name of `theory.demonstrators.TARGET_KINDS`.
-        mixture: As many episodes of each expert, or as many transitions.
-        measure: Discounted occupancies of endless episodes, as in the theorems, or evenly drawn
+        mixture: Equal numbers of episodes of each expert, or of transitions.
+        measure: Discounted occupancies of endless episodes, as in the theorems, or uniformly drawn
             rows of episodes of the world's horizon, as in batches.
     """
 
@@ -46,13 +46,13 @@ class Setting(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """A flip of the greedy policy, foretold.
+    """Predicted strength at which the greedy action of a state changes.
 
     Attributes:
-        flip: Which state's action changes, and at what λ.
-        exact: Whether the straight lines still hold there (`response.reach`).
+        flip: State whose action changes, and λ of the change.
+        exact: Whether the straight lines are exact up to there (`response.reach`).
         before: The greedy policy below that λ, evaluated exactly.
-        after: The same above it.
+        after: The greedy policy above that λ, evaluated exactly.
     """
 
     flip: response.Flip
@@ -62,10 +62,10 @@ class Prediction(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Straight lines in λ, one for each (state, action), whose largest is the greedy action.
+    """Straight lines in λ, one for each (state, action); the greedy action has the largest.
 
     Attributes:
-        level: At λ = 0: ρ_E, or the demonstrators' shares of actions.
+        level: Value at λ = 0: ρ_E, or the demonstrators' shares of actions.
         slope: The derivative by λ.
     """
 
@@ -74,19 +74,19 @@ class Lines(NamedTuple):
 
 
 def experts_of(part: Table) -> list[Float[np.ndarray, "state action"]]:
-    """The thesis' three experts on a world's reachable states."""
+    """Return the thesis' three experts on a world's reachable states."""
     return [expert_policy(part, angle) for angle in MODES.values()]
 
 
 def problem_of(part: Table, setting: Setting) -> Problem:
-    """The regularized objective for the pool of the three experts (5.2), with Table C.1's numbers.
+    """Return the objective for the pool of the three experts (5.2), with Table C.1's settings.
 
     Args:
         part: The world's reachable states.
-        setting: What is pooled, and what the learner is told.
+        setting: Pooled demonstrations, and the learner's target.
 
     Raises:
-        UserError: If the angle or a name in the setting will not do.
+        UserError: If the angle or a name in the setting is invalid.
     """
     one_of("measure", setting.measure, MEASURES)
     one_of("mixture", setting.mixture, MIXTURES)
@@ -106,7 +106,7 @@ def problem_of(part: Table, setting: Setting) -> Problem:
 
 
 def lines_of(problem: Problem, next_value: NextValue) -> Lines:
-    """How the greedy choice moves with λ, as τ → 0.
+    """Return the lines of the greedy choice in λ, as τ → 0.
 
     Args:
         problem: The problem.
@@ -121,18 +121,18 @@ def lines_of(problem: Problem, next_value: NextValue) -> Lines:
 
 
 def target_norm(problem: Problem) -> float:
-    """‖T_⊥‖ per row: λ times it doesn't depend on the target's unit, nor on its shaping."""
+    """Return ‖T_⊥‖ per row; λ ‖T_⊥‖ depends neither on the target's unit nor on its shaping."""
     mass = problem.demonstrated.sum()
     norm = orthogonal(problem.mdp, problem.demonstrated, problem.target, problem.discount).norm
     return float(norm / np.sqrt(mass))
 
 
 def predictions(part: Table, lines: Lines) -> list[Prediction]:
-    """Every flip that the lines foretell at a finite λ, with the greedy policies beside it.
+    """Return every flip predicted at a finite λ, with the greedy policies on both sides.
 
     Args:
         part: The world's reachable states, in the order of the lines.
-        lines: Of `lines_of`.
+        lines: Result of `lines_of`.
     """
     reach = response.reach(*lines)
     before = evaluate_exactly(part, _greedy(lines, 0.0))
@@ -146,6 +146,6 @@ def predictions(part: Table, lines: Lines) -> list[Prediction]:
 
 
 def _greedy(lines: Lines, strength: float) -> Float[np.ndarray, "state action"]:
-    """The one-hot policy of the highest line; of the first action where nothing is demonstrated."""
+    """Return the one-hot policy of the highest line; the first action without demonstrations."""
     height = np.where(lines.level > 0.0, lines.level + strength * lines.slope, -np.inf)
     return np.eye(height.shape[1])[height.argmax(axis=1)]

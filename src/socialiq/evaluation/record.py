@@ -15,7 +15,7 @@ from socialiq.worlds.intersection.state import ACTIONS
 
 
 class Recorded(NamedTuple):
-    """Demonstrations, and what the thesis compares them with.
+    """Demonstrations, with the classical rewards for comparison.
 
     Attributes:
         transitions: One row for each decision.
@@ -33,12 +33,12 @@ def record(
     mode: str,
     source: Mapping[str, Any] | None = None,
 ) -> Recorded:
-    """Let a policy drive one episode for each seed, greedily, and keep every transition.
+    """Run one greedy episode for each seed, and record every transition.
 
     Args:
-        batch: Where to drive.
-        policy: Who drives.
-        seeds: One for each episode.
+        batch: Batch of episodes to drive.
+        policy: Policy of the ego.
+        seeds: Seed of each episode.
         mode: Name of the driver mode to record.
         source: Provenance to record.
 

@@ -18,7 +18,7 @@ from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import draw_actions
 
 MOST_STEPS = 100_000
-"""Of an episode in a Gymnasium environment; without a time limit it might never end."""
+"""Largest number of steps of an episode in a Gymnasium environment without a time limit."""
 
 
 class Rollout(NamedTuple):
@@ -26,14 +26,14 @@ class Rollout(NamedTuple):
 
     Attributes:
         transitions: Every transition, in the form of a demonstrations table.
-        speed: The ego's speed at each transition; NaN where the environment tells none.
+        speed: The ego's speed at each transition; NaN if the environment doesn't report it.
     """
 
     transitions: Demonstrations
     speed: Float[np.ndarray, " transition"]
 
     def metrics(self) -> Metrics:
-        """Means over the episodes (thesis 5.4)."""
+        """Return the means over the episodes (thesis 5.4)."""
         table = self.transitions
         totals = table.totals()
         counts = np.bincount(table.ending, minlength=len(Ending))
@@ -46,7 +46,7 @@ class Rollout(NamedTuple):
         )
 
     def angle(self, seed: int) -> AngleEstimate:
-        """α̂ with its bootstrap interval over the episodes."""
+        """Return α̂ with its bootstrap interval over the episodes."""
         return estimate_angle(*self.transitions.totals(), seed=seed)
 
 
@@ -91,7 +91,7 @@ def rollout_table(
 def rollout_totals(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
 ) -> Float[np.ndarray, "episode 2"]:
-    """Sums of r_env and r_social of each episode of a policy in an enumerated world.
+    """Return the sums of r_env and r_social of each episode in an enumerated world.
 
     Args:
         table: The world or its reachable part.
@@ -111,7 +111,7 @@ def rollout_totals(
 def _steps(
     table: Table, policy: Float[np.ndarray, "*time state action"], episodes: int, seed: int
 ) -> list[Int[np.ndarray, " transition"]]:
-    """Columns of all transitions: episode, step, state, action, next state, ending."""
+    """Return columns of all transitions: episode, step, state, action, next state, ending."""
     _check_episodes(episodes)
     rng = np.random.default_rng(seed)
     mdp = table.mdp
@@ -152,8 +152,8 @@ def rollout_env(
     Args:
         env: The environment.
         policy: Anything with `predict`.
-        episodes: How many; episode i is reset with seed + i.
-        seed: Of the environment.
+        episodes: Number of episodes; episode i is reset with seed + i.
+        seed: Seed of the environment.
         deterministic: Passed to `predict`.
         mode: Name of the driver mode to record.
         source: Provenance to record.
@@ -169,16 +169,16 @@ def rollout_env(
 
 
 class Taken(NamedTuple):
-    """One step of an episode.
+    """Step of an episode.
 
     Attributes:
-        episode: Its number, from 0.
-        observation: Before the step.
-        action: That was chosen.
+        episode: Number of the episode, from 0.
+        observation: Observation before the step.
+        action: The chosen action.
         after: The next observation.
-        ending: What the step ended.
-        pair: The rewards.
-        speed: The ego's, NaN if it is not told.
+        ending: Ending of the episode at this step, NONE if it continues.
+        pair: The reward pair.
+        speed: The ego's speed, NaN if not reported.
     """
 
     episode: int
@@ -196,12 +196,12 @@ def steps(
     seeds: Sequence[int],
     deterministic: bool = True,
 ) -> Iterator[Taken]:
-    """Let a policy drive one episode for each seed, step by step.
+    """Run one episode for each seed, and yield each step.
 
     Args:
-        env: With discrete actions.
+        env: Environment with discrete actions.
         policy: Anything with `predict`.
-        seeds: With which episodes are reset.
+        seeds: Seeds of the episodes' resets.
         deterministic: Passed to `predict`.
 
     Raises:

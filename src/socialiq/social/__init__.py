@@ -1,1 +1,1 @@
-"""The social angle: how two rewards become one score, and which angle behaviour shows."""
+"""Social angle: the score of two rewards at an angle, and the angle of behaviour."""

@@ -1,4 +1,4 @@
-"""The social angle: degrees to weights, R(α), and the angle that behaviour shows."""
+"""Social angle: weights, the score R(α), and the empirical angle of behaviour."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def check_angle(angle: float) -> float:
     """Return a social angle in degrees if it lies in [0, 360), the range of thesis 4.2.
 
     Raises:
-        UserError: If it is not finite or lies outside.
+        UserError: If it is not finite or outside this range.
     """
     if not math.isfinite(angle) or not 0.0 <= angle < 360.0:
         raise UserError(f"angle {angle:g} is outside [0, 360) degrees: 0 egoistic, 90 altruistic")
@@ -26,17 +26,17 @@ def check_angle(angle: float) -> float:
 
 
 def weights(angle: float) -> RewardPair:
-    """Weights (cos α, sin α) of an angle in degrees (Eq 4.3).
+    """Return the weights (cos α, sin α) of an angle in degrees (Eq 4.3).
 
     cos 90° is the float64 6.1e-17, not 0. The thesis' altruistic expert of the 5x5 world depends
-    on that residue (docs/worlds/crossing5.md), so it is kept; `exact_weights` has the zeros.
+    on that residue (docs/worlds/crossing5.md), so it is kept; `exact_weights` gives exact zeros.
     """
     radians = np.deg2rad(angle)
     return RewardPair(env=float(np.cos(radians)), social=float(np.sin(radians)))
 
 
 def exact_weights(angle: float) -> RewardPair:
-    """Weights (cos α, sin α), with exact zeros and ones at multiples of 90 degrees."""
+    """Return (cos α, sin α) with exact zeros and ones at multiples of 90 degrees."""
     env, social = weights(angle)
     if angle % 90 == 0:
         return RewardPair(env=float(round(env)), social=float(round(social)))
@@ -44,24 +44,24 @@ def exact_weights(angle: float) -> RewardPair:
 
 
 def angle_of(env: float, social: float) -> float:
-    """α̂ = atan2(R_social, R_env) in degrees, in (-180, 180] (thesis 5.4).
+    """Return α̂ = atan2(R_social, R_env) in degrees, in (-180, 180] (thesis 5.4).
 
-    Pass means over episodes: an angle of means, never a mean of angles.
+    The arguments are means over episodes: α̂ is an angle of means, not a mean of angles.
     """
     degrees = math.degrees(math.atan2(social, env))
-    # atan2 gives -180 for a social return of -0.0, or for one too small to show.
+    # atan2 gives -180 for a social return of -0.0, or for a return below rounding.
     return 180.0 if degrees == -180.0 else degrees
 
 
 def angle_difference(a: float, b: float) -> float:
-    """The signed difference a - b of two angles in degrees, wrapped to [-180, 180)."""
+    """Return the signed difference a - b of two angles in degrees, wrapped to [-180, 180)."""
     wrapped = (a - b + 180.0) % 360.0 - 180.0
     # The remainder of a very small negative number rounds up to 360.
     return -180.0 if wrapped == 180.0 else wrapped
 
 
 def score(weights: RewardPair, rewards: RewardPair) -> Any:
-    """R(α) = cos α · r_env + sin α · r_social (Eq 4.3).
+    """Return R(α) = cos α · r_env + sin α · r_social (Eq 4.3).
 
     Args:
         weights: (cos α, sin α), of `social.angle.weights`; scalars or traced arrays.
@@ -74,7 +74,7 @@ def score(weights: RewardPair, rewards: RewardPair) -> Any:
 
 
 class AngleEstimate(NamedTuple):
-    """An empirical angle and its percentile interval, in degrees.
+    """Empirical angle and its percentile interval, in degrees.
 
     `low` and `high` are `angle` plus wrapped deviations, so they may leave (-180, 180].
     """
@@ -101,7 +101,7 @@ def estimate_angle(
     Args:
         env: Sum of r_env of each episode.
         social: Sum of r_social of each episode.
-        seed: Of the resampling.
+        seed: Seed of the resampling.
         confidence: Level of the two-sided interval.
         resamples: Number of bootstrap resamples.
 
@@ -140,7 +140,7 @@ def direction_interval(
 
     Args:
         pairs: r_env and r_social, at least three independent rows.
-        confidence: Of the region.
+        confidence: Confidence level of the region.
 
     Returns:
         None if the origin is inside: then no direction is excluded.

@@ -1,4 +1,4 @@
-"""Arcs of angles: unions and complements on the circle."""
+"""Arcs of angles: complements on the circle, and arcs of a grid."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from jaxtyping import Bool
 
 @dataclass(frozen=True)
 class Arc:
-    """Angles from `low` in [0, 360) counter-clockwise to `high`, at most 360 further; degrees."""
+    """Arc from `low` in [0, 360) counter-clockwise to `high`, at most 360 further; degrees."""
 
     low: float
     high: float
 
     def holds(self, angle: float) -> bool:
-        """Whether an angle lies on it, ends included."""
+        """Whether an angle is on the arc, including its ends."""
         return (angle - self.low) % 360.0 <= self.high - self.low
 
 
 def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, ...]:
-    """What open arcs, each a centre and half a width in degrees, leave of the circle.
+    """Return the complement on the circle of open arcs, each a centre and a half-width in degrees.
 
     Returns:
-        Closed arcs in the order of their low ends; the whole circle as one from 0 to 360.
+        Closed arcs in the order of their low ends; the whole circle is an arc from 0 to 360.
     """
     spans = sorted(
         ((centre - half) % 360.0, 2.0 * half)
@@ -35,7 +35,7 @@ def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, 
     if not spans:
         return (Arc(0.0, 360.0),)
     free = []
-    reached = max(low + width for low, width in spans) - 360.0  # what wraps round to the start
+    reached = max(low + width for low, width in spans) - 360.0  # end of the arcs that wrap round
     for low, width in spans:
         if low >= reached:
             free.append((reached, low))
@@ -45,11 +45,11 @@ def complement(centres: Sequence[float], halves: Sequence[float]) -> tuple[Arc, 
 
 
 def arcs_of_grid(inside: Bool[np.ndarray, " angle"], step: float) -> tuple[Arc, ...]:
-    """Arcs of neighbouring angles of a grid that lie inside a set.
+    """Return the arcs of neighbouring grid angles that are inside a set.
 
     Args:
-        inside: Of the angles 0, step, 2 step, ... all round.
-        step: Degrees.
+        inside: Whether each of the angles 0, step, 2 step, ... below 360 is inside.
+        step: Step of the grid, degrees.
     """
     if inside.all():
         return (Arc(0.0, 360.0),)

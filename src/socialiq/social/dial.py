@@ -1,7 +1,8 @@
-"""The exact dial: a wanted *behavioural* angle as a mixture of two policies, one drawn per episode.
+"""Exact dial: a wanted *behavioural* angle as a mixture of two policies, one drawn per episode.
 
-Few angles are those of a single policy: a front has corners, and an optimum at a corner keeps its
-own angle whatever is asked for. Mixtures of whole episodes have all angles between, in expectation.
+Few angles are those of a single policy: a front has corners, and an optimum at a corner has the
+same angle for a range of targets. Mixtures of whole episodes have all angles in between, in
+expectation.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from socialiq.statistics.bootstrap import resample_rows
 
 
 class Setting(NamedTuple):
-    """How to mix.
+    """Mixture of two policies.
 
     Attributes:
-        first: Number of one policy.
-        second: Number of the other, the same where one policy alone has the angle.
+        first: Index of one policy.
+        second: Index of the other policy; equal to `first` if a single policy has the angle.
         share: Share of episodes that the second drives.
         radius: Length of the mixture's expected sums, along the wanted angle.
     """
@@ -33,12 +34,12 @@ class Setting(NamedTuple):
 
 
 def mixture(points: Float[np.ndarray, "policy 2"], one: Setting) -> Float[np.ndarray, " xy"]:
-    """Expected sums of (r_env, r_social) of a mixture of these policies."""
+    """Return the expected sums of (r_env, r_social) of a mixture of these policies."""
     return (1.0 - one.share) * points[one.first] + one.share * points[one.second]
 
 
 class Interval(NamedTuple):
-    """An angle in degrees with its interval; the ends may leave (-180, 180]."""
+    """Angle in degrees with its interval; the ends may leave (-180, 180]."""
 
     angle: float
     low: float
@@ -46,9 +47,9 @@ class Interval(NamedTuple):
 
 
 def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:
-    """The mixture of two policies at an angle that earns the most along it.
+    """Return the mixture of two policies at an angle with the largest radius.
 
-    Mixtures of more than two earn no more: the ray leaves the convex hull through an edge.
+    Mixtures of more policies are no larger: the ray leaves the convex hull through an edge.
 
     Args:
         points: Expected sums of (r_env, r_social) of each policy.
@@ -69,7 +70,7 @@ def setting(points: Float[np.ndarray, "policy 2"], angle: float) -> Setting:
     if radius[first, second] < 0.0:
         raise UserError(
             f"no mixture of these policies lies at {angle:g} degrees: theirs are at "
-            f"{_spread(points)}; ask for one between, or train more angles"
+            f"{_spread(points)}; choose an angle between them, or train more angles"
         )
     return Setting(int(first), int(second), float(share[first, second]), float(radius.max()))
 
@@ -82,13 +83,13 @@ def mixed_angle(
     confidence: float = 0.95,
     resamples: int = 2000,
 ) -> Interval:
-    """α̂ of a mixture from rollouts of its two policies, with a bootstrap interval over episodes.
+    """Return α̂ of a mixture from rollouts of its two policies, with a bootstrap interval.
 
     Args:
         first: Sums of (r_env, r_social) of each episode that the first policy drove.
-        second: The same of the second.
+        second: Sums of each episode that the second policy drove.
         share: Share of episodes that the second drives in the mixture.
-        seed: Of the resampling.
+        seed: Seed of the resampling.
         confidence: Level of the two-sided interval.
         resamples: Number of bootstrap resamples.
 

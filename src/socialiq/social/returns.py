@@ -23,22 +23,22 @@ Rewards = Float[np.ndarray, " steps"]
 
 
 def running(rewards: Rewards, discount: float) -> Rewards:
-    """G_t = sum_{k<=t} γ^k r_k: what has been earned since the episode began."""
+    """Return G_t = sum_{k<=t} γ^k r_k, the return since the start of the episode."""
     return np.cumsum(discount ** np.arange(len(rewards)) * rewards)
 
 
 def to_go(rewards: Rewards, discount: float) -> Rewards:
-    """G_t = sum_{k>=t} γ^(k-t) r_k: what is still to be earned."""
+    """Return G_t = sum_{k>=t} γ^(k-t) r_k, the return-to-go."""
     return np.asarray(lfilter([1.0], [1.0, -discount], rewards[::-1]))[::-1].copy()
 
 
 def trajectory(rewards: Rewards, discount: float) -> Rewards:
-    """G_t = sum_k γ^k r_k for every t: the whole episode's return on each of its transitions."""
+    """Return G_t = sum_k γ^k r_k for every t, the return of the whole episode."""
     return np.full(len(rewards), running(rewards, discount)[-1])
 
 
 def instantaneous(rewards: Rewards, discount: float) -> Rewards:  # noqa: ARG001
-    """G_t = r_t: not cumulative. It gives the policies of the advantage (docs/theory.md)."""
+    """Return G_t = r_t, not cumulative. It has the policies of the advantage (docs/theory.md)."""
     return np.array(rewards)
 
 
@@ -56,7 +56,7 @@ def cumulative(
     episode: Int[np.ndarray, " transitions"],
     discount: float,
 ) -> Float[np.ndarray, " transitions"]:
-    """Apply one reading to every episode of a table of transitions.
+    """Return the targets of one kind for every episode of a table of transitions.
 
     Args:
         kind: One of `TARGET_KINDS`.
@@ -79,9 +79,9 @@ Column = Float[np.ndarray, " transitions"]
 def advantage(
     rewards: Column, value: Column, episode: Int[np.ndarray, " transitions"], discount: float
 ) -> Column:
-    """A_t = r_t + γ V(s_{t+1}) - V(s_t), with V = 0 after an episode's last row.
+    """Return A_t = r_t + γ V(s_{t+1}) - V(s_t), with V = 0 after an episode's last row.
 
-    The same end as that of returns-to-go: whatever ended the episode, nothing follows.
+    As for returns-to-go, V is 0 after every kind of ending.
 
     Args:
         rewards: r_env or r_social of each transition, in units of reward.
@@ -97,20 +97,20 @@ def advantage(
 def mean_by_state(
     observation: Shaped[np.ndarray, "transitions feature"], returns: Column
 ) -> Column:
-    """V(s) of each transition: the mean of `returns` over all transitions with its observation.
+    """Return V(s) of each transition: the mean of `returns` over equal observations.
 
     Args:
-        observation: s; states are one if their observations are equal in every number.
+        observation: s; states are equal if all numbers of their observations are.
         returns: Returns-to-go of one reward, in units of reward.
 
     Raises:
-        UserError: If no observation is there twice: each V would be its own return, each A 0.
+        UserError: If no observation occurs twice: each V would be its own return, each A 0.
     """
     _, state = np.unique(observation, axis=0, return_inverse=True)
     counts = np.bincount(state)
     if counts.max() < 2:
         raise UserError(
-            "no state is there twice, so its mean return is one return: use the target kind "
+            "no state occurs twice, so its mean return is one return: use the target kind "
             "advantage_fitted"
         )
     return (np.bincount(state, weights=returns) / counts)[state]

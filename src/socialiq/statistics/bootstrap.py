@@ -14,12 +14,12 @@ _BLOCK = 1_000_000  # rows drawn at once: 8 MB, and 16 MB of the totals that the
 def resample_rows(
     episodes: int, resamples: int, seed: int
 ) -> Iterator[Int64[np.ndarray, "block episodes"]]:
-    """Draw the rows of bootstrap resamples, block by block: memory doesn't grow with their number.
+    """Draw the rows of bootstrap resamples in blocks, with memory independent of their number.
 
-    Put together the blocks are one draw of shape (resamples, episodes), wherever they are cut.
+    The concatenated blocks are a draw of shape (resamples, episodes) for any block size.
 
     Args:
-        episodes: How many rows a resample draws, and from how many.
+        episodes: Number of rows, and of draws in a resample.
         resamples: How many resamples.
         seed: Of the draws.
     """
@@ -30,11 +30,11 @@ def resample_rows(
 
 
 class Studentised(NamedTuple):
-    """Means of one scalar for each reference, and how they vary.
+    """Means of a scalar for each reference, with standard errors and resamples.
 
     Attributes:
-        mean: Of each reference.
-        error: Its standard error.
+        mean: Mean of each reference.
+        error: Standard error of each mean.
         resampled: (resampled mean - mean) / resampled standard error: the bootstrap-t.
     """
 
@@ -43,22 +43,22 @@ class Studentised(NamedTuple):
     resampled: Float[np.ndarray, "resample reference"]
 
     def of(self, rows: np.ndarray) -> Studentised:
-        """Those of some references."""
+        """Return the means of some references."""
         return Studentised(self.mean[rows], self.error[rows], self.resampled[:, rows])
 
 
 class Moments(NamedTuple):
-    """First and second moments of what references gain over a policy.
+    """First and second moments of the gains of references over a policy.
 
-    A resample draws whole episodes, the same for all references, so what a seed makes easy or hard
-    for everybody drops out, and references stay as correlated as they are.
+    A resample draws whole episodes, the same for all references, so the common effect of a seed
+    cancels, and the correlation of references is preserved.
 
     Attributes:
-        episodes: How many.
+        episodes: Number of episodes.
         mean: Mean gain (env, social) of each reference.
         second: Mean squares and product of the centred gains: env², env social, social².
-        resampled_mean: Of the centred gains in each resample.
-        resampled_second: Likewise.
+        resampled_mean: Mean of the centred gains in each resample.
+        resampled_second: Second moments of the centred gains in each resample.
     """
 
     episodes: int
@@ -74,8 +74,8 @@ class Moments(NamedTuple):
         """Draw the resamples; memory grows with references, not with resamples times episodes.
 
         Args:
-            gains: Of `Evidence.gains`.
-            seed: Of the resampling.
+            gains: Result of `Evidence.gains`.
+            seed: Seed of the resampling.
             resamples: How many.
         """
         references, episodes, _ = gains.shape
@@ -94,7 +94,7 @@ class Moments(NamedTuple):
         """Return the weighted sum of both gains as one scalar.
 
         Args:
-            weights: Of env and social: (cos α, sin α) of an angle α.
+            weights: Weights of env and social, (cos α, sin α) of an angle α.
         """
         env, social = weights
         line = np.array([env, social])
@@ -104,7 +104,7 @@ class Moments(NamedTuple):
         shift = self.resampled_mean @ line
         spread = np.maximum(self.resampled_second @ square - shift**2, 0.0)
         errors = np.sqrt(spread / freedom)
-        # A resample without any spread tells nothing; `regret` bounds what is so rare otherwise.
+        # A resample without spread has no information; `regret` bounds such rare events otherwise.
         ratio = np.divide(shift, errors, out=np.zeros_like(shift), where=errors > 0.0)
         return Studentised(self.mean @ line, error, ratio)
 
@@ -112,7 +112,7 @@ class Moments(NamedTuple):
 def resampled_means(
     totals: Float[np.ndarray, "driver episode 2"], seed: int, resamples: int = 2000
 ) -> Float[np.ndarray, "resample driver 2"]:
-    """Mean totals of drivers in bootstrap resamples of the episodes that they share.
+    """Return mean totals of drivers in bootstrap resamples of their common episodes.
 
     Args:
         totals: Sums of r_env and r_social.
@@ -127,20 +127,20 @@ def resampled_means(
 
 
 def _counts(rows: np.ndarray, episodes: int) -> Float[np.ndarray, "block episodes"]:
-    """How often each resample drew each episode."""
+    """Return how often each resample drew each episode."""
     block = len(rows)
     places = rows + episodes * np.arange(block)[:, None]
     counted = np.bincount(places.ravel(), minlength=block * episodes)
     return counted.reshape(block, episodes).astype(np.float64)
 
 
-_FIRST_STEP = 0.1  # share of the error spent on telling which references can matter
+_FIRST_STEP = 0.1  # share of the error for the selection of references that can matter
 
 _HALVINGS = 40
 
 
 def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " reference"]:
-    """One-sided upper bound of each mean by bootstrap-t.
+    """Return a one-sided upper bound of each mean by bootstrap-t.
 
     Their maximum bounds the largest mean at the same error, whatever the number of references
     and without a correction: that largest mean is one of these means, so it exceeds the maximum
@@ -157,10 +157,10 @@ def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " refere
 
 
 def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
-    """Whether the largest mean is shown to lie above a limit.
+    """Whether the largest mean is significantly above a limit.
 
-    Here one reference is enough, and the one that looks best was chosen by the data, so the
-    error must be shared out. Bonferroni would divide it by the number of references, though most
+    Here one reference is enough, and the apparently best reference was chosen by the data, so the
+    error must be divided. Bonferroni would divide it by the number of references, though most
     are correlated and many hopeless. Instead the critical value is the quantile of the largest of
     the bootstrapped t, in which each reference is lowered by how far its own mean must lie below
     the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to that
@@ -182,7 +182,7 @@ def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
 
 
 def largest_lower_bound(found: Studentised, error: float) -> float:
-    """One-sided lower bound of the largest mean: where `exceeds` changes, by bisection.
+    """Return a one-sided lower bound of the largest mean, by bisection of `largest_exceeds`.
 
     Args:
         found: Means with their bootstrap; all standard errors positive.
@@ -197,6 +197,6 @@ def largest_lower_bound(found: Studentised, error: float) -> float:
 
 
 def _highest(found: Studentised, error: float) -> Float[np.ndarray, " reference"]:
-    """What the means do not exceed, all at once, at a tenth of the error."""
+    """Return simultaneous upper bounds of the means, at a tenth of the error."""
     smallest = found.resampled.min(axis=1)
     return found.mean - float(np.quantile(smallest, _FIRST_STEP * error)) * found.error

@@ -12,21 +12,21 @@ from jaxtyping import Float
 from socialiq.errors import UserError
 from socialiq.statistics.intervals import wilson
 
-# Differences that spread less than this, relative to what was compared, differ by rounding only.
+# Differences with a smaller spread than this, relative to the data, differ by rounding only.
 _EQUAL = 1e-12
 
 
 def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
-    """Adjust p-values so that the chance of any false rejection is kept (Holm 1979).
+    """Adjust p-values to control the probability of any false rejection (Holm 1979).
 
-    The k-th smallest of m is multiplied by m - k + 1; then none may be smaller than the ones
-    before it, nor larger than 1.
+    The k-th smallest of m is multiplied by m - k + 1; then each is at least as large as those
+    before it, and at most 1.
 
     Args:
-        p_values: Of the tests of one family.
+        p_values: p-values of the tests of one family.
 
     Raises:
-        UserError: If one is no probability.
+        UserError: If a value is outside [0, 1].
     """
     given = np.asarray(p_values, np.float64)
     if not ((given >= 0) & (given <= 1)).all():
@@ -39,13 +39,13 @@ def holm(p_values: Sequence[float] | Float[np.ndarray, " test"]) -> Float[np.nda
 
 
 class Difference(NamedTuple):
-    """A mean difference with its interval and test.
+    """Mean difference with its interval and test.
 
     Attributes:
-        mean: Of first - second.
+        mean: Mean of first - second.
         low: Lower end.
         high: Upper end.
-        p: Two-sided, of no difference.
+        p: Two-sided p-value of no difference.
     """
 
     mean: float
@@ -59,14 +59,14 @@ def paired_difference(
     second: Sequence[float] | Float[np.ndarray, " replicate"],
     confidence: float = 0.95,
 ) -> Difference:
-    """Student's paired t over replicates.
+    """Return the mean difference of two measures, by Student's paired t over replicates.
 
     A replicate is a training seed: the two policies trained from it are evaluated on common
-    episode seeds. Episodes are no replicates, since they tell nothing of how training varies.
+    episode seeds. Episodes are not replicates: they don't show the variation of training.
 
     Args:
         first: A measure of one policy in each replicate, at least two.
-        second: The same of the other, in the same order.
+        second: The measure of the other policy, in the same order.
         confidence: Of the interval.
 
     Returns:
@@ -74,7 +74,7 @@ def paired_difference(
         is the point, and p is 1 if they are 0, else 0.
 
     Raises:
-        UserError: If there are fewer than two replicates, they don't pair up, or one isn't finite.
+        UserError: If there are fewer than two pairs, unequal numbers, or a number isn't finite.
     """
     pair = [np.asarray(one, np.float64) for one in (first, second)]
     if pair[0].shape != pair[1].shape or pair[0].ndim != 1 or len(pair[0]) < 2:
@@ -99,10 +99,10 @@ def paired_difference(
 
 
 class Contrast(NamedTuple):
-    """How far two independent samples differ.
+    """Difference of two independent samples, with an interval.
 
     Attributes:
-        value: First less second.
+        value: First minus second.
         low: Lower end of the interval.
         high: Upper end.
     """
@@ -115,7 +115,7 @@ class Contrast(NamedTuple):
 def mean_contrast(
     first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"], confidence: float = 0.95
 ) -> Contrast:
-    """Difference of two means with Welch's interval (Welch 1947); variances may differ.
+    """Return the difference of two means with Welch's interval (1947); variances may differ.
 
     Args:
         first: At least two numbers.
@@ -141,19 +141,19 @@ def mean_contrast(
 def share_contrast(
     count: int, trials: int, other_count: int, other_trials: int, confidence: float = 0.95
 ) -> Contrast:
-    """Difference of two shares with Newcombe's interval, from both Wilson intervals.
+    """Return the difference of two shares with Newcombe's interval, from both Wilson intervals.
 
-    It keeps within -1 and 1 and has a width where nothing was counted (Newcombe 1998, method 10).
+    It stays within [-1, 1] and has a positive width for counts of 0 (Newcombe 1998, method 10).
 
     Args:
-        count: Of the first share.
-        trials: Of the first share.
-        other_count: Of the second.
-        other_trials: Of the second.
+        count: Successes of the first sample.
+        trials: Trials of the first sample.
+        other_count: Successes of the second sample.
+        other_trials: Trials of the second sample.
         confidence: Of the interval.
 
     Raises:
-        UserError: If there was no trial.
+        UserError: If a sample has no trial.
     """
     first, second = wilson(count, trials, confidence), wilson(other_count, other_trials, confidence)
     difference = first.value - second.value
@@ -163,7 +163,7 @@ def share_contrast(
 
 
 def cohens_d(first: Float[np.ndarray, " m"], second: Float[np.ndarray, " n"]) -> float:
-    """(mean of first - mean of second) / pooled standard deviation (thesis A.2).
+    """Return Cohen's d, (mean of first - mean of second) / pooled sd (thesis A.2).
 
     Args:
         first: One group's values, at least two.

@@ -26,10 +26,10 @@ class Region(NamedTuple):
 
 
 def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Region:
-    """Hotelling's T² region of a mean vector (Hotelling 1931), if rows are independent.
+    """Return Hotelling's T² region of a mean vector (Hotelling 1931), for independent rows.
 
     The mean μ is inside if n (x̄ - μ)' S⁻¹ (x̄ - μ) <= 2 (n - 1) / (n - 2) F_{2, n-2}. Where the
-    rows do not vary in some direction, the region is as flat there.
+    rows do not vary in some direction, the region has no extent there.
 
     Args:
         pairs: At least three rows.
@@ -44,7 +44,7 @@ def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Re
     halves = np.sqrt(np.maximum(values, 0.0) * limit / count)
     along = np.abs(axes.T @ mean)
     size = max(1.0, float(np.abs(pairs).max()))
-    # Rounding leaves a flat direction some 1e-16 of the rows' size.
+    # Rounding gives a flat direction about 1e-16 of the rows' size.
     flat = halves <= 1e-12 * size
     ratio = np.divide(along, halves, out=np.zeros(2), where=~flat)
     apart = (flat & (along > 1e-9 * size)).any()
@@ -60,9 +60,9 @@ class Ellipse:
         social: Centre, mean R_social.
         major: Longer half-axis, reward.
         minor: Shorter half-axis, reward.
-        tilt: Of the longer axis, degrees in (-90, 90].
+        tilt: Direction of the longer axis, degrees in (-90, 90].
         confidence: Of the ellipse.
-        holds_origin: If so the data don't tell one direction from its opposite, and no angle is
+        holds_origin: Whether (0, 0) is inside: then no direction is excluded, and no angle is
             reported.
     """
 
@@ -79,7 +79,7 @@ def confidence_ellipse(totals: Float[np.ndarray, "episode 2"], confidence: float
     """Return the region of the mean totals of episodes as centre, half-axes and tilt.
 
     Args:
-        totals: Of each episode, at least three.
+        totals: Totals of each episode, at least three.
         confidence: Of the region.
     """
     region = hotelling_region(totals, confidence)

@@ -8,7 +8,7 @@ from socialiq.errors import UserError
 
 
 class Share(NamedTuple):
-    """A share with its interval.
+    """Share with its interval.
 
     Attributes:
         value: The share.
@@ -22,7 +22,7 @@ class Share(NamedTuple):
 
 
 def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
-    """A share with its Wilson score interval (Wilson 1927).
+    """Return a share with its Wilson score interval (Wilson 1927).
 
     Args:
         count: How often it happened.
@@ -40,9 +40,9 @@ def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
 
 
 def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
-    """A share with its exact interval (Clopper & Pearson 1934).
+    """Return a share with its exact interval (Clopper & Pearson 1934).
 
-    Each end errs with at most (1 - confidence) / 2, whatever the true share. Wilson's interval is
+    Each end has an error of at most (1 - confidence) / 2 for any true share. Wilson's interval is
     shorter and keeps its level on average only.
 
     Args:

@@ -1,4 +1,4 @@
-"""Bounds of a mean whose values are nearly all equal, where no bootstrap can see the rest."""
+"""Bounds of a mean whose values are nearly all equal, for which a bootstrap fails."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 FEWEST = 20
-"""Episodes that must differ from the common value before a bootstrap may speak."""
+"""Number of episodes that must differ from the common value for a bootstrap."""
 
 _EQUAL = 1e-9  # relative to the range; below it values differ by rounding
 
@@ -22,7 +22,7 @@ class Bounds(NamedTuple):
 
 
 def deviating(values: Float[np.ndarray, " episode"], reach: float) -> int:
-    """How many values differ from the commonest one, taken to be the median.
+    """Return the number of values that differ from the median, the most frequent value.
 
     Args:
         values: Of a difference.
@@ -34,7 +34,7 @@ def deviating(values: Float[np.ndarray, " episode"], reach: float) -> int:
 def seldom(values: Float[np.ndarray, " episode"], reach: float) -> bool:
     """Whether too few values differ for a bootstrap.
 
-    If enough of the first ones differ from their own median, enough of all do; that is quick.
+    If enough of the first values differ from their own median, enough of all do; this is fast.
 
     Args:
         values: Of a difference.
@@ -48,7 +48,7 @@ def seldom(values: Float[np.ndarray, " episode"], reach: float) -> bool:
 def bounds(
     values: Float[np.ndarray, " episode"], reach: float, low_error: float, high_error: float
 ) -> Bounds:
-    """Bound the mean by how often it may deviate, and how far it could then.
+    """Bound the mean by the largest share of deviating values and their largest deviation.
 
     If v is the common value and a share p of all episodes deviates, the mean lies between
     v - p (reach + v) and v + p (reach - v). p has its exact binomial upper bound (Clopper &
@@ -56,9 +56,9 @@ def bounds(
 
     Args:
         values: A difference between two drivers, for instance 0 in nearly every episode.
-        reach: Largest absolute value it can have; the range of what all drivers earned.
-        low_error: Of the lower bound.
-        high_error: Of the upper bound.
+        reach: Largest absolute value of the difference; the range of all drivers' totals.
+        low_error: Error probability of the lower bound.
+        high_error: Error probability of the upper bound.
     """
     common, count = float(np.median(values)), deviating(values, reach)
     below, above = (_share(count, len(values), error) for error in (low_error, high_error))
@@ -68,14 +68,14 @@ def bounds(
 def episodes_needed(
     distance: float, common: float, reach: float, count: int, error: float
 ) -> int | None:
-    """How many episodes of the same kind leave a bound within a distance of the common value.
+    """Return the number of episodes for which a bound is within a distance of the common value.
 
     Args:
-        distance: From the mean to the limit.
+        distance: Distance from the mean to the limit.
         common: Value of nearly all episodes.
         reach: Largest absolute value.
-        count: Episodes so far that deviate; the number of those to come is taken to be the same.
-        error: One-sided.
+        count: Deviating episodes so far; the number is assumed to stay the same.
+        error: One-sided error probability.
 
     Returns:
         The number; None if the limit is the value.
@@ -90,7 +90,7 @@ def episodes_needed(
 
 
 def _share(count: int, trials: int, error: float) -> float:
-    """Upper bound of a share (`binomtest` has the same, but searches for it)."""
+    """Return the upper bound of a share (`binomtest` gives the same by a slower search)."""
     from scipy.stats import beta
 
     return float(beta.isf(error, count + 1, trials - count)) if count < trials else 1.0
