@@ -18,6 +18,7 @@ COMMANDS = {
     "collect": "collect:Collect",
     "train": "train:Train",
     "train-dial": "train_dial:TrainDial",
+    "sweep": "sweep:Sweep",
     "dial": "dial:Dial",
     "turn": "dial:Turn",
     "evaluate": "evaluate:Evaluate",

@@ -15,7 +15,7 @@ import dask.config
 from distributed import Client, LocalCluster
 
 from socialiq.errors import UserError
-from socialiq.experiments.worker import PORTABLE
+from socialiq.experiments.engine import job_environment
 
 _CONNECT_SECONDS = 10.0
 _WORKERS_SECONDS = 30.0
@@ -76,7 +76,7 @@ def _remote(cluster: str) -> Iterator[Client]:
 
 @contextmanager
 def _local(processes: int, work: Path) -> Iterator[Client]:
-    environment = _environment(work)
+    environment = job_environment(work)
     before = dict(os.environ)
     with tempfile.TemporaryDirectory() as scratch:
         settings = _SETTINGS | {"distributed.nanny.pre-spawn-environ": environment}
@@ -102,21 +102,6 @@ def _local(processes: int, work: Path) -> Iterator[Client]:
         finally:
             os.environ.clear()  # Dask leaves the variables of its workers there
             os.environ.update(before)
-
-
-def _environment(work: Path) -> dict[str, str]:
-    """Variables of processes that do jobs: one arithmetic, and programs compiled once.
-
-    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
-    """
-    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
-    threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    return {
-        **dict.fromkeys(threads, "1"),
-        **PORTABLE,
-        "JAX_COMPILATION_CACHE_DIR": compiled,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
-    }
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from socialiq.errors import UserError
 from socialiq.experiments.jobs import Job, Progress, claimed, fingerprints, open_jobs
 from socialiq.learners.callbacks import Report, Stopped
 from socialiq.storage import write_atomically
+from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` need not wait for
     from distributed import Client, Future
@@ -63,6 +64,21 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def job_environment(work: Path) -> dict[str, str]:
+    """Return the variables of processes that do jobs: one arithmetic, and programs compiled once.
+
+    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
+    """
+    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
+    threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    return {
+        **dict.fromkeys(threads, "1"),
+        **PORTABLE,
+        "JAX_COMPILATION_CACHE_DIR": compiled,
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
 
 
 def run_jobs(

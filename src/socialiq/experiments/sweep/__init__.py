@@ -1,0 +1,1 @@
+"""Sweeps: many trainings that a TOML file names, as jobs of the engine."""

@@ -1,0 +1,191 @@
+"""Train the runs of one job of a sweep, evaluate them, and make the sweep's table."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.evaluation.exact import READOUTS
+from socialiq.evaluation.metrics import Metrics
+from socialiq.experiments.gridworld_runs import Ground, evaluate
+from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.experiments.results import Results, rounded
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.collect import acting_in
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.train import Trained, run_name, train
+from socialiq.learners.state import Runs
+from socialiq.storage import read_json, write_json
+from socialiq.types import Row
+from socialiq.worlds.environment import make_environment, sizes
+from socialiq.worlds.registry import GRIDWORLDS
+
+CHUNK = 500
+ROWS = "rows.json"
+NOT_EXACT = dict.fromkeys(("readout", *Metrics._fields, "regret"), "")
+"""Cells of a run whose world can't be evaluated exactly."""
+
+
+@dataclass(frozen=True)
+class RunsConfig:
+    """Runs of one static config, world and data set.
+
+    Attributes:
+        world: Where the learner acts: a gridworld or an environment; "" trains offline.
+        name: Of the data set, as the sweep file has it.
+        data: Absolute path of the data set.
+        sha256: Of that file.
+        static: Shared by the runs.
+        hyperparameters: Of each run.
+        allow_code: Whether the environment's module may be imported.
+    """
+
+    world: str
+    name: str
+    data: str
+    sha256: str
+    static: StaticConfig
+    hyperparameters: tuple[Hyperparameters, ...]
+    allow_code: bool
+
+
+def train_runs(
+    config: RunsConfig, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Train the runs in one compiled program; write each policy, and a row for each readout.
+
+    Raises:
+        UserError: If the data set has changed, or data, world and settings don't fit together.
+    """
+    path = Path(config.data)
+    if hashlib.sha256(path.read_bytes()).hexdigest() != config.sha256:
+        raise UserError(f"{path} has changed since the sweep began: give the command again")
+    data = files.load(path)
+    ground = Ground.of(config.world) if config.world in GRIDWORLDS else None
+    checkpoint = folder / "checkpoint.safetensors"
+    trained = train(
+        config.static,
+        config.hyperparameters,
+        [data],
+        ground.table.world if ground else None,
+        Callbacks(
+            on_report=lambda report: on_progress(report.done / report.total),
+            checkpoint=checkpoint,
+            resume=checkpoint.is_file(),
+        ),
+        CHUNK,
+        _collector(config, data) if config.world and not ground else None,
+    )
+    rows = []
+    for run, one in enumerate(trained.hyperparameters):
+        policy = trained.policy(run)
+        policy.save(folder / f"policy_{run}.safetensors")
+        found = {"failure": _failure(trained, run)} | _last(trained, run)
+        for readout in READOUTS if ground else ("",):
+            exact: Row = NOT_EXACT
+            if ground:
+                metrics = evaluate(ground, policy, readout)
+                regret = ground.optimum.regret(metrics, one.angle)
+                exact = {"readout": readout} | metrics._asdict() | {"regret": regret}
+            rows.append({"number": run} | found | exact)
+    write_json(folder / ROWS, rounded(rows))
+    checkpoint.unlink(missing_ok=True)
+
+
+def _collector(config: RunsConfig, data: Demonstrations) -> Callable[[Runs, int], Runs]:
+    """Bring in the experience of an environment outside JAX."""
+
+    def make() -> gymnasium.Env[Any, Any]:
+        env = make_environment(config.world, allow_code=config.allow_code)
+        given, wanted = (data.n_features, data.n_actions), sizes(env)
+        if given != wanted:
+            raise UserError(
+                f"{config.name} has {given[0]} features and {given[1]} actions, {config.world} "
+                f"has {wanted[0]} and {wanted[1]}: they belong to different worlds"
+            )
+        return env
+
+    return acting_in(make, config.static, config.hyperparameters, CHUNK)
+
+
+def _failure(trained: Trained, run: int) -> str:
+    name = run_name(trained.hyperparameters[run])
+    return next((line for line in trained.failures if line.startswith(f"{name} ")), "")
+
+
+def _last(trained: Trained, run: int) -> dict[str, float]:
+    """Return the terms of the objective over the last chunk."""
+    history = trained.history
+    found = {name: float(history.array(name)[-1, run]) for name in history.values}
+    return {name: value if math.isfinite(value) else np.nan for name, value in found.items()}
+
+
+def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> Results:
+    """Make the results of a sweep from the folders of its finished jobs.
+
+    The table `runs` has one row for each run and readout: the settings that differ, the last
+    terms of the objective and, in a gridworld, the exact metrics and the regret at the angle.
+    """
+    varied = _varied([job.config for job in jobs])
+    table: list[Row] = []
+    policies: dict[str, bytes] = {}
+    failures, number = 0, 0
+    for job in jobs:
+        config: RunsConfig = job.config
+        rows = read_json(work / job.name / ROWS)
+        for run, one in enumerate(config.hyperparameters):
+            name = f"policies/{number:05d}.safetensors"
+            policies[name] = (work / job.name / f"policy_{run}.safetensors").read_bytes()
+            place = {"run": number, "world": config.world, "data": config.name}
+            flat = _flat(config.static) | dataclasses.asdict(one)
+            label = place | {key: _cell(flat[key]) for key in varied} | {"policy": name}
+            own = [row for row in rows if row["number"] == run]
+            failures += bool(own[0]["failure"])
+            table += [label | {k: v for k, v in row.items() if k != "number"} for row in own]
+            number += 1
+    names = list(dict.fromkeys(name for row in table for name in row))
+    table = [{name: row.get(name, "") for name in names} for row in table]
+    summary = {"jobs": len(jobs), "runs": number, "failures": failures}
+    return Results.of("sweep", _Recorded(dict(settings)), {"runs": table}, summary, policies)
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """The sweep file's content, as the configuration of the results."""
+
+    file: dict[str, Any]
+
+
+def _varied(configs: Sequence[RunsConfig]) -> list[str]:
+    """Return names of the settings that differ between runs, angle, λ and seed always."""
+    seen: dict[str, set[Any]] = {}
+    for config in configs:
+        for name, value in _flat(config.static).items():
+            seen.setdefault(name, set()).add(value)
+        for one in config.hyperparameters:
+            for name, value in dataclasses.asdict(one).items():
+                seen.setdefault(name, set()).add(value)
+    always = ("angle", "strength", "seed")
+    return [name for name, values in seen.items() if len(values) > 1 or name in always]
+
+
+def _flat(static: StaticConfig) -> dict[str, Any]:
+    """Return the fields of a static config, the treatment of each ending among them."""
+    found = {one.name: getattr(static, one.name) for one in dataclasses.fields(static)}
+    endings = found.pop("endings")
+    return found | {f"endings.{name}": value for name, value in vars(endings).items()}
+
+
+def _cell(value: Any) -> Any:
+    return " ".join(map(str, value)) if isinstance(value, tuple) else value
