@@ -9,16 +9,20 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.engine import Engine, job_environment, run_jobs
 from socialiq.experiments.jobs import do, fingerprints, open_jobs
+from socialiq.experiments.results import Results
 from socialiq.experiments.slurm import array_script
 from socialiq.experiments.sweep.plan import Plan, read_plan
 from socialiq.experiments.sweep.runs import results_of
 from socialiq.storage import write_atomically
+from socialiq.types import Row
+
+OUTCOMES = ("readout", "angle", "r_env", "r_social", "arrival", "regret")
 
 
 @dataclass(frozen=True)
@@ -65,9 +69,8 @@ class Sweep:
         if self.json:
             print_json({"out": str(self.out)} | results.summary)
         else:
-            left_out = ("policy", "failure", "data")
-            rows = results.tables["runs"]
-            print_table([{k: v for k, v in row.items() if k not in left_out} for row in rows])
+            print_table(shown(results))
+            print_failures(results)
         return 1 if results.summary["failures"] else 0
 
     def do_one(self, plan: Plan, work: Path) -> int:
@@ -76,7 +79,7 @@ class Sweep:
         if not 0 <= self.task < len(plan.jobs):
             raise UserError(f"task must be from 0 to {len(plan.jobs) - 1}, got {self.task}")
         job = plan.jobs[self.task]
-        seconds = do(job, work, fingerprints(plan.jobs)[job.name], lambda share: None)
+        seconds = do(job, work, fingerprints(plan.jobs)[job.name], lambda _: None)
         sys.stdout.write(f"{job.name}: finished, {seconds:.1f} s\n")
         return 0
 
@@ -101,3 +104,19 @@ class Sweep:
             "then, when its tasks have ended, this command without --slurm writes the results\n"
         )
         return 0
+
+
+def shown(results: Results) -> list[Row]:
+    """Rows of the table that fit a screen: settings that differ, and what came out."""
+    rows = results.tables["runs"]
+    names = list(rows[0])
+    wanted = [name for name in names[: names.index("policy")] if name != "data"]
+    wanted += [name for name in ("loss", *OUTCOMES) if name in names]
+    return [{name: row[name] for name in wanted} for row in rows]
+
+
+def print_failures(results: Results) -> None:
+    """Complain of every run that stopped early."""
+    for line in dict.fromkeys(row["failure"] for row in results.tables["runs"]):
+        if line:
+            complain(line)

@@ -41,9 +41,10 @@ class Plan:
 
 
 class _Entry(NamedTuple):
-    """One value of a key, by the key's dotted name."""
+    """One value of a field, with the dotted name of the key that gave it."""
 
     key: str
+    field: str
     value: Any
 
 
@@ -90,7 +91,7 @@ class _Reader:
         runs = self.hyperparameters(base)
         found: list[RunsConfig] = []
         for world, data in self.places():
-            for one in self.statics(dataclasses.replace(static, online=world != OFFLINE)):
+            for one in self.statics(static, world != OFFLINE):
                 for first in range(0, len(runs), size):
                     found.append(self.config(world, data, one, tuple(runs[first : first + size])))
                     if len(found) * size > MOST_RUNS + size:
@@ -147,10 +148,10 @@ class _Reader:
         seeds = [self.typed("seeds", one, int) for one in _listed(self.content.get("seeds", [0]))]
         if not seeds or len({*seeds}) < len(seeds):
             raise self.error("seeds", "must be one or more different whole numbers")
-        values.append([_Entry("seed", seed) for seed in seeds])
+        values.append([_Entry("seeds", "seed", seed) for seed in seeds])
         return [self.replaced(base, entries) for entries in itertools.product(*values)]
 
-    def statics(self, base: StaticConfig) -> list[StaticConfig]:
+    def statics(self, base: StaticConfig, online: bool) -> list[StaticConfig]:
         """Return every combination of the static choices."""
         table = self.table("static")
         fields = {field.name for field in dataclasses.fields(StaticConfig)} - {"online"}
@@ -160,7 +161,8 @@ class _Reader:
             raise self.error("static.endings", "must be a table")
         self.known("static.endings", endings, [one.name for one in dataclasses.fields(Endings)])
         flat = {name: value for name, value in table.items() if name != "endings"}
-        values = self.values("static", flat, StaticConfig)
+        values = [[_Entry("worlds", "online", online)]]
+        values += self.values("static", flat, StaticConfig)
         values += self.values("static.endings", endings, Endings)
         return [self.replaced(base, entries) for entries in itertools.product(*values)]
 
@@ -173,7 +175,7 @@ class _Reader:
             several = [given] if is_tuple and not _nested(given) else _listed(given)
             if not several:
                 raise self.error(key, "must have at least one value")
-            found.append([_Entry(key, self.typed(key, one, hint)) for one in several])
+            found.append([_Entry(key, name, self.typed(key, one, hint)) for one in several])
         return found
 
     def replaced(self, base: Any, entries: Sequence[_Entry]) -> Any:
@@ -185,14 +187,18 @@ class _Reader:
                 try:
                     _with(base, [entry])
                 except UserError as alone:
-                    raise self.error(entry.key, str(alone)) from error
+                    if str(alone) == str(error):
+                        raise self.error(entry.key, str(error)) from error
             table = "hyperparameters" if isinstance(base, Hyperparameters) else "static"
             raise self.error(table, str(error)) from error
 
     def typed(self, key: str, value: Any, hint: Any) -> Any:
         """Return a value of the hinted type; a whole number may stand for a number."""
         if typing.get_origin(hint) is Literal:
-            hint = str
+            if value not in typing.get_args(hint):
+                known = ", ".join(typing.get_args(hint))
+                raise self.error(key, f"unknown value {value!r}: choose one of {known}")
+            return value
         if typing.get_origin(hint) is tuple:
             if not isinstance(value, list):
                 raise self.error(key, f"must be a list of whole numbers, got {value!r}")
@@ -227,8 +233,8 @@ class _Reader:
 
 
 def _with(base: Any, entries: Sequence[_Entry]) -> Any:
-    plain = {e.key.rpartition(".")[2]: e.value for e in entries if "endings." not in e.key}
-    nested = {e.key.rpartition(".")[2]: e.value for e in entries if "endings." in e.key}
+    plain = {one.field: one.value for one in entries if "endings." not in one.key}
+    nested = {one.field: one.value for one in entries if "endings." in one.key}
     if nested:
         plain["endings"] = dataclasses.replace(base.endings, **nested)
     return dataclasses.replace(base, **plain)

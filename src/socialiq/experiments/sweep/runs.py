@@ -26,6 +26,7 @@ from socialiq.learners.collect import acting_in
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import Trained, run_name, train
 from socialiq.learners.state import Runs
+from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json, write_json
 from socialiq.types import Row
 from socialiq.worlds.environment import make_environment, sizes
@@ -33,6 +34,7 @@ from socialiq.worlds.registry import GRIDWORLDS
 
 CHUNK = 500
 ROWS = "rows.json"
+_COLUMNS = {"angle": "target_angle"}  # `angle` is what came out
 NOT_EXACT = dict.fromkeys(("readout", *Metrics._fields, "regret"), "")
 """Cells of a run whose world can't be evaluated exactly."""
 
@@ -61,7 +63,7 @@ class RunsConfig:
 
 
 def train_runs(
-    config: RunsConfig, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: RunsConfig, folder: Path, _: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Train the runs in one compiled program; write each policy, and a row for each readout.
 
@@ -92,15 +94,20 @@ def train_runs(
         policy = trained.policy(run)
         policy.save(folder / f"policy_{run}.safetensors")
         found = {"failure": _failure(trained, run)} | _last(trained, run)
-        for readout in READOUTS if ground else ("",):
-            exact: Row = NOT_EXACT
-            if ground:
-                metrics = evaluate(ground, policy, readout)
-                regret = ground.optimum.regret(metrics, one.angle)
-                exact = {"readout": readout} | metrics._asdict() | {"regret": regret}
-            rows.append({"number": run} | found | exact)
+        exact = _exact(ground, policy, one.angle) if ground else [NOT_EXACT]
+        rows += [{"number": run} | found | row for row in exact]
     write_json(folder / ROWS, rounded(rows))
     checkpoint.unlink(missing_ok=True)
+
+
+def _exact(ground: Ground, policy: QPolicy, angle: float) -> list[Row]:
+    """Return the exact metrics of a policy, and its regret at an angle, for each readout."""
+    rows = []
+    for readout in READOUTS:
+        metrics = evaluate(ground, policy, readout)
+        regret = ground.optimum.regret(metrics, angle)
+        rows.append({"readout": readout} | metrics._asdict() | {"regret": regret})
+    return rows
 
 
 def _collector(config: RunsConfig, data: Demonstrations) -> Callable[[Runs, int], Runs]:
@@ -149,7 +156,8 @@ def results_of(jobs: Sequence[Job], work: Path, settings: Mapping[str, Any]) -> 
             policies[name] = (work / job.name / f"policy_{run}.safetensors").read_bytes()
             place = {"run": number, "world": config.world, "data": config.name}
             flat = _flat(config.static) | dataclasses.asdict(one)
-            label = place | {key: _cell(flat[key]) for key in varied} | {"policy": name}
+            label = place | {_COLUMNS.get(key, key): _cell(flat[key]) for key in varied}
+            label["policy"] = name
             own = [row for row in rows if row["number"] == run]
             failures += bool(own[0]["failure"])
             table += [label | {k: v for k, v in row.items() if k != "number"} for row in own]

@@ -1,0 +1,122 @@
+"""`socialiq sweep`: results that resume, that equal `train`'s, and a Slurm script."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.experiments.slurm import array_script, ranges
+
+SWEEP = """
+worlds = "crossing5"
+data = "mixed.safetensors"
+seeds = [0, 1]
+runs_per_job = 2
+
+[static]
+updates = 20
+hidden = [8]
+
+[hyperparameters]
+angle = [0, 45]
+"""
+
+
+@pytest.fixture(name="sweep", scope="module")
+def sweep_file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep")
+    data = folder / "mixed.safetensors"
+    assert main(["collect", "crossing5", "--episodes", "3", "--out", str(data)]) == 0
+    (folder / "sweep.toml").write_text(SWEEP)
+    return folder / "sweep.toml"
+
+
+@pytest.fixture(name="done", scope="module")
+def finished_sweep(sweep):
+    out = sweep.with_name("out")
+    assert main(["sweep", str(sweep), "--out", str(out), "--processes", "1"]) == 0
+    return out
+
+
+def test_the_table_has_every_run_with_its_exact_metrics(done):
+    rows = list(csv.DictReader((done / "runs.csv").read_text().splitlines()))
+    assert [(row["target_angle"], row["seed"], row["readout"]) for row in rows] == [
+        (angle, seed, readout)
+        for angle in ("0.0", "45.0")
+        for seed in "01"
+        for readout in ("greedy", "soft")
+    ]
+    assert all(float(row["regret"]) >= 0 and row["failure"] == "" for row in rows)
+    assert json.loads((done / "summary.json").read_text()) == {"jobs": 2, "runs": 4, "failures": 0}
+    assert json.loads((done / "config.json").read_text())["config"]["file"]["seeds"] == [0, 1]
+
+
+def test_a_policy_is_the_one_that_train_makes(done, sweep, tmp_path):
+    """The runs of a job share one program, as those of `train` do."""
+    words = ["train", str(sweep.with_name("mixed.safetensors")), "--world", "crossing5"]
+    words += ["--angle", "45", "--seed", "0", "1", "--updates", "20", "--hidden", "8"]
+    assert main([*words, "--out", str(tmp_path / "run")]) == 0
+    for ours, theirs in (("00002", "policy_0"), ("00003", "policy_1")):
+        made = (done / "policies" / f"{ours}.safetensors").read_bytes()
+        assert made == (tmp_path / "run" / f"{theirs}.safetensors").read_bytes()
+
+
+def test_tasks_of_the_slurm_script_do_the_jobs_and_skip_finished_ones(
+    sweep, done, tmp_path, capsys
+):
+    """The shell runs the script as Slurm would, a number for each task."""
+    out = tmp_path / "out"
+    words = ["sweep", str(sweep), "--out", str(out)]
+    assert main([*words, "--slurm"]) == 0
+    script = tmp_path / "out.work" / "sweep.sh"
+    assert capsys.readouterr().out.startswith(f"sbatch {script}\n")
+    assert "#SBATCH --array=0-1\n" in script.read_text()
+
+    def task(number):
+        variables = os.environ | {"SLURM_ARRAY_TASK_ID": number}
+        return subprocess.run(
+            ["bash", script], env=variables, capture_output=True, text=True, check=True
+        ).stdout
+
+    assert task("0").startswith("training/00000: finished, ")
+    assert main([*words, "--slurm"]) == 0
+    assert "#SBATCH --array=1\n" in script.read_text()
+    before = (tmp_path / "out.work" / "training" / "00000" / "job.json").stat().st_mtime_ns
+    assert task("0") == "training/00000: finished, 0.0 s\n"
+    assert (tmp_path / "out.work" / "training" / "00000" / "job.json").stat().st_mtime_ns == before
+    task("1")
+    assert main([*words, "--slurm"]) == 2
+    assert "every job is finished" in capsys.readouterr().err
+    assert main(words) == 0
+    for path in sorted(done.rglob("*.*")):
+        assert (out / path.relative_to(done)).read_bytes() == path.read_bytes(), path
+
+
+@pytest.mark.parametrize(
+    ("more", "line"),
+    [
+        (["--task", "2"], "task must be from 0 to 1, got 2"),
+        (["--processes", "-1"], "processes must be at least 1, got -1"),
+    ],
+)
+def test_mistakes_of_the_call_are_one_line(sweep, tmp_path, capsys, more, line):
+    assert main(["sweep", str(sweep), "--out", str(tmp_path / "out"), *more]) == 2
+    assert capsys.readouterr().err == f"socialiq: {line}\n"
+
+
+def test_an_array_script_by_hand(tmp_path):
+    text = array_script(["/py", "a b"], [0, 1, 2, 5], tmp_path / "100%", {"X": "a b"})
+    assert "#SBATCH --array=0-2,5\n" in text
+    assert f"#SBATCH --output={tmp_path}/100%%/slurm-%a.log\n" in text
+    assert "export X='a b'\n" in text
+    assert text.endswith("exec /py 'a b' \"$SLURM_ARRAY_TASK_ID\"\n")
+    assert ranges([7]) == "7"
+
+
+def test_the_script_names_this_python(sweep, tmp_path):
+    assert main(["sweep", str(sweep), "--out", str(tmp_path / "out"), "--slurm"]) == 0
+    assert sys.executable in (tmp_path / "out.work" / "sweep.sh").read_text()
