@@ -24,7 +24,8 @@ from socialiq.experiments.results import Results, rounded
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.train import Trained, run_name, train
+from socialiq.learners.iq_learn.train import train
+from socialiq.learners.kernel import Trained
 from socialiq.learners.state import Runs
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json, write_json
@@ -127,7 +128,7 @@ def _collector(config: RunsConfig, data: Demonstrations) -> Callable[[Runs, int]
 
 
 def _failure(trained: Trained, run: int) -> str:
-    name = run_name(trained.hyperparameters[run])
+    name = trained.learner.run_name(trained.hyperparameters[run])
     return next((line for line in trained.failures if line.startswith(f"{name} ")), "")
 
 
