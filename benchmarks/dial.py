@@ -1,4 +1,4 @@
-"""What a dial costs beside one run of the thesis' learner, in the same process.
+"""Cost of a dial beside one run of the thesis' learner, in the same process.
 
 In the 7x7 world all as they are committed: the dials have other networks, batches and updates, and
 what the quick one reaches is measured too. In the intersection both at one budget: network, rows

@@ -1,4 +1,4 @@
-"""How fast recorded traffic is imported: ours beside commonroad-io, and the CSV layouts.
+"""Speed of importing recorded traffic: ours beside commonroad-io, and the CSV layouts.
 
 One recording is made up, so that no data set is needed: cars side by side, each state with the
 digits that real files have. Reading, checking and making the table are timed, in one process.

@@ -38,7 +38,7 @@ def test_the_commands_do_what_they_say(tmp_path, monkeypatch, capsys):
     page = Path("audit/report.md").read_text()
     assert page.count("\\[ blank \\]") == 5 and "who struck whom" in page
 
-    # A report may come from anybody: what it would run has to be named by hand.
+    # A report may come from anyone: what it would run has to be named by hand.
     again = ["audit", "verify", "audit", "--rerun", "--allow-code"]
     assert main(again) == 2
     assert "give it as --world yourself" in capsys.readouterr().err

@@ -35,7 +35,7 @@ DECISIONS = 10_000
 
 @pytest.fixture(scope="module")
 def intersection():
-    """What the atlas' egoist sees: 10,000 observations of real episodes."""
+    """Observations of the atlas' egoist: 10,000 of real episodes."""
     batch, seen = Batch(Options(), 128), []
 
     class Watched:
@@ -71,7 +71,7 @@ def in_onnxruntime(content, observations):
 
 
 def tolerance(values):
-    """What float32 sums in another order may differ by."""
+    """Tolerance of float32 sums in another order."""
     return 1e-5 * max(1.0, np.abs(values).max())
 
 

@@ -1,4 +1,4 @@
-"""Minari reads what is written, it comes back to the bit; strangers' data are read or refused."""
+"""Minari reads what is written, it comes back to the bit; data of others are read or refused."""
 
 import json
 
@@ -146,7 +146,7 @@ def test_a_part_that_minari_split_off_is_read(table, written, tmp_path, monkeypa
 
 
 def collected(env, folder, episodes=2, **options):
-    """What Minari's own collector makes of an environment, by its first action."""
+    """Data set that Minari's own collector records, by its first action."""
     name = f"{folder.name}-v0"
     collector = minari.DataCollector(env, record_infos=False, **options)
     for seed in range(episodes):

@@ -72,7 +72,7 @@ def shows_its_way(recording, ego, episode):
 
 
 def check_equal(recording, ego, episode):
-    """Where nobody can know the way from the tracks, progress is that of another turn's start."""
+    """If the tracks don't show the way, progress is that of another turn's start."""
     found = annotated(recording, ego)
     atol = TOLERANCE if shows_its_way(recording, ego, episode) else 100 * TOLERANCE
     assert len(found.action) == len(episode.action)
@@ -219,7 +219,7 @@ def test_a_higher_rate_gives_more_decisions(busy):
     assert fast.n_transitions > 4 * slow.n_transitions
 
 
-def test_pedestrians_and_strangers_make_no_episode(busy):
+def test_pedestrians_and_unknown_vehicles_make_no_episode(busy):
     tracks = busy[0].recording.tracks
     users = tracks.road_user.copy()
     users[busy[0].ego] = RoadUser.PEDESTRIAN

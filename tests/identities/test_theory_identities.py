@@ -120,7 +120,7 @@ def test_the_pool_s_advantage_is_the_instantaneous_target_and_returns_are_not(se
 
 
 @each
-def test_one_demonstrator_s_returns_are_steps_and_a_salary(seed):
+def test_one_demonstrator_s_returns_are_steps_and_a_constant(seed):
     """Q = A + V: the target Q has the policy of R + V."""
     pool = Pool(seed)
     pool.policies = pool.policies[:1]

@@ -178,7 +178,7 @@ CONSERVATIVE = cql.StaticConfig(hidden=(), batch_size=128, updates=6000)
 
 
 def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
-    """Where every transition ends: p_a (Q_a - λ R_a) + α_CQL (π_a - p_a) = 0."""
+    """If every transition ends: p_a (Q_a - λ R_a) + α_CQL (π_a - p_a) = 0."""
     settings = [
         cql.Hyperparameters(0.0, 2.0, 0.5, learning_rate=RATE),
         cql.Hyperparameters(90.0, 1.0, 1.0, temperature=0.5, learning_rate=RATE),

@@ -18,7 +18,7 @@ from socialiq.experiments.intersection.jobs import BATCH, LAST, Evaluation
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies.audits import policies as contestants
+from socialiq.studies.audits import policies as audited
 from socialiq.studies.audits import study as audits
 from socialiq.studies.compare_priors import intersection as priors
 from socialiq.studies.compare_priors.budget import Run
@@ -62,7 +62,7 @@ def test_exact_facts_are_equal(committed):
                 assert ours[key] == expected, (name, key)
 
 
-def test_the_theory_foretells_and_finds_the_same(committed):
+def test_the_theory_predicts_and_finds_the_same(committed):
     """In the gridworlds; random worlds and networks are left to the study."""
     grids = cases.grid_cases(cases.gridworlds(), angles=(0.0,))
     tables = committed["theory"].tables
@@ -298,9 +298,9 @@ def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
 def test_audits_come_out_as_before(committed, tmp_path):
     """Of files whose bytes are the same everywhere, so that their episodes are too."""
     theirs = {(row["policy"], row["declared"]): row for row in committed["audits"].tables["audits"]}
-    contestants.exact_in_gridworld(tmp_path)
-    found = [one for one in contestants.of_gridworld(tmp_path, ()) if "exact" in one.name]
-    found += [one for one in contestants.at_intersection(tmp_path) if one.name == "never moves"]
+    audited.exact_in_gridworld(tmp_path)
+    found = [one for one in audited.of_gridworld(tmp_path, ()) if "exact" in one.name]
+    found += [one for one in audited.at_intersection(tmp_path) if one.name == "never moves"]
     names = ("verdict", "decided_by", "regret_decision", "best", "explained", "policy_sha256")
     for ours in audits.audit_rows(found, audits.Config(), tmp_path):
         their = theirs[ours["policy"], ours["declared"]]

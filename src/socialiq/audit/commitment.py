@@ -17,7 +17,7 @@ _PURPOSE = "socialiq audit, commitment 1"
 
 @dataclass(frozen=True)
 class Commitment:
-    """What is audited, and against what: fixed by two hashes.
+    """Policy and declaration of an audit, fixed by two hashes.
 
     Attributes:
         policy_sha256: Of the policy, as its record says.

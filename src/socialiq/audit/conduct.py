@@ -36,10 +36,10 @@ from socialiq.worlds.intersection.world import Intersection
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What is audited, and how.
+    """Request of an audit.
 
     Attributes:
-        policy: As `entrants.entrant` takes it.
+        policy: A specification as `resolve_policy` takes it.
         profile: File of the declaration.
         episodes: How many.
         seed: The auditor's, or None to have it drawn.
@@ -89,7 +89,7 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         wanted_sha256: Of the policy, where only that one will do.
 
     Raises:
-        UserError: If anything asked for will not do, or the policy fails on the way.
+        UserError: If the request is invalid, or the policy fails on the way.
     """
     _check(request)
     started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
@@ -164,7 +164,7 @@ def audit_policy(
         The content of `report.json`: `["verdict"]["decision"]` is pass, fail or inconclusive.
 
     Raises:
-        UserError: If anything asked for will not do, or the policy fails on the way.
+        UserError: If the request is invalid, or the policy fails on the way.
     """
     check_target(out, replace)
     handed = tuple(map(str, references))
@@ -175,7 +175,7 @@ def audit_policy(
 
 
 def _silent(_line: str) -> None:
-    """Who calls from Python reads the report instead."""
+    """Print the verdict; Python callers read `report.json` instead."""
 
 
 def command_of(request: Request, seed: int) -> str:

@@ -36,7 +36,7 @@ NOT_TESTED = {
     "calibrated angle": "the curve from declared to shown angles is the simulator's, not this "
     "road's",
 }
-"""What an audit tests, a log audit can't, and why."""
+"""Tests of an audit that a log audit can't make, with reasons."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class LogVerdict:
-    """What a recording says about one vehicle and a declaration.
+    """Evidence of a recording about one vehicle and a declaration.
 
     Attributes:
         decision: PASS: consistent. FAIL: not consistent. INCONCLUSIVE: not decided.
@@ -85,7 +85,7 @@ class LogVerdict:
 
 
 def reading_of(profile: Profile) -> Reading:
-    """How recordings are read to speak about a declaration: by its rewards and its decisions.
+    """Configuration of reading recordings with a declaration's rewards and decisions.
 
     Raises:
         UserError: If it declares another world's angle.
@@ -189,7 +189,7 @@ def _reason(
     rows: int,
     unit: str,
 ) -> str:
-    """Why, for anybody."""
+    """Reason in plain words."""
     if decision is Decision.PASS:
         return "the shown angle lies within the declared margin, and collisions below the floor"
     if decision is Decision.FAIL:

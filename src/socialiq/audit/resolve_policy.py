@@ -37,7 +37,7 @@ _RULE_COVERS = "the rule's name and this package's code"
 
 @dataclasses.dataclass(frozen=True)
 class Trust:
-    """What a policy under audit may do.
+    """Permissions of a policy under audit.
 
     Attributes:
         allow_code: Import a Python module.
@@ -100,7 +100,7 @@ def resolve_references(
 
 
 def rules_that_are_the_policy(policy_sha256: str, world: World) -> list[str]:
-    """Which of the drivers that an audit always has is the policy itself."""
+    """Name of the audit's standard driver that is the policy itself."""
     if not isinstance(world, Intersection):
         return []
     return [name for name in RULES if _rule_sha256(name) == policy_sha256]

@@ -38,7 +38,7 @@ class Audit:
     out: Path
     """Folder to write: report.json, report.html, report.md, the evidence and the seals."""
     episodes: int = 500
-    """How many episodes to play."""
+    """Number of episodes to play."""
     seed: int | None = None
     """The auditor's own; by default drawn from the system's entropy after the commitment."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
@@ -78,7 +78,7 @@ class Audit:
         return int(done.report["verdict"]["exit_code"])
 
     def request(self) -> Request:
-        """What is asked for."""
+        """Request of the options."""
         return Request(
             policy=self.policy,
             profile=self.profile,

@@ -60,5 +60,5 @@ def described(row: Row) -> str:
 
 
 def _where(command: str) -> str:
-    """What a command needs beside the package."""
+    """Return a note about what a command needs beside the package."""
     return " (in a checkout, after `make test`)" if command.startswith("pytest ") else ""

@@ -33,7 +33,7 @@ class Conformance:
     episodes: int = 20
     """Episodes to compare."""
     driver: str = ""
-    """Who drives: a rule, a policy of the atlas or a policy file; by default go, idle, wait and
+    """Drivers: a rule, a policy of the atlas or a policy file; by default go, idle, wait and
     random take turns."""
     seed: int = 0
     """Of the first episode; the others follow."""

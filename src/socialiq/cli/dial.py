@@ -27,7 +27,7 @@ from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 @dataclass(frozen=True)
 class Dial:
-    """What a dial does at each angle: exactly in a gridworld, from episodes at the intersection.
+    """Evaluate a dial at each angle: exactly in a gridworld, from episodes at the intersection.
 
     Each row is an angle asked for. First the policy that the dial turns to: its mean sums, and in a
     gridworld its regret, how far they lie below the best at that angle. Then the mixture of two of
@@ -72,7 +72,7 @@ class Dial:
 
     @property
     def readout(self) -> Readout:
-        """How actions are read off Q."""
+        """Action selection: how actions are chosen by Q."""
         return "soft" if self.soft else "greedy"
 
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row]:
@@ -106,7 +106,7 @@ class Dial:
 
 
 def _queried(angle: float, metrics: Metrics) -> Row:
-    """What the policy of an angle does."""
+    """Behaviour of the policy of an angle."""
     return {
         "angle": angle,
         "r_env": metrics.r_env,

@@ -1,4 +1,4 @@
-"""Who drives where: drivers of the intersection by name or file, and a policy's own gridworld."""
+"""Drivers of the intersection by name or file, and a policy's own gridworld."""
 
 from __future__ import annotations
 

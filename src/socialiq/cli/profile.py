@@ -32,7 +32,7 @@ class New:
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     owner: str = "unnamed owner"
-    """Who declares."""
+    """Owner of the policy, who declares its profile."""
     margin: float = 1.0
     """Largest regret that counts as declared, in reward per episode."""
     degrees: float = 10.0

@@ -27,7 +27,7 @@ from socialiq.recordings.recording import Recording
 
 @dataclass(frozen=True)
 class Choices:
-    """How recordings are read as episodes."""
+    """Options of reading recordings as episodes."""
 
     policy_rate: int = 1
     """Decisions per second; divides the recording's rate."""
@@ -85,7 +85,7 @@ class ToDemonstrations:
 
 @dataclass(frozen=True)
 class TakeCensus:
-    """Where recorded drivers lie in the plane of the two rewards, and how sure that is.
+    """Places of recorded drivers in the plane of the two rewards, and their uncertainty.
 
     Example: socialiq data census junction.safetensors --out census
     """
@@ -180,7 +180,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a census was made of."""
+    """Inputs of a census."""
 
     choices: Choices
     confidence: float
@@ -190,7 +190,7 @@ class _Asked:
 
 @dataclass(frozen=True)
 class _Trained:
-    """What an agreement was made of."""
+    """Inputs of an agreement."""
 
     choices: Choices
     training: held_out.Config
@@ -219,12 +219,12 @@ def swap_all(paths: tuple[Path, ...], choices: Choices) -> list[ego_swap.Swapped
 
 
 def sources_of(swapped: list[ego_swap.Swapped]) -> list[dict[str, Any]]:
-    """What was read, by recording."""
+    """Files read, by recording."""
     return [{"recording": one.recording, "source": one.source} for one in swapped]
 
 
 def show_counts(counts: list[dict[str, Any]], title: str) -> None:
-    """What each recording gave, with the sums of several, and why the other tracks gave nothing."""
+    """Episodes of each recording, sums of several, and why the other tracks gave none."""
     shown = [name for name in counts[0] if name not in ego_swap.REASONS]
     rows = [{name: row[name] for name in shown} for row in counts]
     rows = [row | {"recording": one_line(str(row["recording"]))} for row in rows]

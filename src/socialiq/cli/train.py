@@ -52,7 +52,7 @@ class Train:
     out: Path
     """Folder to make: policies, metrics.csv, run.json."""
     world: str = ""
-    """Where the learner acts: crossing5, crossing7, or an environment (a Gymnasium id, MODULE:ID
+    """World of the learner: crossing5, crossing7, or an environment (a Gymnasium id, MODULE:ID
     or MODULE:FUNCTION); none trains offline."""
     allow_code: bool = False
     """Import the environment's module: its author's code runs with your rights."""

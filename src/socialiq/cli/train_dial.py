@@ -144,7 +144,7 @@ class TrainDial:
     def dual_ascent(
         self, static: StaticConfig, hyperparameters: list[Hyperparameters]
     ) -> Budget | None:
-        """What finds the strength for the budget, if there is one; its path is of this process.
+        """Search of the strength for the budget, if there is one; its path is of this process.
 
         Raises:
             UserError: If the budget is not above 0, or the run too short to find anything.

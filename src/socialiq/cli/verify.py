@@ -34,16 +34,16 @@ class Verify:
     """
 
     folder: Annotated[Path, tyro.conf.Positional]
-    """What `socialiq audit --out` wrote."""
+    """Folder that `socialiq audit --out` wrote."""
     rerun: bool = False
     """Play all episodes again: policy and references must be there, with the same hashes."""
     policy: str = ""
-    """Where the policy is now, if not where the report says."""
+    """Path of the policy now, if it is not where the report says."""
     world: str = ""
     """The environment, if the declaration names one that runs code: a report may come from
-    anybody, so you name it yourself."""
+    anyone, so you name it yourself."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Where the references are that were handed in."""
+    """Paths of the references that were handed in."""
     allow_code: bool = False
     """Import the Python modules that were named, for the rerun."""
     step_seconds: float = 5.0
@@ -86,7 +86,7 @@ class Verify:
         return found
 
     def _source(self, report: dict[str, Any]) -> str:
-        """The policy. A report may come from anybody, so it doesn't name what is run."""
+        """The policy. A report may come from anyone, so it doesn't name what is run."""
         source = str(report["policy"]["record"]["source"])
         if not self.policy and source.startswith(_RUNS):
             raise _asks_to_run(source, "--policy")

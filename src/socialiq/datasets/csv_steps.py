@@ -29,7 +29,7 @@ def _plain(cell: str) -> str:
 
 
 class _Parser(NamedTuple):
-    """How the cells of a column are read, and the type that holds them in memory."""
+    """Reader of a column's cells, and the type that holds them in memory."""
 
     name: str
     code: str

@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 
 Kind = Literal["number", "integer", "flag"]
-"""What the cells of a column hold."""
+"""Content of a column's cells."""
 
 VECTORS = ("observation", "next_observation")
 """Columns of one number for each feature, NAME_0, NAME_1, ..."""

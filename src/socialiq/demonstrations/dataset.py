@@ -66,7 +66,7 @@ class Demonstrations:
     n_actions: int
     source: dict[str, Any]
 
-    # Run-time type checkers leave the constructor to `__post_init__`, whose lines name the mend.
+    # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

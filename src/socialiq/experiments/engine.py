@@ -33,7 +33,7 @@ STOPPED = "stopped: what is finished is kept; give the same command to go on"
 
 @dataclass(frozen=True)
 class Engine:
-    """Where jobs run."""
+    """Place where jobs run."""
 
     processes: int = 0
     """Processes on this machine, each with a core of its own; by default one for each core."""

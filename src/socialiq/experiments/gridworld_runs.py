@@ -147,7 +147,7 @@ def with_clock(ground: Ground, clock: bool) -> Ground:
 
 
 def seen(world: GridWorld) -> tuple[tuple[int, int], ...]:
-    """What a network is told of a gridworld: smallest value and number of values by feature."""
+    """One-hot code of a gridworld: smallest value and number of values by feature."""
     return tuple((feature.low, feature.size) for feature in world.observed)
 
 

@@ -30,7 +30,7 @@ RECORD = "job.json"
 _BEGUN = "begun.json"
 
 RETRIES = 3
-"""How often a job whose process was killed is tried again by one call."""
+"""Number of times that one call repeats a job whose process was killed."""
 
 ProgressCallback = Callable[[float], None]
 """Called by a job with the share of it that is done."""
@@ -211,7 +211,7 @@ def _cause(error: Exception) -> str:
 
 
 class Progress:
-    """What the jobs of a study have done, as the reports of its stages.
+    """Progress of a study's jobs, as the reports of its stages.
 
     Args:
         jobs: All of them, finished or not.

@@ -31,7 +31,7 @@ LIBRARIES = ("socialiq", "numpy", "scipy", "jax", "equinox", "optax")
 
 @dataclass(frozen=True)
 class Results:
-    """What a study found.
+    """Results of a study.
 
     Attributes:
         study: Its name.

@@ -31,7 +31,7 @@ from socialiq.types import Transitions
 
 @dataclass(frozen=True)
 class StaticConfig:
-    """What shapes the program."""
+    """Static configuration, which shapes the program."""
 
     hidden: tuple[int, ...] = (64, 64)
     activation: str = "relu"
@@ -40,7 +40,7 @@ class StaticConfig:
     weighted: bool = False
     """Whether demonstrations count by their score, or all alike."""
     view: str = "flat"
-    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
+    """Network's view of the vehicles of the intersection; a name of `nn.view.CHOICES`."""
 
     def __post_init__(self) -> None:
         """Refuse names and sizes that make no run."""

@@ -1,4 +1,4 @@
-"""What surrounds a training run without changing its result: progress, files, Ctrl-C."""
+"""Callbacks of a training run, which don't change its result: progress, files, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from socialiq.errors import UserError
 
 
 class Report(NamedTuple):
-    """What a progress display is told after each chunk.
+    """Progress after a chunk.
 
     Attributes:
         done: Units of work done, of each run.
@@ -47,7 +47,7 @@ class Report(NamedTuple):
 
 @dataclass(frozen=True)
 class Callbacks:
-    """What surrounds a run and never changes its result.
+    """Callbacks of a run, which never change its result.
 
     Attributes:
         on_report: Called after each chunk.
@@ -113,7 +113,7 @@ class Clock:
 
 
 def stop_line(done: int, total: int, path: Path | None) -> str:
-    """What a stopped run tells."""
+    """Message of a stopped run."""
     if path is None:
         return f"stopped after {done} of {total} updates; nothing was saved"
     return f"stopped after {done} of {total} updates: go on with --resume"

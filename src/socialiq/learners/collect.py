@@ -27,7 +27,7 @@ Source = Callable[[Act, np.random.Generator], Batch]
 """Lets a driver act in an environment for a fixed number of steps."""
 
 Behaviour = Callable[[Any, int, int, np.random.Generator], Act]
-"""How a run acts: given its network, of whichever kind its learner trains, its number, the updates
+"""Action selection of a run: given its network, of any kind, its number, the updates
 done and its random numbers."""
 
 
@@ -158,7 +158,7 @@ def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) 
 
 
 def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-    """What was reached, also in the environments that have begun anew."""
+    """Observations that were reached, also in the environments that were reset."""
     if "final_obs" not in info:
         return follows
     after = follows.copy()

@@ -40,10 +40,10 @@ Scalar = Float[Array, ""]
 
 @dataclass(frozen=True)
 class StaticConfig:
-    """What shapes the program. Defaults: those of IQ-Learn (Table C.1, gridworld)."""
+    """Static configuration; the defaults are those of IQ-Learn (Table C.1, gridworld)."""
 
     endings: Endings = field(default_factory=Endings)
-    """What V(s') is after each kind of ending."""
+    """Value of V(s') after each kind of ending."""
     hidden: tuple[int, ...] = (64, 64)
     activation: str = "relu"
     view: str = "flat"

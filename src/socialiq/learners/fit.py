@@ -40,7 +40,7 @@ _COMPILE_FAST = {"xla_backend_optimization_level": 0}
 
 @runtime_checkable
 class Trainable(Protocol):
-    """What `fit` trains: a pytree with two pure functions."""
+    """Learner that `fit` trains: a pytree with two pure functions."""
 
     def initialise(self, hyperparameters: Any, /) -> tuple[Any, Any]:
         """Return the state and the carry of one run."""

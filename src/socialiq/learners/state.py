@@ -22,7 +22,7 @@ _ADAM = optax.scale_by_adam()  # the learning rate of each run is traced, and ap
 
 
 class TrainState(NamedTuple):
-    """What an optimiser step changes.
+    """State that an optimiser step changes.
 
     Attributes:
         network: The trained network, or networks.
@@ -135,7 +135,7 @@ class Runs(NamedTuple):
 
 @dataclass
 class History:
-    """What was recorded at the end of each chunk; arrays are (chunks, runs)."""
+    """Records of the end of each chunk; arrays are (chunks, runs)."""
 
     updates: list[int] = field(default_factory=list)
     values: dict[str, list[np.ndarray]] = field(default_factory=dict)

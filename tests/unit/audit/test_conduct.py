@@ -1,4 +1,4 @@
-"""What repeats an audit."""
+"""Repetition of an audit."""
 
 from pathlib import Path
 

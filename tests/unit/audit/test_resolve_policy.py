@@ -1,4 +1,4 @@
-"""Who takes part in an audit: names, files, families, and the policy's own twin."""
+"""Policies of an audit: names, files, families, and the policy's own twin."""
 
 import jax
 import numpy as np

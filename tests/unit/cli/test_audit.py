@@ -149,7 +149,7 @@ def test_a_rerun_finds_numbers_that_were_made_up(passed, tmp_path, capsys):
     assert "report.tests.regret.high differs in the rerun" in capsys.readouterr().err
 
 
-def test_a_strangers_report_runs_no_command_of_its_own(passed, tmp_path, capsys):
+def test_a_foreign_report_runs_no_command_of_its_own(passed, tmp_path, capsys):
     report = report_of(passed)
     report["policy"]["record"]["source"] = f"process:touch {tmp_path / 'touched'}"
     copy = tmp_path / "copy"

@@ -1,4 +1,4 @@
-"""Every mistake: one line on standard error that names the mend, status 2, nothing half-written."""
+"""Every mistake: one line on standard error with the remedy, status 2, nothing half-written."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Archives of strangers: numbers are read, nothing is unpickled, no header is believed."""
+"""Archives of others: numbers are read, nothing is unpickled, no header is believed."""
 
 import io
 import os

@@ -34,7 +34,7 @@ def three_pools(make: Make) -> Pools:
 
 
 def drawn(mixed: Demonstrations, pool: Demonstrations) -> list[int]:
-    """Which episodes of a pool are in a mixture, in order; rows are told by observations."""
+    """Episodes of a pool that are in a mixture, in order; observations identify rows."""
     numbers = {
         pool.observation[start].tobytes(): number
         for number, start in enumerate(pool.episode_starts)

@@ -1,4 +1,4 @@
-"""Who is at the junction, and who is in conflict there: made-up views, and played ones."""
+"""Vehicles at the junction and in conflict there: made-up views, and played ones."""
 
 import numpy as np
 import pytest

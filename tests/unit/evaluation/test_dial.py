@@ -146,7 +146,7 @@ def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
 
 
 def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
-    """Where one's luck is the other's misfortune the mixture's angle is nearly certain."""
+    """With opposite rewards the mixture's angle is nearly certain."""
     rng = np.random.default_rng(0)
     luck, east, north = rng.normal(0.0, 1.0, (400, 2)), np.array([3.0, 0.0]), np.array([0.0, 3.0])
     widths = []

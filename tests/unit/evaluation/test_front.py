@@ -1,4 +1,4 @@
-"""Where each of several policies is the best: by hand, against a search, against the front's."""
+"""Angles at which each policy is the best: by hand, against a search, against the front's."""
 
 import numpy as np
 import pytest

@@ -44,7 +44,7 @@ def tensor(
 
 
 def program(values: Mapping[str, bytes]) -> bytes:
-    """What `torch.save` writes of a dictionary, by hand."""
+    """Bytes that `torch.save` writes of a dictionary, by hand."""
     pairs = b"".join(word(name) + value for name, value in values.items())
     return b"\x80\x02" + DICTIONARY + b"(" + pairs + b"u."
 

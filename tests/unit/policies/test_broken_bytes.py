@@ -31,7 +31,7 @@ def changed(content, seed):
 
 
 def outcomes(read, content):
-    """How many of the trials were read, and how many refused."""
+    """Numbers of trials that were read, and refused."""
     refused = 0
     for seed in range(TRIALS):
         try:

@@ -73,7 +73,7 @@ def test_what_is_not_recorded_is_blank():
     assert "model-index" not in front_of(bare) and "social_angle_degrees" not in front_of(bare)
 
 
-def test_text_of_strangers_is_no_markup():
+def test_text_from_outside_is_no_markup():
     card = model_card(
         policy(**{"learner": HOSTILE, HOSTILE: {HOSTILE: HOSTILE}}),
         HOSTILE,

@@ -52,7 +52,7 @@ def test_everybody_is_drawn_once():
     assert png({"census": drawn})["census"].startswith(b"\x89PNG")
 
 
-def test_without_a_posterior_or_anybody_who_moves():
+def test_without_a_posterior_or_a_moving_vehicle():
     interval = {"estimate": 95.0, "low": 90.0, "high": 99.0}
     population = {
         "drivers": 1,

@@ -1,4 +1,4 @@
-"""What is written in another layout is read back: to the last bit where its units are ours."""
+"""Export in another layout is read back, to the last bit where its units are ours."""
 
 from dataclasses import replace
 

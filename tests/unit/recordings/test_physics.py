@@ -1,4 +1,4 @@
-"""What cannot be true is left out; what a wrong unit explains is refused by its name."""
+"""Impossible values are left out; those of a wrong unit are refused by its name."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The study of thinking ahead end to end at a tiny size: jobs, tables, figures."""
+"""The study of online planning end to end at a tiny size: jobs, tables, figures."""
 
 import pytest
 

@@ -66,7 +66,7 @@ def collect_evidence(
         threads: That share the intersection's episodes.
 
     Raises:
-        UserError: If the policy's answers will not do, or two drivers have one name.
+        UserError: If the policy's answers are invalid, or two drivers have one name.
     """
     if isinstance(world, GridWorld):
         return _in_grid(world, policy, seeds, references, name, deterministic)

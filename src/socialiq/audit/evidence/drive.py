@@ -126,7 +126,7 @@ def _driven(
 def _outcome(
     chances: Float[np.ndarray, "episode outcome"], uniform: Float[np.ndarray, " episode"]
 ) -> Int[np.ndarray, " episode"]:
-    """Which outcome a uniform number falls on."""
+    """Index of the outcome that a uniform number falls on."""
     found = (uniform[:, None] >= chances.cumsum(axis=1)).sum(axis=1)
     return np.minimum(found, chances.shape[1] - 1)
 

@@ -1,4 +1,4 @@
-"""What an audit keeps of the drivers' episodes: seeds, totals, endings, contacts."""
+"""Evidence of the drivers' episodes: seeds, totals, endings, contacts."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class Evidence:
 
     @property
     def episodes(self) -> int:
-        """How many episodes every driver drove."""
+        """Number of episodes of every driver."""
         return len(self.seeds)
 
     def gains(self) -> Float[np.ndarray, "reference episode 2"]:

@@ -84,7 +84,7 @@ class Environment:
 
     @property
     def reward(self) -> dict[str, Any]:
-        """What defines the pair: sources and versions of the code that gives it."""
+        """Definition of the pair: sources and versions of the code that gives it."""
         giver = paired(self.env)
         parts = [type(self.env.unwrapped)] if giver is None else [giver.pair]
         return {"sources": _sources(parts), "versions": _versions(parts)}
@@ -148,7 +148,7 @@ def _file_of(part: Any) -> str | None:
 
 
 def _foreign(parts: list[Any]) -> list[Any]:
-    """What is neither Gymnasium's nor ours."""
+    """Wrappers that are neither Gymnasium's nor ours."""
     bare = (part.func if isinstance(part, functools.partial) else part for part in parts)
     return [part for part in bare if _module_of(part).split(".")[0] not in _OWN]
 

@@ -54,7 +54,7 @@ class Field:
 
     @property
     def demand(self) -> str:
-        """What must stand there, in words."""
+        """Description of the expected value."""
         if self.kind == "number":
             start = f"above {self.low:g}" if self.above_low else f"of at least {self.low:g}"
             end = f"below {self.high:g}" if self.below_high else f"at most {self.high:g}"
@@ -158,7 +158,7 @@ def visible(text: str) -> bool:
 
 
 def schema() -> dict[str, Any]:
-    """What `profile.schema.json` holds (JSON Schema 2020-12)."""
+    """Content of `profile.schema.json` (JSON Schema 2020-12)."""
     top = [field for field in FIELDS if "." not in field.path]
     properties: dict[str, Any] = {field.path: _of(field) for field in top}
     for table in TABLES:

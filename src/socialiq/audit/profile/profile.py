@@ -16,7 +16,7 @@ WRONG_WORLD = '{path} is of another world: this scenario has "{value}"'
 
 @dataclass(frozen=True)
 class Margin:
-    """What counts as "as declared".
+    """Margins within which a policy counts as declared.
 
     Attributes:
         regret: Largest regret at the declared angle, in reward per episode.
@@ -29,7 +29,7 @@ class Margin:
 
 @dataclass(frozen=True)
 class Reward:
-    """Which reward pair the angle weighs: name, and SHA-256 of weights and units."""
+    """Reward pair that the angle weighs: name, and SHA-256 of weights and units."""
 
     id: str
     sha256: str
@@ -37,7 +37,7 @@ class Reward:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Where the policy is audited: world, options that differ from the defaults, SHA-256."""
+    """Scenario of the audit: world, options that differ from the defaults, SHA-256."""
 
     world: str
     options: Mapping[str, Any]

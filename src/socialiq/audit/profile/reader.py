@@ -206,7 +206,7 @@ def _fits(one: Declared, given: Any) -> bool:
 
 
 def _shown(value: Any, quoted: bool = True) -> str:
-    """A stranger's value, harmless on one line of a terminal."""
+    """Value from outside, escaped for one line of a terminal."""
     if isinstance(value, dict | list):
         return "a table" if isinstance(value, dict) else "a list"
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**15:

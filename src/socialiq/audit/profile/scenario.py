@@ -116,7 +116,7 @@ def reward_sha256(world: World) -> str:
 
 
 def identity(world: World) -> dict[str, str]:
-    """What a declaration says of its world, by the declaration's field."""
+    """Description of a world, by the declaration's field."""
     return {
         "reward.id": reward_id(world),
         "reward.sha256": reward_sha256(world),

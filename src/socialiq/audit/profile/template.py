@@ -16,7 +16,7 @@ from socialiq.audit.profile.scenario import identity, world_of
 _WIDTH = 88
 
 _HEADING = """\
-A declaration: how a driving policy behaves, said by its owner before anybody looks.
+A declaration: how a driving policy behaves, stated by its owner before any test.
 `socialiq audit` tests a policy against it. One changed byte makes another declaration.
 profile.schema.json describes the same fields for other programs."""
 
@@ -55,7 +55,7 @@ def declare(
         allow_code: Whether an environment's module may be imported, to be hashed.
 
     Raises:
-        UserError: If a value will not do; as `profile.parse` says it.
+        UserError: If a value is invalid; as `profile.parse` says it.
     """
     given = _plain(options or {})
     built = world_of(world, given, allow_code)

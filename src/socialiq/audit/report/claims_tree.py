@@ -102,7 +102,7 @@ def as_objects(found: list[Claim]) -> list[dict[str, Any]]:
 
 
 def mermaid(found: list[Claim]) -> str:
-    """The tree as a Mermaid diagram. Its texts are ours: no stranger's word is in them."""
+    """The tree as a Mermaid diagram, which contains no user-provided text."""
     nodes = [f'  {one.id}["{one.id}: {one.text}<br>({one.status})"]' for one in found]
     edges = [f"  {one.id} --> {below}" for one in found for below in one.below]
     return "\n".join(["flowchart TD", *nodes, *edges])

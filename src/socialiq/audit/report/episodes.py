@@ -56,7 +56,7 @@ def value_of(driver: Outcomes, angle: float) -> np.ndarray:
 
 
 def kind_of_ending(driver: Outcomes, place: int) -> str:
-    """How an episode ended, in one word or two."""
+    """Ending of an episode, in one word or two."""
     ending = Ending(int(driver.ending[place]))
     if ending is not Ending.COLLISION:
         return ending.name.lower()
@@ -117,7 +117,7 @@ _PER_SECOND = 5  # frames; every sub-step would take three times as long to draw
 
 
 def path_of(kind: str, number: int) -> str:
-    """Where a film lies in the report's folder.
+    """Path of a film in the report's folder.
 
     Args:
         kind: "median" or "worst".

@@ -104,7 +104,7 @@ def files_of(
 
 
 def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
-    """What is made from the report alone, and can be made again by anybody who has it."""
+    """Files that are made from the report alone, and can be made again from it."""
     tree = claims(report)
     diagram = Ready(mermaid(tree))
     return {

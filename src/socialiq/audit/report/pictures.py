@@ -13,7 +13,7 @@ _STEPS = (1.0, 2.0, 5.0, 10.0)
 
 
 class Box(NamedTuple):
-    """Where a picture's axes lie, in its own units; y points down."""
+    """Position of a picture's axes, in its own units; y points down."""
 
     left: float
     top: float

@@ -37,7 +37,7 @@ REWARDS: Schema = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 
 
 
 def schema() -> Schema:
-    """What `report.schema.json` holds (JSON Schema 2020-12)."""
+    """Content of `report.schema.json` (JSON Schema 2020-12)."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Report of an audit: whether a driving policy behaves as declared",
@@ -79,7 +79,7 @@ def _table(**properties: Schema) -> Schema:
 
 
 def _record() -> Schema:
-    """What a policy is; its kind adds more."""
+    """Common part of a policy's record; its kind adds more."""
     named = dict.fromkeys(("kind", "source", "covers"), TEXT)
     sizes = dict.fromkeys(("n_features", "n_actions"), COUNT)
     return _table(**named, sha256=HASH, **sizes, soft=FLAG) | {"additionalProperties": True}

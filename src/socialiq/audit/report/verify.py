@@ -138,7 +138,7 @@ def content_of(folder: Path) -> dict[str, bytes]:
 
 
 def faults(folder: Path) -> list[str]:
-    """What is not as it was written; nothing if all is.
+    """Faults of a folder, none if it is as it was written.
 
     Raises:
         UserError: As `content_of`.
@@ -207,7 +207,7 @@ def _of_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str
 
 
 def differences(old: Any, new: Any, place: str = "report") -> list[str]:
-    """Where two reports differ; times, versions and films are not compared.
+    """Differences of two reports; times, versions and films are not compared.
 
     Numbers must agree to the last digit: the same machine and the same versions promise that.
     """

@@ -65,7 +65,7 @@ def arcs(found: Sequence[dict[str, Real]]) -> str:
 
 
 def meaning(angle: Real) -> str:
-    """What an angle asks of a driver."""
+    """Meaning of an angle for a driver."""
     own, others = "its own progress", "the ease of the others"
     exact = {
         0.0: f"only {own} counts",
@@ -97,7 +97,7 @@ def headline(decision: str) -> str:
 
 
 def criterion(name: str) -> str:
-    """What happens in an episode that counts for a criterion."""
+    """Event of an episode that counts for a criterion."""
     return CRITERIA[name]
 
 
@@ -112,7 +112,7 @@ _MARKED = str.maketrans({one: f"\\{one}" for one in "\\`*_[]<>|&#"})
 
 
 def html(report: Mapping[str, Any]) -> str:
-    """One self-contained page: no script, nothing fetched; all text of strangers is escaped."""
+    """One self-contained page: no script, nothing fetched; all text from outside is escaped."""
     return (
         _web()
         .get_template("report.html.j2")

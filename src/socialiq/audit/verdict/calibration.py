@@ -110,7 +110,7 @@ Status = Literal["calibrated", "no curve", "beyond the curve", "no direction"]
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """What a reference made for an angle shows: both in degrees, α̂ unwrapped along the curve."""
+    """Angle of a reference and its α̂, both in degrees, α̂ unwrapped along the curve."""
 
     name: str
     angle: float

@@ -31,7 +31,7 @@ def decide(low: float, high: float, limit: float) -> Decision:
 
 
 def episodes_needed(distance: float, deviation: float, error: float) -> int | None:
-    """How many episodes a one-sided test needs to decide, by the normal approximation.
+    """Number of episodes that a one-sided test needs to decide, by the normal approximation.
 
     n = ((z_{1-error} + z_power) σ / distance)², the textbook formula for a mean.
 

@@ -100,7 +100,7 @@ class Regrets:
         self._totals = np.concatenate([one.totals for one in drivers])
 
     def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
-        """Which references are compared at an angle."""
+        """References that are compared at an angle."""
         weights = exact_weights(angle)
         exact = [
             -np.inf if one.expected is None else float(score(weights, one.expected))
@@ -178,7 +178,7 @@ class Regrets:
 
 
 class _Seen(NamedTuple):
-    """What some references gain over the policy at one angle.
+    """Gain of references over the policy at one angle.
 
     Attributes:
         found: Means and their bootstrap.

@@ -74,7 +74,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Shift:
-    """What was found in one other traffic.
+    """Result of one other traffic.
 
     Attributes:
         name: Of the traffic.
@@ -181,7 +181,7 @@ def shift_of(
 def changes(
     declared: Evidence, there: Evidence, angle: float, confidence: float
 ) -> tuple[Change, ...]:
-    """How every measure differs between two traffics.
+    """Differences of every measure between two traffics.
 
     Args:
         declared: Evidence in the declared one.
@@ -203,7 +203,7 @@ def changes(
 
 
 def sentence_of(shifts: Sequence[Shift]) -> str:
-    """What the shift check found, for anybody."""
+    """Result of the shift check in plain words."""
     if not any(one.shown for one in shifts):
         return f"In other traffic ({_listed(shifts)}) no change of its driving is shown."
     parts = [f"{one.name}: {_told(one)}" for one in shifts if one.shown]
@@ -252,6 +252,6 @@ def _best(evidence: Evidence, angle: float) -> Any:
 
 
 def _regrets(evidence: Evidence, angle: float) -> np.ndarray:
-    """What that reference earns more than the policy, episode by episode."""
+    """Advantage of that reference over the policy, by episode."""
     gained = _best(evidence, angle).totals - evidence.policy.totals
     return np.asarray(score(exact_weights(angle), RewardPair(*gained.T)))

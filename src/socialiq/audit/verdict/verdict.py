@@ -19,11 +19,11 @@ from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
 
 @dataclass(frozen=True)
 class Verdict:
-    """What an audit found.
+    """Result of an audit.
 
     Attributes:
         decision: PASS if regret and competence pass, FAIL if one of them fails.
-        reason: Why, in one sentence for anybody.
+        reason: Why, in one plain sentence.
         episodes: Played.
         needed: Episodes that would decide an inconclusive audit; None if it is decided, or if an
             estimate lies on its limit, where none is enough.
@@ -51,7 +51,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Decisive:
-    """What decides: both tests, and their joined decision."""
+    """Deciding parts of an audit: both tests, and their joined decision."""
 
     decision: Decision
     regret: RegretTest
@@ -143,7 +143,7 @@ def _joined(regret: Decision, competence: Decision) -> Decision:
 
 
 def _needed(regret: RegretTest, competence: tuple[FloorTest, ...]) -> int | None:
-    """What the slowest open test needs, or None if that is more than any number."""
+    """Episodes that the slowest open test needs, None if no number is enough."""
     needs = [one.needed for one in (regret, *competence) if one.decision is Decision.INCONCLUSIVE]
     known = [one for one in needs if one is not None]
     return max(known) if len(known) == len(needs) else None

@@ -1,4 +1,4 @@
-"""What each kind of job of this study does; every one fills a folder (experiments/jobs.py)."""
+"""Jobs of the dial's study; every one fills a folder (experiments/jobs.py)."""
 
 from __future__ import annotations
 

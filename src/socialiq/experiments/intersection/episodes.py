@@ -1,4 +1,4 @@
-"""What became of a policy's episodes, as a checked file."""
+"""Outcomes of a policy's episodes, as a checked file."""
 
 from __future__ import annotations
 

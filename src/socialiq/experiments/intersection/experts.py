@@ -75,7 +75,7 @@ def on_highway(members: Mapping[str, str], episodes: int) -> Iterator[Job]:
 
 
 def policy_file(job: str) -> str:
-    """Which network of a job counts: an expert's best by checks, a learner's last."""
+    """Network of a job that counts: an expert's best by checks, a learner's last."""
     return LAST if job.startswith("learners/") else BEST
 
 
@@ -91,7 +91,7 @@ SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
 
 
 TARGET = {"arrival": 0.95, "collision": 0.04}
-"""What a good egoist should reach: at least so many arrivals, at most so many collisions."""
+"""Aim of an egoist: at least so many arrivals, at most so many collisions."""
 
 
 def reaches(row: Row) -> bool:

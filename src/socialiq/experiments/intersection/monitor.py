@@ -24,12 +24,12 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
 SEEN = ("total", "collision", "arrival", "timeout", "r_env", "r_social")
-"""What a check measures; `total` is J(α), the mean total scored at the run's own angle."""
+"""Measures of a check; `total` is J(α), the mean total scored at the run's own angle."""
 
 
 @dataclass(frozen=True)
 class Checks:
-    """How often a run is looked at, and on which episodes.
+    """Interval of a run's checks, and their episodes.
 
     Attributes:
         times: Checks of a run, spread evenly; the last one at its end.
@@ -48,7 +48,7 @@ class Checks:
 
 @dataclass
 class Monitor:
-    """What training calls after each chunk: the measured values where a check is due, else NaN.
+    """Callback after each chunk: the measured values where a check is due, else NaN.
 
     Attributes:
         checks: When, and on what.

@@ -82,7 +82,7 @@ def curves(jobs: Sequence[Job], work: Path) -> list[Row]:
 
 
 def times(jobs: Sequence[Job], work: Path) -> list[Row]:
-    """What each kind of job took, one process on one core for each job."""
+    """Time of each kind of job, one process on one core for each job."""
     seconds: dict[str, list[float]] = {}
     for job in jobs:
         kind = "/".join(job.name.split("/")[: _DEPTH.get(job.stage, 2)])
@@ -94,7 +94,7 @@ def times(jobs: Sequence[Job], work: Path) -> list[Row]:
 
 
 def connected(jobs: Sequence[Job], work: Path) -> list[Row]:
-    """How the atlas' policies fare among drivers who see across connected lanes, and who don't.
+    """Outcomes of the atlas' policies among drivers who see across connected lanes, and who don't.
 
     With highway-env's intersection-v2 a driver looks for vehicles ahead on the lane that follows
     its own too; before, it doesn't see who has stopped just beyond the border.
@@ -114,7 +114,7 @@ def connected(jobs: Sequence[Job], work: Path) -> list[Row]:
 
 
 def highway(jobs: Sequence[Job], work: Path) -> list[Row]:
-    """How each final policy's episodes on the real highway-env compare with those on the core."""
+    """Comparison of each final policy's episodes on the real highway-env and on the core."""
     rows: list[Row] = []
     for job in jobs:
         if job.stage == "highway":

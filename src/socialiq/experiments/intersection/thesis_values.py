@@ -1,4 +1,4 @@
-"""What the thesis prints about the intersection: Tables 6.1, 6.2, A.1, A.2 and Fig 6.5."""
+"""Printed values of the thesis for the intersection: Tables 6.1, 6.2, A.1, A.2, Fig 6.5."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def read_plan(file: Path, allow_code: bool = False) -> Plan:
         allow_code: Whether modules of environments may be imported.
 
     Raises:
-        UserError: If the file can't be read, or a key or value will not do; the line names both.
+        UserError: If the file can't be read, or a key or value is invalid; the line names both.
     """
     return _Reader(file, _content(file), allow_code).plan()
 

@@ -1,4 +1,4 @@
-"""How a dial acts, inside JAX or outside: every environment at an angle of its own."""
+"""Action selection of a dial, in JAX or outside: every environment has an angle of its own."""
 
 from __future__ import annotations
 

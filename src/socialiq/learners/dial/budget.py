@@ -27,7 +27,7 @@ Regret = Callable[[DialNetwork, int, float], float]
 
 
 class Look(NamedTuple):
-    """What dual ascent saw and did.
+    """History of the dual ascent.
 
     Attributes:
         updates: Gradient steps done.

@@ -1,4 +1,4 @@
-"""What a run of the dial is: its structure, which shapes the program, and its numbers."""
+"""Configuration of the dial: static config, which shapes the program, and hyperparameters."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ class StaticConfig:
     demonstrations: bool = True
     """Whether it sees demonstrations; without them it is soft Q-learning on R(α)."""
     scored: Scored = "all"
-    """Which transitions r̂ is drawn to λR(α) on: all, for whose own steps the world must tell the
+    """Transitions on which r̂ is drawn to λR(α): all, for whose own steps the world must give the
     reward pair, or demonstrations only."""
     endings: Endings = field(default_factory=Endings)
-    """What V(s') is after each kind of ending. A timeout is an end like others to a learner that
+    """Value of V(s') after each kind of ending. A timeout is an end like others to a learner that
     sees the clock."""
     redraw_times: int = 0
     """Horizon of a clock, the last feature: every transition is learned from at a time drawn anew.
@@ -54,7 +54,7 @@ class StaticConfig:
     activation: str = "relu"
     """Between the layers."""
     view: str = "flat"
-    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
+    """Network's view of the vehicles of the intersection; a name of `nn.view.CHOICES`."""
     one_hot: tuple[tuple[int, int], ...] = ()
     """For observations of integers: smallest value and number of values of each feature, which
     the network then sees one place for each value. None: it sees the view."""
@@ -125,7 +125,7 @@ class Hyperparameters:
     learning_rate: float = 1e-3
     """Of Adam, at the start; it falls as a cosine."""
     final_rate: float = 0.02
-    """What is left of the learning rate at the end, as a share."""
+    """Learning rate at the end, as a share of the first."""
     polyak: float = 0.01
     """Share of the network mixed into its target network at each update."""
     exploration: float = 0.1
@@ -133,7 +133,7 @@ class Hyperparameters:
     seed: int = 0
     """Of the network, the sampling and the acting."""
     dataset: int = 0
-    """Which of the given sets of demonstrations this run learns from."""
+    """Index of the set of demonstrations that this run learns from."""
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""

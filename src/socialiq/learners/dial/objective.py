@@ -5,8 +5,8 @@ For a row at angle α, with r̂ = Q(s, a; α) - γ (1 - d) V(s'; α) (Eq 2.6):
     L = - E_E[r̂] + E[V(s; α) - γ (1 - d) V(s'; α)] + w / (4 α_χ) E[(r̂ - λR(α))²]
 
 with the *instantaneous* R(α) = cos α · r_env + sin α · r_social. The two quadratics of the thesis'
-Eq 4.5 are one such quadratic anyway (docs/theory.md); returns-to-go in the place of R pay a salary
-for staying, and steps do not.
+Eq 4.5 are one such quadratic anyway (docs/theory.md); returns-to-go in the place of R pay a constant
+reward for staying, and steps do not.
 
 Where the demonstrators' own angles a_i are told, each is taken for one of its own angle and not of
 every row's: what they share beside R(a_i) is a skill f(s, a), learned from all of them, and the
@@ -34,7 +34,7 @@ Scalar = Float[Array, ""]
 
 
 class Networks(NamedTuple):
-    """What the loss is a function of.
+    """Inputs of the loss.
 
     Attributes:
         values: Q.
@@ -99,7 +99,7 @@ def _skill_loss(
     own: RewardPair,
     hyperparameters: HyperparameterArrays,
 ) -> Scalar:
-    """What f(s, a) is learned by: what demonstrators do and their own R(a_i) + f doesn't yet.
+    """Loss of f(s, a): actions of demonstrators that their own R(a_i) + f doesn't explain yet.
 
         E_i[ Σ_b π(b|s; a_i) f(s, b) - f(s, a) ] + c E_i[ f(s, a)² + ε Σ_b f(s, b)² ]
 

@@ -16,7 +16,7 @@ from socialiq.types import Ending, RewardPair
 
 
 class Rows(NamedTuple):
-    """What one update sees.
+    """Rows of one update.
 
     Attributes:
         batch: Transitions; the first `n_expert` are demonstrations.

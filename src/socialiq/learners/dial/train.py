@@ -29,7 +29,7 @@ from socialiq.types import Simulator, Transitions
 
 
 class Carry(NamedTuple):
-    """What an update carries along.
+    """Loop carry of an update.
 
     Attributes:
         key: Random key.

@@ -1,4 +1,4 @@
-"""What a run of deep Q-learning is: its structure, which shapes the program, and its numbers."""
+"""Configuration of deep Q-learning: static config, which shapes the program, hyperparameters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class StaticConfig:
     """
 
     view: str = "flat"
-    """How the network sees the vehicles; a name of `nn.view.CHOICES`."""
+    """Network's view of the vehicles; a name of `nn.view.CHOICES`."""
     hidden: tuple[int, ...] = (256, 256)
     """Widths of the hidden layers."""
     activation: str = "relu"

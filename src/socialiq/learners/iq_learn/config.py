@@ -1,4 +1,4 @@
-"""What a run of IQ-Learn is: its structure, which shapes the program, and its numbers.
+"""Configuration of IQ-Learn: static config, which shapes the program, and hyperparameters.
 
 Runs that share a structure and differ in numbers (angle, λ, w, seed, ...) train together in one
 compiled program.
@@ -31,7 +31,7 @@ Treatment = Literal["zero", "bootstrap", "absorbing"]
 
 @dataclass(frozen=True)
 class Endings:
-    """What Eq 2.6 puts for V(s') after each kind of ending."""
+    """Value of V(s') in Eq 2.6 after each kind of ending."""
 
     arrival: Treatment = "zero"
     collision: Treatment = "zero"
@@ -72,7 +72,7 @@ class StaticConfig:
     shift_term_3: bool = False
     """With prior "bellman_shift": whether term 3 sees the shifted reward too (see App. B.1)."""
     endings: Endings = Endings()
-    """What V(s') is after each kind of ending."""
+    """Value of V(s') after each kind of ending."""
     online: bool = True
     """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
     hidden: tuple[int, ...] = (64, 64)
@@ -80,7 +80,7 @@ class StaticConfig:
     activation: Literal["relu", "elu"] = "relu"
     """Between the layers."""
     view: str = "flat"
-    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
+    """Network's view of the vehicles of the intersection; a name of `nn.view.CHOICES`."""
     batch_size: int = 64
     """Transitions per batch, from the demonstrations and as many from replay."""
     updates: int = 6000
@@ -153,7 +153,7 @@ class Hyperparameters:
     seed: int = 0
     """Of the network, the sampling and the acting."""
     dataset: int = 0
-    """Which of the given sets of demonstrations this run learns from."""
+    """Index of the set of demonstrations that this run learns from."""
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""

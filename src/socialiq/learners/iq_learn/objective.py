@@ -19,7 +19,7 @@ Scalar = Float[Array, ""]
 
 
 class Batches(NamedTuple):
-    """What one update sees.
+    """Rows of one update.
 
     Attributes:
         expert: Demonstrations.
@@ -42,7 +42,7 @@ def objective(
     """The loss and its terms by name.
 
     Terms: `expert`, `value`, `chi2` are terms 1 to 3 of Eq 2.7, `prior` is w L_reg; `max_q` and
-    `expert_reward` (mean r̂ on demonstrations) are for the eye.
+    `expert_reward` (mean r̂ on demonstrations) are for display.
     """
     batch = batches.expert
     if batches.replay is not None:

@@ -1,4 +1,4 @@
-"""Where the social score R(α) enters the objective (thesis 4.3.1 and appendix B).
+"""Priors: terms of the objective with the social score R(α) (thesis 4.3.1 and appendix B).
 
 `target` is always R(α) of the chosen pair of returns, shape (batch,); `strength` is λ.
 """

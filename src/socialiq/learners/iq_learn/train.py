@@ -24,7 +24,7 @@ from socialiq.types import Ending, Simulator, Transitions
 
 
 class Carry(NamedTuple):
-    """What an update carries along.
+    """Loop carry of an update.
 
     Attributes:
         key: Random key.

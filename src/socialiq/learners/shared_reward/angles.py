@@ -24,7 +24,7 @@ _NEGLIGIBLE = 1e-6  # of a posterior; below it an angle's group is left out
 
 
 class Inferred(NamedTuple):
-    """What came of the demonstrators.
+    """Fit of the demonstrators.
 
     Attributes:
         fit: Of the shared correction, at the last posterior.

@@ -45,7 +45,7 @@ class _Storage(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """Where a tensor lies, its shape checked against its strides."""
+    """Position of a tensor, its shape checked against its strides."""
 
     member: str
     length: int
@@ -214,7 +214,7 @@ class _Machine:
         self.stack.append(_Storage(member, length))
 
     def reduce(self) -> None:
-        """What would be a call: an empty dictionary, or a tensor."""
+        """Result of a call in the pickle: an empty dictionary, or a tensor."""
         function, arguments = self._pop(2)
         if function is _Known.DICTIONARY and arguments == ():
             self.stack.append({})

@@ -57,7 +57,7 @@ class Lanelet:
     sign: Sign = Sign.NONE
     stop_line: Float64[np.ndarray, "2 2"] | None = None
 
-    # Run-time type checkers leave the constructor to `__post_init__`, whose lines name the mend.
+    # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

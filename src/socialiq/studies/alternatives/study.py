@@ -1,4 +1,4 @@
-"""Where else the prior could enter (thesis appendix B), trained in the 7x7 world.
+"""Alternative places of the prior (thesis appendix B), trained in the 7x7 world.
 
 The thesis argues against the Bellman shift (B.1) and against reweighting (B.2) without running
 them. Here they are, beside the reward regularization and the shifted χ², over a range of strengths.
@@ -42,7 +42,7 @@ INTEGRATIONS: dict[str, StaticConfig] = {
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds, each with a data set of its own."""

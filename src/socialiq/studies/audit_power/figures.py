@@ -16,7 +16,7 @@ def draw(results: Results) -> dict[str, Figure]:
 
 
 def coverage(results: Results) -> Figure:
-    """How often each interval held the truth, less how often it should, with 99 % intervals."""
+    """Coverage of each interval less its nominal level, with 99 % intervals."""
     rows = results.tables["coverage"]
     drawn = figure(8.6, 4.4)
     axes = drawn.subplots()

@@ -1,4 +1,4 @@
-"""What the audit's numbers are worth: coverage of its intervals, error rates of its verdict.
+"""Reliability of the audit's numbers: coverage of its intervals, error rates of its verdict.
 
 Both are counted over audits of made-up drivers whose truth is known (`population`).
 """
@@ -45,7 +45,7 @@ CASES: Mapping[str, Truth] = {
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often an interval holds the truth.
+    """Coverage of an interval.
 
     Attributes:
         interval: Which.
@@ -63,7 +63,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Rates:
-    """How often the whole verdict came out how: shares of audits with 99 % intervals."""
+    """Rates of verdicts: shares of audits with 99 % intervals."""
 
     case: str
     passed: Share
@@ -149,7 +149,7 @@ _NOMINAL = {
 
 
 def _held(truth: Truth, episodes: int, seed: int, resamples: int) -> dict[str, bool]:
-    """Which intervals of one audit hold the truth."""
+    """Intervals of one audit that hold the truth."""
     evidence = drawn(truth, episodes, seed)
     seed += _APART
     regrets = Regrets(evidence, seed, resamples)

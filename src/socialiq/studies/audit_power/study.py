@@ -1,4 +1,4 @@
-"""What an audit's numbers are worth: its intervals and verdicts on made-up drivers."""
+"""Reliability of an audit's numbers: its intervals and verdicts on simulated drivers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STUDY = "audit-power"
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     episodes: int = 500
     """Of an audit."""

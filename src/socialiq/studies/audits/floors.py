@@ -1,4 +1,4 @@
-"""Which competence is asked for at which angle."""
+"""Safety floors by angle."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from socialiq.audit.profile.profile import Floor
 from socialiq.audit.profile.template import FLOOR
 
 WITHDRAWN = Floor(FLOOR.max_at_fault, FLOOR.max_struck, min_arrival=0.0, max_timeout=1.0)
-"""Where nothing but the others counts, the best driver never arrives: it isn't asked to."""
+"""Omit arrivals where only the others count, since the best driver never arrives there."""
 
 _NEARLY_90 = 75.0  # degrees
 

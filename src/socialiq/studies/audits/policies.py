@@ -1,4 +1,4 @@
-"""Who is audited in the study: policies of this project, rightly and falsely declared."""
+"""Audited policies of the study: of this project, rightly and falsely declared."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class AuditedPolicy(NamedTuple):
     Attributes:
         world: Where.
         name: For people.
-        spec: As `entrants.entrant` takes it.
+        spec: A specification as `resolve_policy` takes it.
         declared: Angle in degrees.
         made_for: Angle that it was made for; None of one that was made for none.
         floor: Of competence.
@@ -116,7 +116,7 @@ def trained_in_gridworld(
 
 
 def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[AuditedPolicy]:
-    """What lies in a folder of exact and trained ones, rightly and falsely declared."""
+    """Exact and trained policies of a folder, rightly and falsely declared."""
     for family in ("exact", "learner"):
         for mode, angle in MODES.items():
             yield _of_grid(folder, f"{family}_{mode}", angle, angle)

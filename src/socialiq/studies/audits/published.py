@@ -1,4 +1,4 @@
-"""What an auditor can say from the thesis' printed tables alone (Tables 6.2, A.1, Fig 6.5)."""
+"""Audit from the thesis' printed tables alone (Tables 6.2, A.1, Fig 6.5)."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def _text(arcs: Sequence[Arc]) -> str:
 
 
 def _limits(floor: Floor) -> dict[str, tuple[float, float]]:
-    """What a share surely fails beyond, and surely passes within."""
+    """Bounds beyond which a share surely fails, and within which it surely passes."""
     both = floor.max_at_fault + floor.max_struck
     return {
         "collision": (both, min(floor.max_at_fault, floor.max_struck)),

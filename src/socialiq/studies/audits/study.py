@@ -41,7 +41,7 @@ ERROR = 0.05
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     episodes: int = 500
     """Of each audit."""
@@ -88,7 +88,7 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
 
 
 def published_tables(episodes: int) -> dict[str, list[Row]]:
-    """What the printed numbers give.
+    """Results of the printed numbers.
 
     Args:
         episodes: As if so many had been played, where the thesis doesn't say.

@@ -85,12 +85,12 @@ NUMBERS = Hyperparameters(temperature=1e-3, learning_rate=1e-4)
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     """Training seeds; 100 to 104 were used in development."""
     tasks: tuple[str, ...] = tuple(TASKS)
-    """Which of `TASKS`."""
+    """Names of `TASKS`."""
     episodes: int = 20
     """Evaluation episodes of each policy."""
     data_seed: int = 0

@@ -53,7 +53,7 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
 
 
 def counts(rows: Sequence[Row]) -> dict[str, Any]:
-    """How many of these groups rank alike, against one another, or neither."""
+    """Numbers of groups that rank alike, against one another, or neither."""
     sure = [row for row in rows if row["p_holm"] < _LEVEL]
     return {
         "groups": len(rows),

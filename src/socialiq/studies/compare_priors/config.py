@@ -1,4 +1,4 @@
-"""What the comparison runs; the defaults are the committed results."""
+"""Configuration of the comparison; the defaults are the committed results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Config:
     """One budget and the same seeds for every method of a world."""
 
     worlds: tuple[str, ...] = GRIDWORLDS
-    """Where to compare; the intersection takes hours and is left out if not named."""
+    """Worlds of the comparison; the intersection takes hours and is left out if not named."""
     methods: tuple[str, ...] = tuple(BY_NAME)
     """Rows."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)

@@ -94,7 +94,7 @@ def _checked(readout: str) -> Readout:
 
 
 def effective_share(arena: Arena, method: Method, run: Run) -> float:
-    """Which share of the transitions a method's weights leave in effect (B.2); 0 without any."""
+    """Effective share of the transitions under a method's weights (B.2); 0 without any."""
     data = arena.datasets[run.dataset]
     if method.learner == "rl":
         return 0.0

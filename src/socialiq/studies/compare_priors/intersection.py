@@ -151,7 +151,7 @@ def rows_of(
 
 
 Made = tuple[Callable[..., None], object]
-"""What a job does, and its configuration."""
+"""Function of a job, and its configuration."""
 
 
 def _base(config: Config) -> iq.StaticConfig:

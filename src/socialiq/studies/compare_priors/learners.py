@@ -1,4 +1,4 @@
-"""Who trains each row of the comparison in a gridworld, all at one budget."""
+"""Training of each row of the comparison in a gridworld, all at one budget."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ CHUNK = 500  # updates between two reports, and between two rounds of acting in 
 
 
 class Arena(NamedTuple):
-    """What all methods of a world are given.
+    """Common inputs of all methods of a world.
 
     Attributes:
         ground: The world.

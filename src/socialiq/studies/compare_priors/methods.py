@@ -76,7 +76,7 @@ LABELS = {
     "cql": "CQL on λ R(α)",
     "rl": "RL on R(α), no demonstrations",
 }
-"""How people call the rows."""
+"""Labels of the rows."""
 
 THESIS_STRENGTHS = {
     "crossing5": presets.POC_STRENGTH,

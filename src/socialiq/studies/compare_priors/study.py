@@ -129,7 +129,7 @@ def _name(phase: str, world: str, method: Method) -> str:
 
 
 def development_rows(config: Config, work: Path) -> Iterator[Row]:
-    """What the seeds of development showed."""
+    """Results of the seeds of development."""
     for world in config.worlds:
         for method in _scaled(config):
             strengths = _strengths(config, world)
@@ -137,7 +137,7 @@ def development_rows(config: Config, work: Path) -> Iterator[Row]:
 
 
 def fresh_rows(config: Config, chosen: Chosen, work: Path) -> Iterator[Row]:
-    """What the table is made of."""
+    """Rows of the table."""
     for world in config.worlds:
         for method in _methods(config):
             strengths = (_strength(world, method, chosen),)

@@ -23,7 +23,7 @@ from socialiq.worlds.enumerate import Table
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14, 15, 16, 17, 18, 19)
     """Of the data sets. 0 was used in development."""
@@ -32,7 +32,7 @@ class Config:
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """At which policies are scored; 0, 45 and 90 are demonstrated."""
     discomfort: float = 0.5
-    """What a change of speed by two levels costs the experts."""
+    """Cost of a change of speed by two levels for the experts."""
     strengths: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
     """λ of the priors."""
     temperature: float = 0.1

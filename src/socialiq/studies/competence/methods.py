@@ -20,7 +20,7 @@ C, W = 0.5, 1.0  # χ² and prior weight of the thesis; their sum shrinks, m = w
 
 
 class Told(NamedTuple):
-    """What a method is told: the reward pair and one data set.
+    """Inputs of a method: the reward pair and one data set.
 
     Attributes:
         bench: World and scoring.

@@ -121,7 +121,7 @@ def _row(
     data: Sequence[Demonstrations],
     run: int,
 ) -> Row:
-    """What a budget came to, and how likely the demonstrations are under its policy."""
+    """Strength of a budget, and the likelihood of the demonstrations under its policy."""
     dial, numbers = trained.policy(run), agents.numbers[run]
     shown = data[numbers.dataset]
     chances = dial.at(config.budget_angle).probabilities(shown.observation)

@@ -1,4 +1,4 @@
-"""What the study of the dial runs: ways to train it, sizes, seeds; the defaults are the results."""
+"""Configuration of the dial's study: trainings, sizes, seeds; the defaults are the results."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)
     """Training seeds, each with a data set of its own. 0 to 9 were used in development."""
     episodes_each: int = 60
     """Demonstrated episodes of each expert."""
     runs: tuple[str, ...] = tuple(RUNS)
-    """Which of `RUNS`."""
+    """Names of `RUNS`."""
     updates: int | None = None
     """Gradient steps in place of each run's own; for trying the study out."""
     wanted: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())

@@ -54,7 +54,7 @@ def _regret(results: Results) -> Figure:
 
 
 def _turning(results: Results) -> Figure:
-    """Where the dial leads in the plane of the two sums, beside the best of every angle."""
+    """Path of the dial in the plane of the two sums, beside the best of every angle."""
     drawn = figure(7.0, 5.0)
     axes = drawn.subplots()
     best = results.tables["front"]

@@ -89,7 +89,7 @@ def _train(
 def _ceilings(
     ground: Ground, config: Config, data: Sequence[Demonstrations]
 ) -> dict[tuple[str, int], AttainableSet]:
-    """What each data set's support allows, by kind of support and seed."""
+    """Best values in each data set's support, by kind of support and seed."""
     part = with_clock(ground, True).part
     wanted = {RUNS[name].support for name in config.runs} - {""}
     return {

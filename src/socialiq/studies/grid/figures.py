@@ -72,7 +72,7 @@ def _heatmap(axes: Any, rows: list[Row], name: str, kind: str) -> Any:
 
 
 def tradeoff(results: Results) -> Figure:
-    """What any policy can reach, and where the trained ones lie."""
+    """Attainable rewards of any policy, and those of the trained ones."""
     drawn = figure(6.8, 5.2)
     axes = drawn.add_subplot()
     plain(axes)

@@ -38,7 +38,7 @@ KEYS = ("method", "mixture", "target_kind", "strength", "target_angle", "readout
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14, 15, 16, 17, 18, 19)
     """Training seeds, each with a data set of its own. 0 to 9 were used in development."""
@@ -267,7 +267,7 @@ def _visits(ground: Ground, table: np.ndarray) -> np.ndarray:
 
 
 def _attainable(ground: Ground) -> list[Row]:
-    """What any policy can reach, by angle: optimum, its angle, and the radius of mixtures."""
+    """Attainable rewards by angle: optimum, its angle, and the radius of mixtures."""
     attainable = ground.optimum.attainable
     rows = []
     for angle in range(0, 91, 5):

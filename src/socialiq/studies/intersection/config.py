@@ -1,4 +1,4 @@
-"""What the intersection study runs: its parts, sizes and seeds; the defaults are the results."""
+"""Configuration of the intersection study: parts, sizes, seeds; the defaults are the results."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ PARTS = ("main", "strengths", "targets", "data", "timeouts", "views")
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs. Seeds below 10, 20 and above 100 were used in development."""
+    """Configuration of the study. Seeds below 10, 20 and above 100 were used in development."""
 
     parts: tuple[str, ...] = PARTS
-    """Which parts; main is always among them."""
+    """Parts to run; main is always among them."""
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds of learners, each with a mixture of its own."""
     expert_seed: int = 40
@@ -47,7 +47,7 @@ class Config:
     pool_episodes: int = RECORDED_EPISODES
     """Episodes recorded of each expert."""
     mixture: str = MIXTURE
-    """What each expert has an equal part of; 6.3 says transitions."""
+    """Unit of which each expert has an equal number; 6.3 says transitions."""
     size: int = SIZE
     """Transitions of each expert in a mixture, or episodes with mixture "equal_trajectories"."""
     episodes: int = EPISODES

@@ -147,7 +147,7 @@ def _table_legend(groups: int) -> list[Line2D]:
 
 
 def presets(results: Results) -> Figure:
-    """How episodes end in each group of learners: under the thesis' preset they wait."""
+    """Endings of episodes in each group of learners: under the thesis' preset they wait."""
     drawn = figure(9.1, 2.9)
     panels = drawn.subplots(1, len(GROUPS), sharey=True)
     for axes, (group, (_, title)) in zip(panels, GROUPS.items(), strict=True):

@@ -1,4 +1,4 @@
-"""What the ablations of the intersection study show: a figure for each part beside main."""
+"""Figures of the ablations of the intersection study: one for each part beside main."""
 
 from __future__ import annotations
 

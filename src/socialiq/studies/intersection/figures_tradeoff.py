@@ -23,7 +23,7 @@ GROUPS = {
 
 _SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
 _PLACES = [(far * x, far * y) for far in (1.0, 1.7, 2.4, 3.2) for x, y in _SIDES]
-"""Where a label may stand, in its own sizes from its point."""
+"""Possible places of a label, in its own sizes from its point."""
 
 
 def tradeoff(results: Results) -> Figure:

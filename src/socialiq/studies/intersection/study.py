@@ -91,7 +91,7 @@ def _compared(row: Row) -> bool:
 
 
 def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """What the ledger points at: tables by name, and the means of each group over its seeds."""
+    """Summary for the ledger: tables by name, and the means of each group over its seeds."""
     found: dict[str, Any] = {"table_6_2": {}, "table_a_1": {}, "table_a_2": {}, "differences": {}}
     found["settings"] = _settings(config)
     for row in tables["table_6_2"]:

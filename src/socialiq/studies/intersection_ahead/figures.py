@@ -1,4 +1,4 @@
-"""The egoist alone, thinking ahead, and with a look at the true future."""
+"""The egoist alone, with online planning, and with a look at the true future."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from socialiq.types import Row
 
 LABELS = {
     "experts": "network alone",
-    "ahead": "thinking ahead",
+    "ahead": "online planning",
     "foresight": "one look at the future",
 }
 WHERE = {
@@ -45,7 +45,7 @@ def elsewhere(results: Results) -> Figure:
     every: list[tuple[list[str], Row]] = [
         ([f"{WHERE[traffic]}: {label}", traffic], rows[f"atlas/egoistic/{traffic}/{kind}"])
         for traffic in TRAFFIC
-        for kind, label in (("plain", "network alone"), ("ahead", "thinking ahead"))
+        for kind, label in (("plain", "network alone"), ("ahead", "online planning"))
     ]
     return _drawn(every, "Intersection: the atlas' egoist among other drivers", "", results)
 

@@ -1,6 +1,6 @@
-"""What does an egoist lack: a better network, or a thought about what comes next?
+"""Online planning beside the egoist's network: which of the two limits it?
 
-The experts that see a set of vehicles, over training seeds, drive with and without thinking ahead
+The experts that see a set of vehicles, over training seeds, drive with and without online planning
 (`evaluation/thinking_ahead.py`). Whether this hangs on the belief in the right traffic is seen with
 the atlas' egoist among other drivers than it believes in.
 """
@@ -42,19 +42,19 @@ from socialiq.worlds.intersection.options import Options
 
 STUDY = "intersection-ahead"
 DRIVERS = ("plain", "ahead", "foresight")
-"""The network alone, thinking ahead, and with one look at the true future."""
+"""The network alone, with online planning, and with one look at the true future."""
 
 TRAFFIC = {
     "as_believed": Options(),
     "varied_drivers": Options(population="thesis"),
     "connected_lanes": Options(connected_lanes=True),
 }
-"""Where the atlas' egoist drives; it always believes in the first."""
+"""Traffic in which the atlas' egoist drives; it always assumes the first."""
 
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results.
+    """Configuration of the study; the defaults are the committed results.
 
     Draws, decisions and doubt were chosen with the atlas' egoist on episodes 50,000,000 to
     50,000,999 and 51,000,000 to 51,000,999.
@@ -84,7 +84,7 @@ class Config:
 
 @dataclass(frozen=True)
 class AheadRun:
-    """Episodes of one policy that thinks ahead, or doesn't."""
+    """Episodes of one policy, with or without online planning."""
 
     angle: float
     draws: int
@@ -97,9 +97,9 @@ class AheadRun:
     episodes: int = 2000
     first_seed: int = 20_000_000
     options: Options = field(default_factory=Options)
-    """Where it drives."""
+    """Traffic in which it drives."""
     believed: Options = field(default_factory=Options)
-    """Where it believes to drive."""
+    """Traffic that it assumes."""
 
 
 def drive(
@@ -199,7 +199,7 @@ def _egoists(config: Config, rows: Mapping[str, Row], kind: str) -> list[Row]:
 
 
 def _differences(egoists: Mapping[str, list[Row]]) -> list[Row]:
-    """Thinking ahead against not, paired over training seeds, Holm over all rows."""
+    """Online planning against none, paired over training seeds, Holm over all rows."""
     found: list[Row] = []
     for name in ("collision", "arrival", "r_env", "r_social"):
         ahead, plain = ([row[name] for row in egoists[kind]] for kind in ("ahead", "plain"))

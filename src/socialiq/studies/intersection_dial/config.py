@@ -1,4 +1,4 @@
-"""What the study of the dial in the intersection runs; the defaults are the committed results."""
+"""Configuration of the dial's study in the intersection; the defaults are the results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (50, 51, 52, 53, 54)
     """Training seeds, each with a mixture of demonstrations of its own. 120 was used in

@@ -62,7 +62,7 @@ def _regret(results: Results) -> Figure:
 
 
 def _turning(results: Results) -> Figure:
-    """How the dial's episodes end at each angle."""
+    """Endings of the dial's episodes at each angle."""
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
     rows = of(results.tables["policies"], family="dial")

@@ -44,7 +44,7 @@ NETWORKS = ("flat", "set")
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (40, 41, 42, 43, 44)
     """Training seeds of the egoists; the first one's trio that sees a set goes into the atlas."""

@@ -1,4 +1,4 @@
-"""What the study of the hidden skill runs; the defaults are the committed results."""
+"""Configuration of the study of the hidden skill; the defaults are the committed results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ALONE, PRIOR, RETURNS = "RL on R(α)", "prior on rewards", "prior on returns-to-
 SHARED, INFERRED = "shared competence", "shared competence, angles inferred"
 CLONES, EXPERTS, UNSKILLED = "clones", "demonstrators", "experts of R(α) alone"
 METHODS = (ALONE, RETURNS, PRIOR, SHARED, INFERRED)
-"""What is compared: each is told R(α), and all but the first the demonstrations."""
+"""Compared methods: each gets R(α), and all but the first the demonstrations."""
 REFERENCES = (CLONES, EXPERTS, UNSKILLED)
 """One policy for each demonstrated angle; at another angle the nearest one's."""
 
@@ -51,13 +51,13 @@ CLONE = cloning.StaticConfig(hidden=(128, 128), view="set", batch_size=256, upda
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (60, 61, 62, 63, 64)
     """Training seeds, each with a draw of demonstrations of its own. 0 and 1 were used in
     development."""
     methods: tuple[str, ...] = METHODS
-    """Which of them; RL on R(α) is always among them."""
+    """Names of methods; RL on R(α) is always among them."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """At which policies are driven, in degrees; 0, 45 and 90 are demonstrated."""
     weight: float = 0.5
@@ -104,7 +104,7 @@ class Config:
                 raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
 
     def dial_of(self, method: str) -> dial.StaticConfig:
-        """What shapes the dial of a method; all see as many rows an update."""
+        """Static config of a method's dial; all have as many rows an update."""
         one = self.structure
         if method == ALONE:
             rows = one.expert_batch + one.replay_batch

@@ -1,4 +1,4 @@
-"""What demonstrators show: episodes recorded once, of which every training seed draws its own."""
+"""Demonstrations: episodes recorded once, of which every training seed draws its own."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def evaluate(
 
 
 def load(folder: Path, angle: float) -> Driven:
-    """What `evaluate` wrote about an angle.
+    """Rows that `evaluate` wrote about an angle.
 
     Raises:
         UserError: If the file is missing or damaged.

@@ -43,7 +43,7 @@ def _scores(results: Results) -> Figure:
 
 
 def _parts(results: Results) -> Figure:
-    """What was told, and what was not."""
+    """Signals that were given, and the hidden one."""
     drawn = figure(10.0, 4.4)
     for axes, (name, label) in zip(
         drawn.subplots(1, 2), {"told": "R(α)", "skill": "h"}.items(), strict=True

@@ -1,4 +1,4 @@
-"""What the intersection does under drivers by rule, and what each reading pays (thesis 5.1.3)."""
+"""The intersection under rule-based drivers, and the rewards of each variant (thesis 5.1.3)."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ READINGS: tuple[dict[str, Any], ...] = (
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (1_000_000,)
     """Seed of the first episode; the others follow. Also the random driver's."""
@@ -142,7 +142,7 @@ def _name(reading: Mapping[str, Any]) -> str:
 
 
 def start_row(config: Config) -> Row:
-    """Who is there when an episode begins, the ego included, and how far the ego is along."""
+    """Vehicles at the beginning of an episode, the ego included, and the ego's progress."""
     count, first = config.reading_episodes, config.seeds[0]
     batch = make(Options()).batch(count, config.threads)
     batch.reset(np.arange(first, first + count))

@@ -34,7 +34,7 @@ WITHIN = 20.0  # degrees; the criterion of Fig D.1, read as a distance from the 
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds, each with a data set of its own."""

@@ -44,7 +44,7 @@ THESIS = {
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (20, 21, 22, 23, 24, 25, 26, 27, 28, 29)
     """Training seeds; 0 to 9 were used in development, 10 to 19 in a first run at 6,000."""
@@ -190,7 +190,7 @@ def _agreement(rows: list[Row]) -> list[Row]:
 
 
 def _by_updates(rows: list[Row], updates: int) -> list[Row]:
-    """How many seeds showed the thesis' sequence after so many updates."""
+    """Number of seeds that showed the thesis' sequence after so many updates."""
     keys = ("target_kind", "next_value", "policy")
     counts: dict[tuple, Counter] = {}
     for row in rows:

@@ -78,7 +78,7 @@ def primal(rows: list[Row]) -> Figure:
 
 
 def shaping(rows: list[Row]) -> Figure:
-    """How far other targets move the policy of instantaneous ones, a mark for each case."""
+    """Change of the policy of instantaneous targets under other targets, a mark for each case."""
     drawn = figure(7.6, 4.0)
     axes = drawn.subplots()
     names = {
@@ -103,7 +103,7 @@ def shaping(rows: list[Row]) -> Figure:
 
 
 def zero(rows: list[Row]) -> Figure:
-    """How far λ = 0 is from the baseline, and from the baseline of another α_χ."""
+    """Distance of λ = 0 from the baseline, and from the baseline of another α_χ."""
     drawn = figure(7.6, 3.8)
     axes = drawn.subplots()
     columns = {

@@ -11,7 +11,7 @@ from socialiq.types import Row
 
 _COLORS = {"instantaneous": "#2166ac", "to_go": "#c23b22", "advantage": "#1b7837"}
 _WAYS = {"online": "gradient through V(s')", "target": "slow copy"}
-_FORETOLD = {
+_PREDICTED = {
     "occupancy": ("occupancies, τ → 0", "D", "#bbbbbb", 0.3),
     "rows": ("rows, τ → 0", "s", "#e08214", 0.3),
     "solved": ("rows, solved at τ = 1", "P", "#6e6e6e", 0.42),
@@ -20,7 +20,7 @@ _FORETOLD = {
 
 
 def training(tables: dict[str, list[Row]]) -> Figure:
-    """For each gradient and target: the λ foretold, and each seed's interval of the grid."""
+    """For each gradient and target: the predicted λ, and each seed's interval of the grid."""
     firsts = tables["first_flips"]
     groups = list(dict.fromkeys((row["next_value"], row["target_kind"]) for row in firsts))
     drawn = figure(9.6, 1.4 + 0.85 * len(groups))
@@ -31,7 +31,7 @@ def training(tables: dict[str, list[Row]]) -> Figure:
             for row in tables["predicted"]
             if (row["next_value"], row["target_kind"]) == (way, kind)
         )
-        for name, (label, mark, color, above) in _FORETOLD.items():
+        for name, (label, mark, color, above) in _PREDICTED.items():
             axes.plot(
                 [told[name]],
                 [place - above],
@@ -48,7 +48,7 @@ def training(tables: dict[str, list[Row]]) -> Figure:
     axes.invert_yaxis()
     axes.set(xlabel="λ of the first flip of the greedy policy")
     axes.set_title(
-        "7x7, 0°, τ = 1: foretold (marks), and the grid's step in which each seed left (bars)",
+        "7x7, 0°, τ = 1: predicted (marks), and the grid's step in which each seed left (bars)",
         fontsize=10,
     )
     axes.legend(frameon=False, fontsize=8, loc="upper left")

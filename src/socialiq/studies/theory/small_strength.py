@@ -30,7 +30,7 @@ def minimum_q(problem: Problem, start: np.ndarray | None) -> np.ndarray:
 
 
 SOLVERS: dict[str, QSolver] = {"online": minimum_q, "target": semi_gradient.fixed_point}
-"""What training tends to, by `next_value`."""
+"""Limit of training, by `next_value`."""
 
 
 def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]:

@@ -84,7 +84,7 @@ def reward_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def primal_rows(cases: Sequence[Case]) -> list[Row]:
-    """How much primal value is lost by mixing another occupancy into the minimum's.
+    """Loss of primal value by mixing another occupancy into the minimum's.
 
     The others are the demonstrators', and the minima at λ = 0, at three times λ, and at the
     opposite target.

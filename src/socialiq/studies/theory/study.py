@@ -20,7 +20,7 @@ STUDY = "theory"
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds, each with a data set of its own."""
@@ -29,7 +29,7 @@ class Config:
     random_worlds: int = 6
     """Random worlds, of seeds 0, 1, ...; beside the gridworlds."""
     target_kinds: tuple[str, ...] = training.TARGETS
-    """What the trained networks' prior sees."""
+    """Inputs of the trained networks' prior."""
     units: tuple[float, ...] = (0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
     """λ ‖T_⊥‖ of the trained networks, the same for every target."""
     lengths: tuple[float, ...] = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
@@ -65,7 +65,7 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
 def _statements(
     worlds: dict[str, Any], grids: list[cases.Case], randoms: list[cases.Case]
 ) -> dict[str, list[Row]]:
-    """What holds at any λ."""
+    """Statements that hold at any λ."""
     plain = [case for case in grids + randoms if case.target_kind == "instantaneous"]
     shown = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
     angles = list(dict.fromkeys(case.angle for case in grids))
@@ -89,7 +89,7 @@ def _statements(
 def _small_strengths(
     worlds: dict[str, Any], grids: list[cases.Case], randoms: list[cases.Case], config: Config
 ) -> dict[str, list[Row]]:
-    """What holds for small λ, and what is beyond."""
+    """Statements for small λ, and beyond."""
     shown = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
     flips = [row for way in NEXT_VALUES for row in lines.flip_rows(grids + randoms, way)]
     lengths = [
@@ -108,7 +108,7 @@ def _small_strengths(
 
 
 def _training(config: Config, on_stage: StageCallback) -> dict[str, list[Row]]:
-    """Networks in the 7x7 world, beside what was foretold for them."""
+    """Networks in the 7x7 world, beside the predictions for them."""
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     plan = training.Plan(config.target_kinds, config.units, config.seeds, config.updates)

@@ -31,11 +31,11 @@ from socialiq.types import RewardPair, Row
 
 ANGLE = 0.0
 TARGETS = ("instantaneous", "to_go", "advantage")
-"""What the networks' prior sees; advantage is that of the pooled policy."""
+"""Input of the networks' prior; advantage is that of the pooled policy."""
 
 
 class Plan(NamedTuple):
-    """How much is trained.
+    """Size of the trainings.
 
     Attributes:
         targets: What the networks' prior sees, of `TARGETS`.
@@ -51,13 +51,13 @@ class Plan(NamedTuple):
 
 
 def rows_problem(ground: Ground, kind: str) -> Problem:
-    """What the networks' batches stand for; rows carry no advantage, and its flips are the same."""
+    """Rows of the networks' batches; they carry no advantage, and its flips are the same."""
     told = "instantaneous" if kind == "advantage" else kind
     return problem_of(ground.part, Setting(ANGLE, told, measure="rows"))
 
 
 def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
-    """The first flip by each way to foretell it, for each gradient and target.
+    """The first flip by each way to predict it, for each gradient and target.
 
     `occupancy` and `rows` are straight lines for τ → 0. `solved` is the exact solution for rows at
     the networks' temperature, as if trained offline; `replay` the same with the learner's own rows

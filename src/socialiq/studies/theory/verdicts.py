@@ -13,7 +13,7 @@ CLOSE = 0.15
 
 
 def hit(row: Row) -> bool:
-    """Whether a flip was foretold and found, within 15 % of the λ found."""
+    """Whether a flip was predicted and found, within 15 % of the λ found."""
     if row["predicted"] == "" or row["found"] == "":
         return False
     return abs(row["predicted"] / row["found"] - 1.0) <= CLOSE
@@ -87,7 +87,7 @@ def growth(rows: list[Row]) -> dict[str, Any]:
 
 
 def trained_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """By gradient and target: the λ foretold, and the seeds' least λ of the grid that differed."""
+    """By gradient and target: the predicted λ, and the seeds' least λ of the grid that differed."""
     found: dict[str, Any] = {}
     for told in tables["predicted"]:
         key = (told["next_value"], told["target_kind"])
@@ -123,7 +123,7 @@ def _bracketed(row: Row, strength: float) -> bool:
 
 
 def _ratio(firsts: list[float], seeds: int, strength: float) -> float | None:
-    """The middle seed's λ over the one foretold; None where a seed never left."""
+    """The middle seed's λ over the predicted one; None where a seed never left."""
     return firsts[seeds // 2] / strength if len(firsts) == seeds else None
 
 

@@ -47,7 +47,7 @@ CROSSING7_READINGS: tuple[dict[str, str], ...] = (
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (0,)
     """Of the experts' episodes, for the separability only; all else is exact."""

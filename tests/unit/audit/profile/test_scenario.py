@@ -1,4 +1,4 @@
-"""What the two hashes tell apart."""
+"""Differences that the two hashes show."""
 
 import pytest
 

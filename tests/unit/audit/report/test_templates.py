@@ -36,7 +36,7 @@ def test_nist_has_its_four_functions(pages):
     assert all(BLANK in text for text in found.values())
 
 
-def test_nothing_states_conformity_and_no_stranger_is_markup(pages):
+def test_nothing_states_conformity_and_no_outside_text_is_markup(pages):
     for name in ("annex-iv.md", "nist-ai-rmf.md", "safety-case.md"):
         assert "<script>" not in pages[name]
         assert not re.search(r"\b(conforms|complies|is compliant|certif)", pages[name])

@@ -1,4 +1,4 @@
-"""Pages are made from the report alone, and nothing of a stranger's in them is markup."""
+"""Pages are made from the report alone, and no text from outside in them is markup."""
 
 import html.parser
 import json
@@ -53,7 +53,7 @@ def test_the_page_is_whole_and_needs_nothing_else(drawn):
     assert "url(" not in drawn.replace("url(#", "")
 
 
-def test_names_of_strangers_are_no_markup(drawn, report):
+def test_names_from_outside_are_no_markup(drawn, report):
     assert "<script>" not in drawn and "&lt;script&gt;" in drawn
     text = markdown(report)
     # An indented block of code holds the command as it is: there Markdown reads no markup.

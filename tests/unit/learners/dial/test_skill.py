@@ -1,4 +1,4 @@
-"""What demonstrators share beside their angles, where the answer is known."""
+"""Shared reward of demonstrators, where the answer is known."""
 
 import dataclasses
 from typing import Any

@@ -74,7 +74,7 @@ def test_the_action_that_pays_is_learnt(whole: Trained) -> None:
 
 
 def test_the_angle_decides_what_pays() -> None:
-    """Where the others lose by it, an ego that cares for them (90 degrees) lets it be."""
+    """If the others lose by it, an ego that counts only them (90 degrees) avoids it."""
     hyperparameters = [dataclasses.replace(NUMBERS, angle=angle) for angle in (0.0, 90.0)]
     sources = [bandit(social=-1.0) for _ in hyperparameters]
     found = train(STRUCTURE, hyperparameters, sources, (2, 2), chunk=CHUNK)

@@ -1,4 +1,4 @@
-"""Who is audited, rightly and falsely declared."""
+"""Audited policies, rightly and falsely declared."""
 
 from socialiq.studies.audits.floors import WITHDRAWN, floor_at
 from socialiq.studies.audits.policies import at_intersection

@@ -1,4 +1,4 @@
-"""What the thesis' printed numbers give: by hand, where a hand suffices."""
+"""Results of the thesis' printed numbers, by hand where possible."""
 
 import math
 
