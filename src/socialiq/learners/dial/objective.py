@@ -5,8 +5,8 @@ For a row at angle α, with r̂ = Q(s, a; α) - γ (1 - d) V(s'; α) (Eq 2.6):
     L = - E_E[r̂] + E[V(s; α) - γ (1 - d) V(s'; α)] + w / (4 α_χ) E[(r̂ - λR(α))²]
 
 with the *instantaneous* R(α) = cos α · r_env + sin α · r_social. The two quadratics of the thesis'
-Eq 4.5 are one such quadratic anyway (docs/theory.md); returns-to-go in the place of R pay a constant
-reward for staying, and steps do not.
+Eq 4.5 are one such quadratic anyway (docs/theory.md); returns-to-go in the place of R pay a
+constant reward for staying, and steps do not.
 
 Where the demonstrators' own angles a_i are told, each is taken for one of its own angle and not of
 every row's: what they share beside R(a_i) is a skill f(s, a), learned from all of them, and the
