@@ -15,9 +15,11 @@ from socialiq.experiments import results as store
 from socialiq.experiments.gridworld_runs import Ground
 from socialiq.experiments.intersection.demonstration_sets import Recording, atlas_demonstrations
 from socialiq.experiments.intersection.jobs import BATCH, LAST, Evaluation
+from socialiq.experiments.study import run
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
+from socialiq.studies import grid, lambda_sweep, poc, worlds
 from socialiq.studies.audits import policies as audited
 from socialiq.studies.audits import study as audits
 from socialiq.studies.compare_priors import intersection as priors
@@ -27,14 +29,10 @@ from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
 from socialiq.studies.competence import bench
 from socialiq.studies.dial import config as dial
-from socialiq.studies.grid import study as grid
 from socialiq.studies.intersection_ahead import study as ahead
 from socialiq.studies.intersection_world import study as intersection_world
-from socialiq.studies.lambda_sweep import study as lambda_sweep
-from socialiq.studies.poc import study as poc
 from socialiq.studies.theory import cases
 from socialiq.studies.theory import small_strength as lines
-from socialiq.studies.worlds import study as worlds
 from socialiq.to_json import rounded
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
@@ -54,7 +52,7 @@ def committed():
 
 @pytest.mark.slow
 def test_exact_facts_are_equal(committed):
-    again = worlds.run()
+    again = run(worlds.STUDY)
     for name in ("crossing5_readings", "crossing5_ties", "crossing7_readings", "crossing7_front"):
         for ours, theirs in zip(again.tables[name], committed["worlds"].tables[name], strict=True):
             for key, value in theirs.items():
@@ -85,7 +83,7 @@ def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
     config = grid.Config(
         seeds=(10, 11), target_kinds=("running",), strengths=(1.0,), comparisons=False
     )
-    again = grid.run(config)
+    again = run(grid.STUDY, config)
     wanted = {
         (row["method"], row["target_angle"], row["seed"]): row
         for row in committed["grid"].tables["policies"]
@@ -107,7 +105,7 @@ def test_the_seven_by_seven_baseline_and_extremes_are_equal(committed):
 
 @pytest.mark.slow
 def test_the_five_by_five_egoist_and_altruist_are_equal(committed):
-    again = poc.run(poc.Config(seeds=(20, 21), readings=False))
+    again = run(poc.STUDY, poc.Config(seeds=(20, 21), readings=False))
 
     def sequences(results):
         return {
@@ -127,7 +125,7 @@ def test_the_ends_of_the_sweep_are_equal(committed):
     config = lambda_sweep.Config(
         seeds=(10,), strengths=(0.0, 5.0), target_kinds=("instantaneous",), checkpoint_every=3000
     )
-    again = lambda_sweep.run(config)
+    again = run(lambda_sweep.STUDY, config)
     theirs = {
         (row["target_kind"], row["strength"]): row
         for row in committed["lambda-sweep"].tables["final"]

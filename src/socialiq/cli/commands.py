@@ -24,7 +24,7 @@ COMMANDS = {
     "evaluate": "evaluate:Evaluate",
     "export": "export:Export",
     "reproduce": "studies:Reproduce",
-    "compare": "compare:Compare",
+    "compare": "studies:Compare",
     "claims": "claims:Claims",
     "conformance": "conformance:Conformance",
     "bench": "bench:Bench",

@@ -10,12 +10,12 @@ import numpy as np
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
-from socialiq.cli.studies import comparison, save
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
+from socialiq.experiments import study as experiment
 from socialiq.experiments.intersection.rows import outcome_row
 from socialiq.learners.ranges import check_seeds
-from socialiq.studies.grid import study as grid
+from socialiq.studies import grid
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
@@ -71,9 +71,9 @@ class Demo:
             seeds=self.seeds, target_kinds=("running",), strengths=(2.0,), comparisons=False
         )
         with Display() as display:
-            results = grid.run(config, display.stage)
-        save("grid", results, self.out, replace=True)
-        rows = comparison(results)
+            results = experiment.run(grid.STUDY, config, display.stage)
+        experiment.save(grid.STUDY, results, self.out, replace=True)
+        rows = grid.comparison(results)
         driven = self.drive()
         if self.json:
             print_json({"table": rows, "intersection": driven, "out": str(self.out)})

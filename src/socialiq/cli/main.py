@@ -72,7 +72,10 @@ def _command(name: str, words: list[str]) -> Any:
     unknown = unknown_option(program, words, known) if known else None
     if unknown:
         raise unknown
-    return _options_of(command_class(name), program, words)
+    kind = command_class(name)
+    if hasattr(kind, "specific"):  # its options depend on the study that the words name
+        kind = kind.specific(words)
+    return _options_of(kind, program, words)
 
 
 def _options_of(kind: Any, program: str, words: list[str], description: str | None = None) -> Any:

@@ -19,6 +19,7 @@ from socialiq.evaluation.exact import (
     exact_monitor,
 )
 from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.experiments.tables import groups
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import Trained, train
@@ -28,16 +29,8 @@ from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import make_grid
 
-StageCallback = Callable[[str], Callable[[Report], None] | None]
-"""Given the name of a stage, what shows its progress."""
-
-
 Monitor = Callable[[Any], dict[str, np.ndarray]]
 """From the `TrainState` of all runs to named values, each (runs,)."""
-
-
-def silent(_stage: str) -> None:
-    """A `StageCallback` that shows nothing."""
 
 
 class Ground(NamedTuple):
@@ -118,11 +111,8 @@ def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
 
     `angle_low` and `angle_high` are the least and greatest angle of a single seed.
     """
-    groups: dict[tuple, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
     means = []
-    for values, group in groups.items():
+    for values, group in groups(rows, *keys).items():
         metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
         angles = [row["angle"] for row in group]
         means.append(

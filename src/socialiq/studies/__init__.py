@@ -1,1 +1,67 @@
-"""Studies: one folder for each table or figure of the thesis, and for each question beyond it."""
+"""The studies by name; each is imported when it is first asked for.
+
+A study is a folder here whose `__init__.py` defines `STUDY` (`experiments.study.Study`), and one
+line below.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+from socialiq.errors import UserError, one_of
+from socialiq.experiments.study import Study
+from socialiq.foreign import FAILURES, failure, imported
+
+STUDIES = {
+    "worlds": "worlds",
+    "poc": "poc",
+    "grid": "grid",
+    "lambda-sweep": "lambda_sweep",
+    "alternatives": "alternatives",
+    "dial": "dial",
+    "competence": "competence",
+    "intersection-world": "intersection_world",
+    "intersection": "intersection",
+    "intersection-networks": "intersection_networks",
+    "intersection-ahead": "intersection_ahead",
+    "intersection-dial": "intersection_dial",
+    "intersection-skill": "intersection_skill",
+    "audit-power": "audit_power",
+    "audits": "audits",
+    "theory": "theory",
+    "classic-control": "classic_control",
+    "compare-priors": "compare_priors",
+}
+"""Name on the command line, and the study's folder."""
+
+
+def find(name: str, allow_code: bool = False) -> Study:
+    """Return a study by name.
+
+    Args:
+        name: One of `STUDIES`, or FILE.py:NAME for a study of the user's own.
+        allow_code: Whether a file's code may run, with the user's rights.
+
+    Raises:
+        UserError: If there is none of that name, or its code may not run or fails.
+    """
+    file, _, attribute = name.rpartition(":")
+    if not file.endswith(".py"):
+        one_of("study", name, (*STUDIES, "FILE.py:NAME"))
+        return importlib.import_module(f"socialiq.studies.{STUDIES[name]}").STUDY
+    if not allow_code:
+        raise UserError(f"{name} would run its author's code: allow that with --allow-code")
+    folder = str(Path(file).resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)  # the processes that run its jobs import the file by name
+    try:
+        study = getattr(imported(file), attribute, None)
+    except UserError:
+        raise
+    except FAILURES as error:
+        raise failure(name, error) from error
+    if not isinstance(study, Study):
+        raise UserError(f"{file} has no study {attribute}: name a socialiq Study of the file")
+    return study

@@ -1,34 +1,22 @@
 """`socialiq compare`: what it prints and writes, and what it refuses."""
 
-import functools
 import json
 
 import jaxtyping
 import pytest
 
-from socialiq.cli import compare
 from socialiq.cli.main import main
 from socialiq.experiments import results as store
-from socialiq.studies.compare_priors.config import Config
 
-SMALL = functools.partial(
-    Config,
-    angles=(0.0, 90.0),
-    development_angles=(0.0,),
-    strengths=(1.0,),
-    development_seeds=(0,),
-    updates=5,
-)
+SMALL = "--angles 0 90 --development-angles 0 --strengths 1 --development-seeds 0 --updates 5"
 
 
 @pytest.fixture(name="folder", scope="module")
 def compared(tmp_path_factory):
     """A comparison of clones in the 5x5 world."""
     out = tmp_path_factory.mktemp("compare") / "found"
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(compare, "Config", SMALL)
-        call = ["compare", "priors", "--worlds", "crossing5", "--methods", "clone", "cql"]
-        assert main([*call, "--seeds", "20", "--out", str(out)]) == 0
+    call = ["compare", "priors", "--worlds", "crossing5", "--methods", "clone", "cql"]
+    assert main([*call, *SMALL.split(), "--seeds", "20", "--out", str(out)]) == 0
     return out
 
 

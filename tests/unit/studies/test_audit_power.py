@@ -28,10 +28,11 @@ def test_the_truth_is_what_is_drawn():
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    for one in coverage(300, 30, 0, resamples=200):
-        # 99 % intervals of twelve counts.
+    for one in coverage(300, 150, 0, resamples=200):
+        # The page states 2 percentage points; the count itself has a 99 % interval.
         assert one.covered.high >= one.nominal - 0.02, one
-        assert one.covered.value >= one.nominal - 0.15, one
+        assert not one.exact or one.covered.low <= one.nominal + 0.02, one
+        assert one.covered.value >= 0.85, one  # an interval of half the width would hold 67 %
 
 
 def test_known_policies_get_their_verdicts(rates):

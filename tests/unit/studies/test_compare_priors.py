@@ -11,8 +11,9 @@ from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.experiments import results as store
 from socialiq.experiments.gridworld_runs import Ground
 from socialiq.experiments.jobs import fingerprints
+from socialiq.experiments.study import run
 from socialiq.plotting.style import png
-from socialiq.studies.compare_priors import alignment, figures, intersection, learners, study
+from socialiq.studies.compare_priors import STUDY, alignment, intersection, learners, study
 from socialiq.studies.compare_priors.budget import Run, structure_of
 from socialiq.studies.compare_priors.config import Config
 from socialiq.studies.compare_priors.gridworlds import effective_share
@@ -46,8 +47,8 @@ def test_every_learner_trains_a_policy_for_each_lane(arena: Arena, name: str) ->
     policies = learners.LEARNERS[method.learner](arena, method, runs)
     tables = [action_table(policy, arena.ground.part, "soft") for policy in policies]
     assert len(policies) == 2 and not np.allclose(*tables)
-    for policy, run in zip(policies, runs, strict=True):
-        assert policy.provenance["numbers"]["seed"] == run.seed
+    for policy, given in zip(policies, runs, strict=True):
+        assert policy.provenance["numbers"]["seed"] == given.seed
         structure = policy.provenance["structure"]
         assert tuple(structure["hidden"]) == arena.structure.hidden
         rows = structure.get("batch_size", structure.get("expert_batch"))
@@ -116,7 +117,7 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    return study.run(TINY, work=work)
+    return run(STUDY, TINY, work=work)
 
 
 def test_every_policy_has_a_row_for_each_angle_and_readout(results) -> None:
@@ -191,7 +192,7 @@ def test_angle_errors_are_ranked_against_regrets() -> None:
 
 def test_a_second_call_does_nothing_and_gives_the_same(results, work) -> None:
     before = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
-    assert study.run(TINY, work=work).summary == results.summary
+    assert run(STUDY, TINY, work=work).summary == results.summary
     assert {path: path.stat().st_mtime_ns for path in work.rglob("job.json")} == before
 
 
@@ -199,7 +200,7 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
     store.save(results, tmp_path / "out", {}, replace=False)
     read = store.load(tmp_path / "out")
     assert read.summary == results.summary
-    drawn = png(figures.draw(read))
+    drawn = png(STUDY.figures(read))
     assert list(drawn) == ["crossing5"] and drawn["crossing5"].startswith(b"\x89PNG")
 
 
@@ -222,6 +223,7 @@ def test_the_plan_of_the_intersection_is_whole() -> None:
     assert kinds == {"advantage_fitted"}
 
 
+@pytest.mark.slow
 def test_a_tiny_intersection_runs(monkeypatch, tmp_path) -> None:
     monkeypatch.setattr(study, "RECORDED_EPISODES", 12)
     monkeypatch.setattr(intersection, "SIZE", 60)
@@ -235,12 +237,12 @@ def test_a_tiny_intersection_runs(monkeypatch, tmp_path) -> None:
         intersection_updates=20,
         episodes=10,
     )
-    results = study.run(config, work=tmp_path / "work")
+    results = run(STUDY, config, work=tmp_path / "work")
     rows = results.tables["pooled"]
     assert {row["method"] for row in rows} == set(config.methods)
     assert all(row["regret"] == "" and np.isfinite(row["value"]) for row in rows)
     store.save(results, tmp_path / "out", {}, replace=False)
-    assert png(figures.draw(store.load(tmp_path / "out")))
+    assert png(STUDY.figures(store.load(tmp_path / "out")))
 
 
 @pytest.mark.parametrize(

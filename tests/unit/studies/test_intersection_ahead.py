@@ -4,8 +4,9 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
+from socialiq.experiments.study import run
 from socialiq.plotting.style import png
-from socialiq.studies.intersection_ahead import figures
+from socialiq.studies.intersection_ahead import STUDY
 from socialiq.studies.intersection_ahead import study as ahead
 
 TINY = ahead.Config(seeds=(0, 1), set_steps=2400, draws=2, decisions=1, episodes=12)
@@ -13,7 +14,7 @@ TINY = ahead.Config(seeds=(0, 1), set_steps=2400, draws=2, decisions=1, episodes
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(tmp_path_factory):
-    return ahead.run(TINY, work=tmp_path_factory.mktemp("study") / "work")
+    return run(STUDY, TINY, work=tmp_path_factory.mktemp("study") / "work")
 
 
 def test_every_egoist_drives_alone_ahead_and_with_foresight(results):
@@ -60,7 +61,7 @@ def test_differences_are_paired(results):
 
 def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     store.save(results, tmp_path / "out", {}, replace=False)
-    drawn = png(figures.draw(store.load(tmp_path / "out")))
+    drawn = png(STUDY.figures(store.load(tmp_path / "out")))
     assert set(drawn) == {"egoists", "elsewhere"}
 
 

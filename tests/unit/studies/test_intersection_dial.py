@@ -8,11 +8,12 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection.dial_jobs import NUMBERS, STRUCTURE
+from socialiq.experiments.study import run
 from socialiq.learners.dial.acting import stratified
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
-from socialiq.studies.intersection_dial import figures, study
+from socialiq.studies.intersection_dial import STUDY
 from socialiq.studies.intersection_dial.config import Config
 
 TINY = Config(
@@ -42,7 +43,7 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    return study.run(TINY, work=work)
+    return run(STUDY, TINY, work=work)
 
 
 def test_every_policy_is_driven_and_valued_at_its_angle(results) -> None:
@@ -104,7 +105,7 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
     store.save(results, tmp_path / "out", {}, replace=False)
     read = store.load(tmp_path / "out")
     assert read.summary == results.summary
-    drawn = png(figures.draw(read))
+    drawn = png(STUDY.figures(read))
     assert list(drawn) == ["tradeoff", "regret", "turning", "learning"]
 
 

@@ -7,9 +7,10 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection.experts import expert_name, policy_file
+from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import png
-from socialiq.studies.intersection_networks import figures
+from socialiq.studies.intersection_networks import STUDY
 from socialiq.studies.intersection_networks import study as networks
 
 TINY = networks.Config(
@@ -24,7 +25,7 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    return networks.run(TINY, work=work)
+    return run(STUDY, TINY, work=work)
 
 
 def test_every_expert_drives_with_and_without_foresight(results):
@@ -78,7 +79,7 @@ def test_the_trio_that_sees_a_set_is_the_atlas(results, work):
 
 def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     store.save(results, tmp_path / "out", {}, replace=False)
-    drawn = png(figures.draw(store.load(tmp_path / "out")))
+    drawn = png(STUDY.figures(store.load(tmp_path / "out")))
     assert list(drawn) == ["egoists", "learning"]
     assert all(picture.startswith(b"\x89PNG") for picture in drawn.values())
 

@@ -14,12 +14,13 @@ from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.play import play
 from socialiq.experiments import results as store
+from socialiq.experiments.study import run
 from socialiq.learners.expert_table import Batch as Rows
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import exact_weights
-from socialiq.studies.intersection_skill import figures, study
+from socialiq.studies.intersection_skill import STUDY
 from socialiq.studies.intersection_skill.config import (
     ALONE,
     CLONES,
@@ -185,7 +186,7 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    return study.run(TINY, work=work)
+    return run(STUDY, TINY, work=work)
 
 
 def test_every_method_is_scored_at_every_angle(results) -> None:
@@ -235,7 +236,7 @@ def test_a_study_that_was_cut_off_goes_on_and_ends_alike(results, work) -> None:
     (work / "shared" / "1").rename(work / "shared" / "1.part")  # cut off before its end
     (work / "shared" / "1.part" / "job.json").unlink()
     shutil.rmtree(work / "evaluation" / "shared" / "1")
-    again = study.run(TINY, work=work)
+    again = run(STUDY, TINY, work=work)
     after = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
     changed = {str(path.parent.relative_to(work)) for path in after if after[path] != before[path]}
     assert changed == {"shared/1", "evaluation/shared/1"}
@@ -243,12 +244,12 @@ def test_a_study_that_was_cut_off_goes_on_and_ends_alike(results, work) -> None:
 
 
 def test_results_are_saved_shown_and_drawn_from_the_files(results, tmp_path, capsys) -> None:
-    folder = tmp_path / study.STUDY
+    folder = tmp_path / STUDY.name
     store.save(results, folder, {}, replace=False)
-    assert main(["reproduce", study.STUDY, "--from", str(tmp_path), "--json"]) == 0
+    assert main(["reproduce", STUDY.name, "--from", str(tmp_path), "--json"]) == 0
     assert '"shared competence"' in capsys.readouterr().out
-    assert main(["reproduce", study.STUDY, "--from", str(folder)]) == 0
-    drawn = png(figures.draw(store.load(folder)))
+    assert main(["reproduce", STUDY.name, "--from", str(folder)]) == 0
+    drawn = png(STUDY.figures(store.load(folder)))
     assert list(drawn) == ["scores", "parts", "learning"]
 
 

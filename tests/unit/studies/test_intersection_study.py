@@ -9,8 +9,9 @@ from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection import thesis_values
 from socialiq.experiments.jobs import fingerprints, open_jobs
+from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
-from socialiq.studies.intersection import figures, plan, study
+from socialiq.studies.intersection import STUDY, plan
 from socialiq.studies.intersection.config import Config
 
 TINY = Config(
@@ -36,7 +37,7 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    return study.run(TINY, work=work)
+    return run(STUDY, TINY, work=work)
 
 
 def test_every_policy_has_all_its_episodes(results):
@@ -106,7 +107,7 @@ def test_the_atlas_is_the_policies_that_were_evaluated(results, work):
 
 def test_a_second_call_does_nothing_and_gives_the_same(results, work):
     before = {path: path.stat().st_mtime_ns for path in work.rglob("job.json")}
-    again = study.run(TINY, work=work)
+    again = run(STUDY, TINY, work=work)
     assert {path: path.stat().st_mtime_ns for path in work.rglob("job.json")} == before
     assert again.summary == results.summary
 
@@ -128,7 +129,7 @@ def test_results_are_saved_with_the_atlas_and_drawn_from_the_files(results, tmp_
     assert (tmp_path / "out" / "atlas" / "baseline.safetensors").is_file()
     read = store.load(tmp_path / "out")
     assert read.summary == results.summary
-    assert {"fig_6_5_ring", "table_6_2", "tradeoff", "fig_a_1"} <= set(figures.draw(read))
+    assert {"fig_6_5_ring", "table_6_2", "tradeoff", "fig_a_1"} <= set(STUDY.figures(read))
 
 
 def test_the_whole_plan_has_jobs_of_distinct_names_after_their_inputs():

@@ -1,12 +1,17 @@
-"""Each study runs end to end at a tiny size: the tables, the summary, and the figures from them."""
+"""Studies that run in one process, each at a tiny size: what must hold of its tables."""
 
-import importlib
+import math
+import subprocess
+import sys
 
 import pytest
 
-from socialiq.cli.studies import STUDIES
+from socialiq.cli.main import main
+from socialiq.errors import UserError
 from socialiq.experiments import results as store
-from socialiq.plotting.style import png
+from socialiq.experiments.study import run, save
+from socialiq.storage import packaged_results
+from socialiq.studies import STUDIES, find
 
 TINY = {
     "worlds": {"episodes": 20},
@@ -64,39 +69,174 @@ TINY = {
         "worlds": ("crossing7",),
     },
     "audit-power": {"episodes": 60, "replications": 4, "resamples": 100},
-    "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 1},
+    "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 2, "updates": 20},
 }
 
 
-@pytest.fixture(scope="module", params=list(TINY))
+QUICK = ("competence", "audit-power", "classic-control")
+PARAMS = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in TINY]
+
+
+@pytest.fixture(scope="module", params=PARAMS)
 def study(request):
-    if request.param == "classic-control":
-        import dataclasses
-
-        module = importlib.import_module("socialiq.studies.classic_control.study")
-        module.STRUCTURE = dataclasses.replace(module.STRUCTURE, updates=20)
-    module = STUDIES[request.param].module
-    return request.param, module.run(module.Config(**TINY[request.param]))
+    found = find(request.param)
+    return found, run(found, found.Config(**TINY[request.param]))
 
 
-def test_results_are_saved_and_read_back(study, tmp_path):
-    name, results = study
-    store.save(results, tmp_path / name, png(STUDIES[name].draw(results)), replace=False)
-    read = store.load(tmp_path / name)
+def test_figures_and_summary_come_from_the_folder_alone(study, tmp_path):
+    found, results = study
+    save(found, results, tmp_path / found.name, replace=False)
+    read = store.load(tmp_path / found.name)
     assert read.summary == results.summary
     assert read.tables.keys() == results.tables.keys()
+    pictures = {path.stem: path.read_bytes() for path in (tmp_path / found.name).glob("*.png")}
+    assert pictures.keys() == found.figures(read).keys()
+    assert all(picture.startswith(b"\x89PNG") for picture in pictures.values())
 
 
-def test_figures_come_from_the_csv_alone(study, tmp_path):
-    name, results = study
-    store.save(results, tmp_path / name, {}, replace=False)
-    drawn = png(STUDIES[name].draw(store.load(tmp_path / name)))
-    assert drawn and all(picture.startswith(b"\x89PNG") for picture in drawn.values())
+def check_worlds(tables, _summary):
+    assert tables["crossing5_readings"][0]["egoistic"] == "GGGG"
+    for row in tables["crossing7_front"]:
+        assert row["stationary_value"] <= row["value"] + 1e-6  # a clock can only help
 
 
-def test_the_printed_table_exists(study):
-    name, results = study
-    assert results.tables[STUDIES[name].main_table]
+def check_poc(tables, summary):
+    for row in tables["sequences"]:
+        assert set(row["sequence"]) <= set("WG")
+        assert row["equal"] == (row["sequence"] == row["thesis"])
+    equal = [row["equal"] for row in tables["sequences"]]
+    assert sum(row["equal"] for row in tables["agreement"]) == sum(equal)
+    assert summary["all_four"] == all(equal)  # one seed, one reading
+
+
+def check_grid(tables, summary):
+    for row in tables["policies"]:
+        assert row["regret"] >= -1e-6  # the optimum is exact
+        assert row["collision"] + row["arrival"] + row["timeout"] == pytest.approx(1, abs=1e-5)
+    mine = [
+        row["regret"]
+        for row in tables["policies"]
+        if (row["method"], row["mixture"]) == ("reward_regularized", "equal_trajectories")
+        and (row["target_angle"], row["readout"]) == (45.0, "greedy")
+    ]
+    assert len(mine) == 2
+    assert summary["policies"]["prosocial_greedy"]["regret"] == pytest.approx(
+        sum(mine) / 2, abs=1e-5
+    )
+
+
+def check_lambda_sweep(tables, summary):
+    assert {row["updates"] for row in tables["checkpoints"]} == {10, 20}
+    last = [row for row in tables["checkpoints"] if row["updates"] == 20]
+    for row, final in zip(last, tables["final"], strict=True):
+        assert row.items() <= final.items() and final["regret"] >= -1e-6
+    for row in tables["adaptation"]:
+        assert row["within_at_end"] == (row["settled_update"] != "")
+    assert summary["seeds"] == 2
+
+
+def check_alternatives(tables, summary):
+    assert len(tables["policies"]) == 5 * 3 * 2  # integrations, angles, action selections
+    for row in tables["policies"]:
+        place = summary[row["integration"]][row["readout"]][f"{row['target_angle']:g}"]
+        assert place["1"]["regret"] == row["regret"] >= -1e-6  # one seed
+
+
+def check_theory(tables, _summary):
+    for row in tables["rewards"]:
+        assert row["solved"] == pytest.approx(row["closed"], abs=1e-5)
+    assert all(row["log10_from_baseline"] > -9 for row in tables["zero"])
+    assert {row["seed"] for row in tables["first_flips"]} == {0}
+
+
+def check_dial(tables, _summary):
+    for row in tables["dials"]:
+        assert row["worst_regret"] >= row["mean_regret"] >= -1e-6
+        assert row["above_ceiling"] == pytest.approx(row["key_regret"] - row["ceiling"], abs=1e-5)
+    assert all(row["share_of_radius"] <= 1 + 1e-6 for row in tables["settings"])
+
+
+def check_competence(tables, _summary):
+    for row in tables["scores"]:
+        assert row["score"] <= 1 + 1e-6
+        if (row["method"], row["readout"]) == ("oracle", "greedy"):
+            assert row["score"] == pytest.approx(1.0)
+    scores = [row["score"] for row in tables["scores"] if row["method"] == "oracle"]
+    pooled = [row["score_all"] for row in tables["pooled"] if row["method"] == "oracle"]
+    assert sum(pooled) / 2 == pytest.approx(sum(scores) / 4, abs=1e-5)
+
+
+def check_audits(tables, summary):
+    for row in tables["audits"]:
+        assert row["regret_low"] <= row["regret"] <= row["regret_high"]
+        assert bool(row["decided_by"]) == (row["verdict"] != "pass")
+    counts = summary["counts"]
+    for kind, truthful in (("truthful", 1), ("false", 0)):
+        made = [r for r in tables["audits"] if r["made_for"] != "" and r["truthful"] == truthful]
+        assert counts[kind]["audits"] == len(made) > 0
+        assert counts[kind]["pass"] == sum(row["verdict"] == "pass" for row in made)
+
+
+def check_audit_power(tables, _summary):
+    for row in tables["verdicts"]:
+        assert row["passed"] + row["failed"] + row["inconclusive"] == pytest.approx(1, abs=1e-5)
+    assert all(row["low"] <= row["covered"] <= row["high"] for row in tables["coverage"])
+
+
+def check_classic_control(tables, summary):
+    returns = {row["learner"]: row["mean_return"] for row in tables["returns"]}
+    assert set(returns) == {"iq_learn", "behaviour_cloning"}
+    for learner, value in returns.items():
+        assert 1 <= value <= 500
+        assert summary["CartPole"][learner] == {"mean": value, "low": value, "high": value} | {
+            "seeds": 1
+        }
+
+
+def test_what_must_hold_of_its_tables(study):
+    found, results = study
+    check = globals()[f"check_{found.name.replace('-', '_')}"]
+    check(results.tables, results.summary)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_packaged_results_are_shown_by_every_study(name, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", name, "--from", "results"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    found = find(name)
+    assert found.name == name
+    views = found.view(store.load(packaged_results() / name))
+    assert len(lines) >= sum(len(view.rows) for view in views) > 0
+    for view in views:
+        assert not view.title or view.title in lines
+        numbers = [v for row in view.rows for v in row.values() if isinstance(v, float)]
+        assert all(map(math.isfinite, numbers))
+
+
+def test_a_study_is_imported_when_it_is_asked_for():
+    code = (
+        "import sys; from socialiq.cli.main import parse; parse(['reproduce', 'poc']);"
+        "print(*(m for m in sys.modules if m.startswith('socialiq.studies.')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert {name.split(".")[2] for name in done.stdout.split()} == {"poc"}
+
+
+def test_an_unknown_study_and_code_that_may_not_run_are_refused(tmp_path):
+    with pytest.raises(UserError, match="choose one of worlds, poc"):
+        find("fig7")
+    file = tmp_path / "mine.py"
+    file.write_text("OTHER = 1")
+    with pytest.raises(UserError, match="allow that with --allow-code"):
+        find(f"{file}:STUDY")
+    for attribute in ("STUDY", "OTHER"):
+        with pytest.raises(UserError, match=f"has no study {attribute}"):
+            find(f"{file}:{attribute}", allow_code=True)
+    broken = tmp_path / "broken.py"
+    broken.write_text("1 / 0")
+    with pytest.raises(UserError, match="ZeroDivisionError"):
+        find(f"{broken}:STUDY", allow_code=True)
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,10 @@ from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of
 from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.study import run
 from socialiq.mdp.solve import evaluate_policy
-from socialiq.studies.theory import training, verdicts
-from socialiq.studies.theory.study import Config, run
+from socialiq.studies.theory import STUDY, training, verdicts
+from socialiq.studies.theory.study import Config
 from socialiq.theory.semi_gradient import demonstrated_policy
 
 
@@ -125,4 +126,4 @@ def test_settings_that_make_no_problem_are_refused(table7, setting, line):
 
 def test_a_study_of_nothing_is_refused():
     with pytest.raises(UserError, match="needs a seed"):
-        run(Config(seeds=()))
+        run(STUDY, Config(seeds=()))

@@ -11,20 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments.gridworld_runs import (
-    Ground,
-    StageCallback,
-    pooled,
-    rows_of,
-    silent,
-    train_runs,
-)
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import Ground, pooled, rows_of, train_runs
+from socialiq.experiments.study import Context, Findings, StageCallback
+from socialiq.experiments.tables import nested
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import StaticConfig
 from socialiq.types import Row
 
-STUDY = "alternatives"
 KEYS = ("integration", "strength", "target_angle", "readout")
 
 INTEGRATIONS: dict[str, StaticConfig] = {
@@ -54,21 +47,15 @@ class Config:
     """Gradient steps."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Train each integration at every angle, strength and seed; evaluate exactly.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Train each integration at every angle, strength and seed; evaluate exactly."""
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     rows: list[Row] = []
     for name, structure in INTEGRATIONS.items():
-        rows += _rows(ground, config, name, structure, datasets, on_stage)
+        rows += _rows(ground, config, name, structure, datasets, context.on_stage)
     tables = {"policies": rows, "pooled": pooled(rows, KEYS)}
-    return Results.of(STUDY, config, tables, _summary(tables))
+    return Findings(tables, _summary(tables))
 
 
 def _rows(
@@ -107,12 +94,5 @@ def _rows(
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     """Pooled angle and regret by integration, readout, target angle and strength."""
-    found: dict[str, Any] = {}
-    for row in tables["pooled"]:
-        entry = found.setdefault(row["integration"], {}).setdefault(row["readout"], {})
-        entry.setdefault(f"{row['target_angle']:g}", {})[f"{row['strength']:g}"] = {
-            "angle": row["angle"],
-            "regret": row["regret"],
-            "arrival": row["arrival"],
-        }
-    return found
+    keys = ("integration", "readout", "target_angle", "strength")
+    return nested(tables["pooled"], *keys, keep=("angle", "regret", "arrival"))

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from socialiq.audit.evidence.outcomes import FEWEST_EPISODES
 from socialiq.errors import UserError
-from socialiq.experiments.gridworld_runs import StageCallback, silent
-from socialiq.experiments.results import Results
-from socialiq.learners.callbacks import Clock
+from socialiq.experiments.study import Context, Findings, counter
 from socialiq.studies.audit_power.power import Coverage, Rates, coverage, error_rates
 from socialiq.types import Row
-
-STUDY = "audit-power"
 
 
 @dataclass(frozen=True)
@@ -36,32 +33,17 @@ class Config:
                 raise UserError(f"{name} must be at least {least}, got {getattr(self, name)}")
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Audit made-up drivers many times, and count.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Audit made-up drivers many times, and count."""
     sizes = config.episodes, config.replications, config.first_seed, config.resamples
-    covered = coverage(*sizes, on_progress=_teller(on_stage, "coverage", config.replications))
-    rates = error_rates(*sizes, on_progress=_teller(on_stage, "error rates", config.replications))
+    count = partial(counter, context.on_stage, total=config.replications, unit="audits")
+    covered = coverage(*sizes, on_progress=count("coverage"))
+    rates = error_rates(*sizes, on_progress=count("error rates"))
     tables = {
         "coverage": [_coverage_row(one) for one in covered],
         "verdicts": [_verdict_row(one) for one in rates],
     }
-    return Results.of(STUDY, config, tables, _summary(tables))
-
-
-def _teller(on_stage: StageCallback, stage: str, replications: int) -> Any:
-    report, clock = on_stage(stage), Clock(0, replications, 1)
-
-    def on_progress(done: int) -> None:
-        if report is not None:
-            report(clock.report(done, {}, {}, ())._replace(unit="audits"))
-
-    return on_progress
+    return Findings(tables, _summary(tables))
 
 
 def _coverage_row(one: Coverage) -> Row:

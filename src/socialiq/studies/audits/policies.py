@@ -12,14 +12,8 @@ import numpy as np
 from socialiq.audit.profile.profile import Floor
 from socialiq.audit.resolve_policy import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments.gridworld_runs import (
-    Ground,
-    StageCallback,
-    grid_of,
-    seen,
-    train_runs,
-    with_clock,
-)
+from socialiq.experiments.gridworld_runs import Ground, grid_of, seen, train_runs, with_clock
+from socialiq.experiments.study import StageCallback
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.presets import RUNS
 from socialiq.learners.dial.train import train

@@ -18,9 +18,7 @@ from socialiq.audit.evidence.outcomes import check_episodes
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.report.views import arcs
-from socialiq.experiments.gridworld_runs import StageCallback, silent
-from socialiq.experiments.results import Results
-from socialiq.learners.callbacks import Clock
+from socialiq.experiments.study import Context, Findings, StageCallback, counter, silent
 from socialiq.studies.audits.policies import (
     GRIDWORLD,
     AuditedPolicy,
@@ -32,7 +30,6 @@ from socialiq.studies.audits.policies import (
 from socialiq.studies.audits.published import floor_rows, learner_angle_rows, return_rows
 from socialiq.types import Row
 
-STUDY = "audits"
 DAY = datetime.date(2026, 11, 1)
 MARGINS = {"intersection": Margin(1.0, 10.0), GRIDWORLD: Margin(0.5, 10.0)}
 """Of regret, in each world's reward per episode, and of the calibrated angle in degrees."""
@@ -63,28 +60,24 @@ class Config:
         check_episodes(self.episodes)
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Audit, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Audit, and compute_tables."""
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         if "intersection" in config.worlds:
-            rows += audit_rows(at_intersection(folder), config, folder, on_stage)
+            rows += audit_rows(at_intersection(folder), config, folder, context.on_stage)
         if GRIDWORLD in config.worlds:
             trained = folder / GRIDWORLD
             trained.mkdir()
             sizes = config.updates, config.dial_updates
             exact_in_gridworld(trained)
-            trained_in_gridworld(trained, config.training_seed, sizes, on_stage)
-            rows += audit_rows(of_gridworld(trained, config.dial_angles), config, folder, on_stage)
+            trained_in_gridworld(trained, config.training_seed, sizes, context.on_stage)
+            rows += audit_rows(
+                of_gridworld(trained, config.dial_angles), config, folder, context.on_stage
+            )
     tables = {"audits": rows, **published_tables(config.episodes)}
-    return Results.of(STUDY, config, tables, _summary(tables))
+    return Findings(tables, _summary(tables))
 
 
 def published_tables(episodes: int) -> dict[str, list[Row]]:
@@ -107,21 +100,22 @@ def audit_rows(
     folder: Path,
     on_stage: StageCallback = silent,
 ) -> list[Row]:
-    """A row for each contestant's audit.
+    """Audit each policy; return a row for each.
 
     Args:
-        policies: Who.
+        policies: What is audited.
         config: Episodes and seed.
         folder: For the declarations.
         on_stage: Shows progress.
     """
-    everybody = list(policies)
-    report = on_stage(f"audits, {everybody[0].world}") if everybody else None
-    rows, clock = [], Clock(0, len(everybody), 1)
-    for done, one in enumerate(everybody, start=1):
+    all_policies = list(policies)
+    if not all_policies:
+        return []
+    count = counter(on_stage, f"audits, {all_policies[0].world}", len(all_policies), "audits")
+    rows = []
+    for done, one in enumerate(all_policies, start=1):
         rows.append(_audited(one, config, folder))
-        if report is not None:
-            report(clock.report(done, {}, {}, ())._replace(unit="audits"))
+        count(done)
     return rows
 
 

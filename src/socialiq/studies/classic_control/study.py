@@ -17,16 +17,14 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.rollout import rollout_env
-from socialiq.experiments.gridworld_runs import StageCallback, silent
-from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.tables import groups, spread
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import train
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Row
-
-STUDY = "classic-control"
 
 
 @dataclass(frozen=True)
@@ -93,20 +91,16 @@ class Config:
     """Names of `TASKS`."""
     episodes: int = 20
     """Evaluation episodes of each policy."""
+    updates: int = STRUCTURE.updates
+    """Gradient steps of each learner."""
     data_seed: int = 0
     """Of the expert's episodes."""
     evaluation_seed: int = 1000
     """Of the first evaluation episode."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Learn each task offline, by IQ-Learn and by behaviour cloning, and roll out.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Learn each task offline, by IQ-Learn and by behaviour cloning, and roll out."""
     rows: list[Row] = []
     for name in config.tasks:
         task = TASKS[name]
@@ -116,8 +110,10 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
         expert_return = float(shown.totals().env.mean())
         label = {"task": name, "transitions": kept.n_transitions, "expert_return": expert_return}
         learners = {
-            "iq_learn": _iq_learn(config, kept, on_stage(f"{name}, IQ-Learn")),
-            "behaviour_cloning": _clones(config, kept, on_stage(f"{name}, behaviour cloning")),
+            "iq_learn": _iq_learn(config, kept, context.on_stage(f"{name}, IQ-Learn")),
+            "behaviour_cloning": _clones(
+                config, kept, context.on_stage(f"{name}, behaviour cloning")
+            ),
         }
         for learner, policies in learners.items():
             for seed, policy in zip(config.seeds, policies, strict=True):
@@ -125,12 +121,13 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
                 mean = float(rollout.transitions.totals().env.mean())
                 rows.append(label | {"learner": learner, "seed": seed, "mean_return": mean})
     tables = {"returns": rows}
-    return Results.of(STUDY, config, tables, _summary(rows))
+    return Findings(tables, _summary(rows))
 
 
 def _iq_learn(config: Config, data: Demonstrations, on_report: Any) -> list[QPolicy]:
     numbers = [dataclasses.replace(NUMBERS, seed=seed) for seed in config.seeds]
-    trained = train(STRUCTURE, numbers, [data], callbacks=Callbacks(on_report=on_report))
+    structure = dataclasses.replace(STRUCTURE, updates=config.updates)
+    trained = train(structure, numbers, [data], callbacks=Callbacks(on_report=on_report))
     return [trained.policy(run) for run in range(len(numbers))]
 
 
@@ -138,7 +135,7 @@ def _clones(config: Config, data: Demonstrations, on_report: Any) -> list[QPolic
     structure = bc.StaticConfig(
         activation=STRUCTURE.activation,
         batch_size=STRUCTURE.batch_size,
-        updates=STRUCTURE.updates,
+        updates=config.updates,
     )
     numbers = [bc.Hyperparameters(learning_rate=1e-3, seed=seed) for seed in config.seeds]
     cloned = bc.clone(structure, numbers, [data], Callbacks(on_report=on_report))
@@ -147,16 +144,8 @@ def _clones(config: Config, data: Demonstrations, on_report: Any) -> list[QPolic
 
 def _summary(rows: list[Row]) -> dict[str, Any]:
     """Mean, least and greatest return over training seeds, by task and learner."""
-    groups: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["task"], row["learner"]), []).append(row)
     found: dict[str, Any] = {}
-    for (task, learner), group in groups.items():
-        returns = [row["mean_return"] for row in group]
-        found.setdefault(task, {"expert": group[0]["expert_return"]})[learner] = {
-            "mean": float(np.mean(returns)),
-            "low": min(returns),
-            "high": max(returns),
-            "seeds": len(returns),
-        }
+    for (task, learner), group in groups(rows, "task", "learner").items():
+        entry = found.setdefault(task, {"expert": group[0]["expert_return"]})
+        entry[learner] = spread(group, "mean_return") | {"seeds": len(group)}
     return found

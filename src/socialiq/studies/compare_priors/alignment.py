@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.experiments.tables import with_holm
 from socialiq.social.angle import angle_difference
-from socialiq.statistics.comparisons import holm
 from socialiq.types import Row
 
 _GROUP = ("world", "readout", "target_angle")
@@ -48,8 +48,7 @@ def alignment(policies: Sequence[Row]) -> list[Row]:
             | {"regret_at_least_error": float(regret[error.argmin()])}
             | {"least_regret": float(regret.min())}
         )
-    adjusted = holm([row["p"] for row in rows]) if rows else []
-    return [row | {"p_holm": float(p)} for row, p in zip(rows, adjusted, strict=True)]
+    return with_holm(rows)
 
 
 def counts(rows: Sequence[Row]) -> dict[str, Any]:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.metrics import Metrics, mean_of
-from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection.demonstration_sets import (
     RECORDED_EPISODES,
     atlas_demonstrations,
 )
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results, from_csv
+from socialiq.experiments.results import from_csv
+from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.tables import groups
 from socialiq.studies.compare_priors import intersection
 from socialiq.studies.compare_priors.alignment import alignment, counts
 from socialiq.studies.compare_priors.config import EPISODES_EACH, GRIDWORLDS, Config
@@ -27,35 +27,11 @@ from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, references
 from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS, Method
 from socialiq.types import Row
 
-STUDY = "compare-priors"
 KEYS = ("world", "method", "strength", "target_angle", "readout")
 DEVELOPMENT, FRESH = "development", "fresh"
 
 Chosen = Mapping[tuple[str, str], float]
 """λ by world and method."""
-
-
-def run(
-    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
-) -> Results:
-    """Do what is not done yet, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-        work: Folder of the jobs; a temporary one by default.
-
-    Raises:
-        UserError: If a job fails or the folder can't be written.
-        Stopped: On Ctrl-C; the same call goes on.
-    """
-    config = config or Config()
-    with work_folder(work) as folder:
-        run_jobs(development_jobs(config), folder, on_stage)
-        developed = list(development_rows(config, folder))
-        chosen = choose(developed)
-        run_jobs(fresh_jobs(config, chosen), folder, on_stage)
-        return tabulate(config, developed, chosen, list(fresh_rows(config, chosen, folder)))
 
 
 def development_jobs(config: Config) -> list[Job]:
@@ -69,8 +45,13 @@ def development_jobs(config: Config) -> list[Job]:
     return jobs
 
 
+def chosen_jobs(config: Config, work: Path) -> list[Job]:
+    """Return every method's jobs at the λ that the development jobs' folders choose."""
+    return fresh_jobs(config, choose(list(development_rows(config, work))))
+
+
 def fresh_jobs(config: Config, chosen: Chosen) -> list[Job]:
-    """Every method at its λ."""
+    """Return every method's jobs at its λ."""
     jobs: list[Job] = []
     for world in config.worlds:
         jobs += [] if world in GRIDWORLDS else [atlas_demonstrations(RECORDED_EPISODES)]
@@ -174,13 +155,14 @@ def choose(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
     }
 
 
-def tabulate(
-    config: Config, developed: Sequence[Row], chosen: Chosen, fresh: Sequence[Row]
-) -> Results:
-    """Rows as they came out, their means over seeds, and what the choice of λ was made of."""
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Compute rows, their means over seeds, and what the choice of λ was made from."""
+    developed = list(development_rows(config, context.work))
+    chosen = choose(developed)
+    fresh = list(fresh_rows(config, chosen, context.work))
     pooled, aligned = means(fresh), alignment(fresh)
     tables = {
-        "policies": list(fresh),
+        "policies": fresh,
         "pooled": pooled,
         "overall": overall(pooled),
         "alignment": aligned,
@@ -197,16 +179,13 @@ def tabulate(
         ],
     }
     summary = _summary(pooled) | {"alignment": counts(aligned)}
-    return Results.of(STUDY, config, {k: rows for k, rows in tables.items() if rows}, summary)
+    return Findings(tables, summary)
 
 
 def means(rows: Sequence[Row]) -> list[Row]:
     """Means over seeds; α̂ is that of the mean totals, low and high are of single seeds."""
-    groups: dict[tuple, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in KEYS), []).append(row)
     found: list[Row] = []
-    for values, group in groups.items():
+    for values, group in groups(rows, *KEYS).items():
         metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
         found.append(
             dict(zip(KEYS, values, strict=True))
@@ -224,15 +203,12 @@ def overall(pooled: Sequence[Row]) -> list[Row]:
 
     Regrets are empty where no optimum is known.
     """
-    groups: dict[tuple, list[Row]] = {}
-    for row in pooled:
-        key = tuple(row[name] for name in ("world", "method", "strength", "readout"))
-        groups.setdefault(key, []).append(row)
+    keys = ("world", "method", "strength", "readout")
     return [
-        dict(zip(("world", "method", "strength", "readout"), key, strict=True))
+        dict(zip(keys, values, strict=True))
         | {"angles": len(group), "value": _mean(group, "value"), "regret": _mean(group, "regret")}
         | {"worst_regret": "" if group[0]["regret"] == "" else max(r["regret"] for r in group)}
-        for key, group in groups.items()
+        for values, group in groups(pooled, *keys).items()
     ]
 
 

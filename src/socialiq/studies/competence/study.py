@@ -11,29 +11,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.gridworld_runs import StageCallback, silent
-from socialiq.experiments.results import Results
-from socialiq.learners.callbacks import Clock
+from socialiq.experiments.study import Context, Findings, counter
+from socialiq.experiments.tables import groups, matching, mean
 from socialiq.learners.shared_reward.angles import Inferred
 from socialiq.studies.competence.bench import Bench, Config
 from socialiq.studies.competence.methods import Told
 from socialiq.types import Row
 
-STUDY = "competence"
 
-
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Fit every method to every data set, evaluate exactly, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
-    report, clock = on_stage("data sets"), Clock(0, len(config.seeds), 1)
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Fit every method to every data set, evaluate exactly, and compute_tables."""
+    count = counter(context.on_stage, "data sets", len(config.seeds), "data sets")
     bench = Bench.of(config)
     rows = list(bench.without_data())
     angles: list[Row] = []
@@ -45,10 +34,9 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
         more, inferred = told.inferred()
         rows += more
         angles += _angle_rows(seed, inferred)
-        if report is not None:
-            report(clock.report(number, {}, {}, ())._replace(unit="data sets"))
+        count(number)
     tables = {"scores": rows, "pooled": _pooled(rows), "angles": angles}
-    return Results.of(STUDY, config, tables, _summary(tables))
+    return Findings(tables, _summary(tables))
 
 
 def _angle_rows(seed: int, inferred: Inferred) -> list[Row]:
@@ -61,11 +49,8 @@ def _angle_rows(seed: int, inferred: Inferred) -> list[Row]:
 
 def _pooled(rows: Sequence[Row]) -> list[Row]:
     """Mean score over seeds by method, strength and readout: all, demonstrated, unseen angles."""
-    groups: dict[tuple, list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["method"], row["strength"], row["readout"]), []).append(row)
     found = []
-    for (method, strength, readout), group in groups.items():
+    for (method, strength, readout), group in groups(rows, "method", "strength", "readout").items():
         kinds = {
             "all": group,
             "demonstrated": [row for row in group if row["demonstrated"]],
@@ -73,9 +58,9 @@ def _pooled(rows: Sequence[Row]) -> list[Row]:
         }
         found.append(
             {"method": method, "strength": strength, "readout": readout}
-            | {f"score_{kind}": _mean(some, "score") for kind, some in kinds.items()}
+            | {f"score_{kind}": mean(some, "score") for kind, some in kinds.items()}
             | {"score_worst": min(row["score"] for row in group)}
-            | {"skill_all": _mean(group, "skill")}
+            | {"skill_all": mean(group, "skill")}
         )
     return found
 
@@ -91,10 +76,6 @@ def best_strengths(pooled: Sequence[Row]) -> dict[str, Any]:
     return {method: row["strength"] for method, row in best.items()}
 
 
-def _mean(rows: Sequence[Row], name: str) -> float:
-    return float(np.mean([row[name] for row in rows]))
-
-
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     """Pooled scores by method (with its strength) and readout, and the inferred angles."""
     found: dict[str, Any] = {}
@@ -104,10 +85,6 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
         found.setdefault(name, {})[row["readout"]] = entry
     last = max(row["round"] for row in tables["angles"])
     angles = {
-        mode: _mean(
-            [row for row in tables["angles"] if (row["mode"], row["round"]) == (mode, last)],
-            "mean",
-        )
-        for mode in MODES
+        mode: mean(matching(tables["angles"], mode=mode, round=last), "mean") for mode in MODES
     }
     return {"methods": found, "inferred_angles": angles}

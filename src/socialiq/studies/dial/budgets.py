@@ -10,7 +10,8 @@ import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
-from socialiq.experiments.gridworld_runs import Ground, StageCallback, seen
+from socialiq.experiments.gridworld_runs import Ground, seen
+from socialiq.experiments.study import StageCallback
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Regret
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig

@@ -11,8 +11,9 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.experiments.gridworld_runs import Ground, StageCallback, seen, silent, with_clock
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
+from socialiq.experiments.study import Context, Findings, StageCallback
+from socialiq.experiments.tables import groups, nested
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.presets import RUNS
 from socialiq.learners.dial.train import Trained, train
@@ -22,20 +23,11 @@ from socialiq.studies.dial.config import Config
 from socialiq.studies.dial.evaluate import TrainedDial
 from socialiq.types import Row
 
-STUDY = "dial"
 
-
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Train every run, evaluate exactly at each degree, set the dial, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Train every run, evaluate exactly at each degree, set the dial, and compute_tables."""
     ground = Ground.of("crossing7")
     tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
-    files: dict[str, bytes] = {}
     data = {
         clock: trajectory_datasets(
             with_clock(ground, clock).table, config.seeds, config.episodes_each
@@ -44,21 +36,20 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
     }
     ceilings = _ceilings(ground, config, data[True])
     for name in config.runs:
-        trained = _train(ground, config, name, data[RUNS[name].clock], on_stage)
+        trained = _train(ground, config, name, data[RUNS[name].clock], context.on_stage)
         for run, seed in enumerate(config.seeds):
             one = TrainedDial(name, seed, trained.policy(run), with_clock(ground, RUNS[name].clock))
             limit = ceilings.get((RUNS[name].support, seed), ground.optimum.attainable)
             for table, rows in one.rows(config, limit):
                 tables[table] += rows
-    tables |= budget_tables(with_clock(ground, True), config, data[True], on_stage)
+    tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
     tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
     tables["pooled"] = _pooled(tables["dials"])
     tables["front"] = [
         {"r_env": float(env), "r_social": float(social)}
         for env, social in ground.optimum.attainable.front()
     ]
-    kept = {name: rows for name, rows in tables.items() if rows}
-    return Results.of(STUDY, config, kept, _summary(kept), files)
+    return Findings(tables, _summary(tables))
 
 
 def _train(
@@ -113,11 +104,8 @@ def _ceiling_rows(
 
 def _pooled(dials: list[Row]) -> list[Row]:
     """Mean, least and largest over seeds of every number of a run and readout."""
-    groups: dict[tuple[str, str], list[Row]] = {}
-    for row in dials:
-        groups.setdefault((row["run"], row["readout"]), []).append(row)
     rows = []
-    for (name, readout), group in groups.items():
+    for (name, readout), group in groups(dials, "run", "readout").items():
         row: Row = {"run": name, "readout": readout, "seeds": len(group)}
         for quantity in (key for key in group[0] if key not in ("run", "seed", "readout")):
             values = [one[quantity] for one in group if one[quantity] != ""]
@@ -129,8 +117,4 @@ def _pooled(dials: list[Row]) -> list[Row]:
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     """Pooled numbers by run and readout."""
-    found: dict[str, Any] = {}
-    for row in tables["pooled"]:
-        entry = {key: value for key, value in row.items() if key not in ("run", "readout")}
-        found.setdefault(row["run"], {})[row["readout"]] = entry
-    return {"runs": found}
+    return {"runs": nested(tables["pooled"], "run", "readout")}

@@ -14,16 +14,8 @@ from socialiq.evaluation.expert_demonstrations import (
     trajectory_datasets,
     transition_datasets,
 )
-from socialiq.experiments.gridworld_runs import (
-    Ground,
-    StageCallback,
-    grid_of,
-    pooled,
-    rows_of,
-    silent,
-    train_runs,
-)
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import Ground, grid_of, pooled, rows_of, train_runs
+from socialiq.experiments.study import Context, Findings, StageCallback
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import presets
@@ -32,7 +24,6 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Row
 from socialiq.worlds.tabular_policy import expert_policy
 
-STUDY = "grid"
 KEYS = ("method", "mixture", "target_kind", "strength", "target_angle", "readout")
 
 
@@ -56,23 +47,17 @@ class Config:
     """Whether to train what goes beyond the figures: the equal-transitions mixture, and clones."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Train, evaluate exactly, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Train, evaluate exactly, and compute_tables."""
     ground = Ground.of("crossing7")
     trajectories = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     data = {"equal_trajectories": trajectories}
-    rows, headline = _main_rows(ground, config, trajectories, on_stage)
+    rows, headline = _main_rows(ground, config, trajectories, context.on_stage)
     if config.comparisons:
         data["equal_transitions"] = transition_datasets(
             ground.table, config.seeds, config.transitions_each
         )
-        rows += _comparison_rows(ground, config, data, on_stage)
+        rows += _comparison_rows(ground, config, data, context.on_stage)
     experts = _expert_rows(ground)
     tables = {
         "experts": experts,
@@ -83,7 +68,7 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
         "attainable": _attainable(ground),
         "data": _data_rows(data),
     }
-    return Results.of(STUDY, config, tables, _summary(tables, config))
+    return Findings(tables, _summary(tables, config))
 
 
 def _main_rows(

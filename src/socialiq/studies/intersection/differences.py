@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from socialiq.experiments.intersection.experts import expert_name
-from socialiq.statistics.comparisons import holm, paired_difference
+from socialiq.experiments.tables import paired_row, with_holm
 from socialiq.studies.intersection.config import Config
 from socialiq.studies.intersection.plan import TRAINED, learner_name
 from socialiq.types import Row
@@ -63,11 +63,9 @@ def differences(rows: Mapping[tuple[str, str], Row], config: Config) -> list[Row
             )
             if "" in first or "" in second or len(first) < 2:
                 continue
-            tested = paired_difference(first, second)
-            head = {"preset": preset, "setting": setting} | one._asdict()
-            family.append(head | tested._asdict())
-        adjusted = holm([row["p"] for row in family]) if family else []
-        found += [row | {"p_holm": float(p)} for row, p in zip(family, adjusted, strict=True)]
+            label = {"preset": preset, "setting": setting} | one._asdict()
+            family.append(paired_row(label, first, second))
+        found += with_holm(family)
     return found
 
 

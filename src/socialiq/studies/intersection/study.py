@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
-from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection import atlas_files
 from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
 from socialiq.experiments.intersection.experts import expert_name
@@ -23,8 +17,8 @@ from socialiq.experiments.intersection.rows import (
     policy_row,
     times,
 )
-from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.tables import numeric_means
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.studies.intersection.config import Config
 from socialiq.studies.intersection.differences import differences
@@ -32,37 +26,10 @@ from socialiq.studies.intersection.plan import TARGETS, TRAINED, learner_name, m
 from socialiq.studies.intersection.tables import best_angles, distributions, separability, table_6_2
 from socialiq.types import Row
 
-STUDY = "intersection"
 
-
-def run(
-    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
-) -> Results:
-    """Do what is not done yet, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-        work: Folder of the jobs; a temporary one by default.
-
-    Raises:
-        UserError: If a job fails or the folder can't be written.
-        Stopped: On Ctrl-C; the same call goes on.
-    """
-    config = config or Config()
-    if config.highway_episodes and find_spec("highway_env") is None:
-        raise UserError(
-            "the comparison with highway-env needs the extra highway (pip install "
-            "'socialiq[highway]'); or leave it out: --highway-episodes 0"
-        )
-    with work_folder(work) as folder:
-        jobs = plan(config)
-        run_jobs(jobs, folder, on_stage)
-        return tabulate(config, jobs, folder)
-
-
-def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
-    """Every table, from the jobs' folders alone."""
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Compute every table from the jobs' folders alone."""
+    jobs, work = context.jobs, context.work
     plays = {(one.name, one.readout): one for one in played(jobs, work)}
     rows = {key: policy_row(one) for key, one in plays.items()}
     a_1, a_2 = separability(work / DEMONSTRATIONS)
@@ -79,9 +46,8 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "highway": highway(jobs, work),
         "times": times(jobs, work),
     }
-    kept = {name: table for name, table in tables.items() if table}
-    files = atlas_files.files(STUDY, members(config), work, rows)
-    return Results.of(STUDY, config, kept, _summary(config, kept), files)
+    files = atlas_files.files("intersection", members(config), work, rows)
+    return Findings(tables, _summary(config, tables), files)
 
 
 def _compared(row: Row) -> bool:
@@ -155,8 +121,7 @@ def _settings(config: Config) -> dict[str, Any]:
 
 def _mean(rows: list[Row]) -> Row:
     """Means over training seeds of what has numbers in all; the angle is that of the means."""
-    names = [name for name in rows[0] if all(isinstance(row[name], int | float) for row in rows)]
-    means = {name: sum(row[name] for row in rows) / len(rows) for name in names}
+    means = numeric_means(rows)
     angle = angle_of(means["r_env"], means["r_social"])
     off = [angle_difference(row["angle"], angle) for row in rows]
     return means | {

@@ -19,8 +19,6 @@ from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.evaluation.play import episodes_of
-from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection.episodes import save_episodes
 from socialiq.experiments.intersection.experts import (
     SHARES,
@@ -32,15 +30,14 @@ from socialiq.experiments.intersection.experts import (
 from socialiq.experiments.intersection.jobs import BEST, EPISODES
 from socialiq.experiments.intersection.rows import curves, played, policy_row, times
 from socialiq.experiments.jobs import Job, ProgressCallback
-from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.tables import paired_row, spread, with_holm
 from socialiq.nn.q_policy import QPolicy
-from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
-STUDY = "intersection-ahead"
 DRIVERS = ("plain", "ahead", "foresight")
 """The network alone, with online planning, and with one look at the true future."""
 
@@ -122,27 +119,6 @@ def _input(inputs: Mapping[str, Path]) -> QPolicy:
     return QPolicy.load(trained / BEST)
 
 
-def run(
-    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
-) -> Results:
-    """Do what is not done yet, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-        work: Folder of the jobs; a temporary one by default.
-
-    Raises:
-        UserError: If a job fails or the folder can't be written.
-        Stopped: On Ctrl-C; the same call goes on.
-    """
-    config = config or Config()
-    with work_folder(work) as folder:
-        jobs = plan(config)
-        run_jobs(jobs, folder, on_stage)
-        return tabulate(config, jobs, folder)
-
-
 def plan(config: Config) -> list[Job]:
     """Every job, each after its inputs."""
     experts = [set_expert("egoistic", seed, config.set_steps) for seed in config.seeds]
@@ -179,8 +155,9 @@ def _elsewhere(config: Config) -> Iterator[Job]:
                 yield Job(name, drive, run, cost=60.0 if decisions else 3.0)
 
 
-def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
-    """Every table, from the jobs' folders alone."""
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Compute every table from the jobs' folders alone."""
+    jobs, work = context.jobs, context.work
     rows = {one.name: policy_row(one) for one in played(jobs, work)}
     egoists = {kind: _egoists(config, rows, kind) for kind in DRIVERS}
     tables = {
@@ -189,8 +166,7 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "curves": curves(jobs, work),
         "times": times(jobs, work),
     }
-    kept = {name: table for name, table in tables.items() if table}
-    return Results.of(STUDY, config, kept, _summary(config, rows, egoists, kept), {})
+    return Findings(tables, _summary(config, rows, egoists, tables))
 
 
 def _egoists(config: Config, rows: Mapping[str, Row], kind: str) -> list[Row]:
@@ -203,9 +179,8 @@ def _differences(egoists: Mapping[str, list[Row]]) -> list[Row]:
     found: list[Row] = []
     for name in ("collision", "arrival", "r_env", "r_social"):
         ahead, plain = ([row[name] for row in egoists[kind]] for kind in ("ahead", "plain"))
-        found.append({"metric": name} | paired_difference(ahead, plain)._asdict())
-    adjusted = holm([row["p"] for row in found])
-    return [row | {"p_holm": float(p)} for row, p in zip(found, adjusted, strict=True)]
+        found.append(paired_row({"metric": name}, ahead, plain))
+    return with_holm(found)
 
 
 def _summary(
@@ -218,10 +193,8 @@ def _summary(
     found: dict[str, Any] = {"egoists": {}, "target": TARGET, "atlas": {}}
     for kind, mine in egoists.items():
         group: dict[str, Any] = {"seeds": len(mine), "reach_target": sum(map(reaches, mine))}
-        for name in (*SHARES, "r_env", "r_social"):
-            values = [row[name] for row in mine]
-            group[name] = {"mean": float(np.mean(values)), "low": min(values), "high": max(values)}
-        found["egoists"][kind] = group
+        names = (*SHARES, "r_env", "r_social")
+        found["egoists"][kind] = group | {name: spread(mine, name) for name in names}
     found["atlas"] = {
         name.removeprefix("atlas/"): row for name, row in rows.items() if name.startswith("atlas/")
     }

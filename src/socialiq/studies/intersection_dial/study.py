@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.evaluation.front import hypervolume
-from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     atlas_demonstrations,
@@ -31,35 +29,14 @@ from socialiq.experiments.intersection.dial_jobs import (
 from socialiq.experiments.intersection.episodes import load_episodes
 from socialiq.experiments.intersection.rows import Played, policy_row, times
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results, from_csv
+from socialiq.experiments.results import from_csv
+from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.tables import numeric_means, paired_row, with_holm
 from socialiq.social.angle import exact_weights
-from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.studies.intersection_dial.config import Config
 from socialiq.types import Row
 
-STUDY = "intersection-dial"
 DIALS, AGENTS = "dial", "agents"
-
-
-def run(
-    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
-) -> Results:
-    """Do what is not done yet, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-        work: Folder of the jobs; a temporary one by default.
-
-    Raises:
-        UserError: If a job fails or the folder can't be written.
-        Stopped: On Ctrl-C; the same call goes on.
-    """
-    config = config or Config()
-    with work_folder(work) as folder:
-        jobs = plan(config)
-        run_jobs(jobs, folder, on_stage)
-        return tabulate(config, jobs, folder)
 
 
 def plan(config: Config) -> list[Job]:
@@ -119,8 +96,9 @@ class Driven(NamedTuple):
         return self.row["r_env"], self.row["r_social"]
 
 
-def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
-    """Every table, from the jobs' folders alone, and the dial of the first seed."""
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Compute every table from the jobs' folders, and copy the dial of the first seed."""
+    jobs, work = context.jobs, context.work
     first = (work / dial_name(config.seeds[0]) / DIAL).read_bytes()
     driven = list(_driven(config, work))
     families = _families(config, driven)
@@ -136,8 +114,7 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         ],
         "times": times(trained, work),
     }
-    kept = {name: rows for name, rows in tables.items() if rows}
-    return Results.of(STUDY, config, kept, _summary(config, kept), {DIAL: first})
+    return Findings(tables, _summary(config, tables), {DIAL: first})
 
 
 def _driven(config: Config, work: Path) -> Iterator[Driven]:
@@ -215,9 +192,8 @@ def _differences(families: list[Row]) -> list[Row]:
         dial, agents = (
             [row[name] for row in families if row["family"] == family] for family in (DIALS, AGENTS)
         )
-        found.append({"measure": name} | paired_difference(dial, agents)._asdict())
-    adjusted = holm([row["p"] for row in found])
-    return [row | {"p_holm": float(p)} for row, p in zip(found, adjusted, strict=True)]
+        found.append(paired_row({"measure": name}, dial, agents))
+    return with_holm(found)
 
 
 def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
@@ -240,6 +216,5 @@ def _summary(config: Config, tables: Mapping[str, list[Row]]) -> dict[str, Any]:
 
 def _mean(rows: list[Row]) -> Row:
     """Means of what has numbers in all rows."""
-    names = [name for name in rows[0] if all(isinstance(row[name], int | float) for row in rows)]
-    means = {name: sum(row[name] for row in rows) / len(rows) for name in names if name != "seed"}
+    means = {name: value for name, value in numeric_means(rows).items() if name != "seed"}
     return means | {"seeds": len({row["seed"] for row in rows})}

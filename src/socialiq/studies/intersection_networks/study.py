@@ -8,17 +8,12 @@ intersection study.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection import atlas_files
 from socialiq.experiments.intersection.experts import (
     EXPERT_STEPS,
@@ -34,11 +29,10 @@ from socialiq.experiments.intersection.experts import (
 from socialiq.experiments.intersection.jobs import EPISODES, HIGHWAY_EPISODES
 from socialiq.experiments.intersection.rows import curves, highway, played, policy_row, times
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results
-from socialiq.statistics.comparisons import holm, paired_difference
+from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.tables import paired_row, spread, with_holm
 from socialiq.types import Row
 
-STUDY = "intersection-networks"
 NETWORKS = ("flat", "set")
 
 
@@ -66,27 +60,6 @@ class Config:
             raise UserError("name at least one seed, and highway_episodes of 0 or more")
 
 
-def run(
-    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
-) -> Results:
-    """Do what is not done yet, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-        work: Folder of the jobs; a temporary one by default.
-
-    Raises:
-        UserError: If a job fails or the folder can't be written.
-        Stopped: On Ctrl-C; the same call goes on.
-    """
-    config = config or Config()
-    with work_folder(work) as folder:
-        jobs = plan(config)
-        run_jobs(jobs, folder, on_stage)
-        return tabulate(config, jobs, folder)
-
-
 def plan(config: Config) -> list[Job]:
     """Every job, each after its inputs."""
     experts = [set_expert("egoistic", seed, config.set_steps) for seed in config.seeds]
@@ -101,8 +74,9 @@ def members(config: Config) -> dict[str, str]:
     return {f"set_{mode}": expert_name("set", mode, config.seeds[0]) for mode in MODES}
 
 
-def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
-    """Every table, from the jobs' folders alone."""
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Compute every table from the jobs' folders alone."""
+    jobs, work = context.jobs, context.work
     rows = {(one.name, one.readout): policy_row(one) for one in played(jobs, work)}
     egoists = _egoists(config, rows)
     tables = {
@@ -112,9 +86,8 @@ def tabulate(config: Config, jobs: Sequence[Job], work: Path) -> Results:
         "highway": highway(jobs, work),
         "times": times(jobs, work),
     }
-    kept = {name: table for name, table in tables.items() if table}
-    files = atlas_files.files(STUDY, members(config), work, rows)
-    return Results.of(STUDY, config, kept, _summary(config, rows, egoists, kept), files)
+    files = atlas_files.files("intersection-networks", members(config), work, rows)
+    return Findings(tables, _summary(config, rows, egoists, tables), files)
 
 
 def _egoists(config: Config, rows: Mapping[tuple[str, str], Row]) -> dict[str, list[Row]]:
@@ -130,9 +103,8 @@ def _differences(egoists: Mapping[str, list[Row]]) -> list[Row]:
     found: list[Row] = []
     for name in ("collision", "arrival", "r_env"):
         seen, listed = ([row[name] for row in egoists[network]] for network in ("set", "flat"))
-        found.append({"metric": name} | paired_difference(seen, listed)._asdict())
-    adjusted = holm([row["p"] for row in found])
-    return [row | {"p_holm": float(p)} for row, p in zip(found, adjusted, strict=True)]
+        found.append(paired_row({"metric": name}, seen, listed))
+    return with_holm(found)
 
 
 def _summary(
@@ -145,14 +117,7 @@ def _summary(
     found: dict[str, Any] = {"egoists": {}, "target": TARGET}
     for network, mine in egoists.items():
         group: dict[str, Any] = {"seeds": len(mine), "reach_target": sum(map(reaches, mine))}
-        for name in SHARES:
-            values = [row[name] for row in mine]
-            group[name] = {
-                "mean": float(np.mean(values)),
-                "low": min(values),
-                "high": max(values),
-            }
-        found["egoists"][network] = group
+        found["egoists"][network] = group | {name: spread(mine, name) for name in SHARES}
     found["trio"] = {name: rows[job, "greedy"] for name, job in members(config).items()}
     found["differences"] = {row["metric"]: row for row in tables.get("differences", [])}
     found["settings"] = {

@@ -22,6 +22,17 @@ METHODS = (ALONE, RETURNS, PRIOR, SHARED, INFERRED)
 """Compared methods: each gets R(α), and all but the first the demonstrations."""
 REFERENCES = (CLONES, EXPERTS, UNSKILLED)
 """One policy for each demonstrated angle; at another angle the nearest one's."""
+FOLDERS = {
+    ALONE: "alone",
+    RETURNS: "returns",
+    PRIOR: "prior",
+    SHARED: "shared",
+    INFERRED: "inferred",
+    CLONES: "clones",
+    EXPERTS: "experts",
+    UNSKILLED: "unskilled",
+}
+"""Of the jobs of each method."""
 
 LEARNER = dataclasses.replace(STRUCTURE, updates=12_000, expert_batch=66, replay_batch=190)
 """Of every dial: the network of the intersection's dial study, 256 rows an update."""

@@ -9,22 +9,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from pathlib import Path
 
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.engine import run_jobs, work_folder
-from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results
 from socialiq.studies.intersection_skill.config import (
     ALONE,
     CLONES,
     EXPERTS,
+    FOLDERS,
     INFERRED,
-    PRIOR,
     RETURNS,
-    SHARED,
     UNSKILLED,
     Config,
 )
@@ -41,42 +36,7 @@ from socialiq.studies.intersection_skill.jobs import (
     train_family,
     train_returns,
 )
-from socialiq.studies.intersection_skill.tables import tabulate
 from socialiq.worlds.intersection import atlas
-
-STUDY = "intersection-skill"
-FOLDERS = {
-    ALONE: "alone",
-    RETURNS: "returns",
-    PRIOR: "prior",
-    SHARED: "shared",
-    INFERRED: "inferred",
-    CLONES: "clones",
-    EXPERTS: "experts",
-    UNSKILLED: "unskilled",
-}
-"""Of the jobs of each method."""
-
-
-def run(
-    config: Config | None = None, on_stage: StageCallback = silent, work: Path | None = None
-) -> Results:
-    """Do what is not done yet, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-        work: Folder of the jobs; a temporary one by default.
-
-    Raises:
-        UserError: If a job fails or the folder can't be written.
-        Stopped: On Ctrl-C; the same call goes on.
-    """
-    config = config or Config()
-    with work_folder(work) as folder:
-        jobs = plan(config)
-        run_jobs(jobs, folder, on_stage)
-        return tabulate(STUDY, config, jobs, folder, FOLDERS)
 
 
 def plan(config: Config) -> list[Job]:

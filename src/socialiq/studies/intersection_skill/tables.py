@@ -12,11 +12,12 @@ from jaxtyping import Float
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.rows import times
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import Results, from_csv
+from socialiq.experiments.results import from_csv
+from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.tables import paired_row, with_holm
 from socialiq.statistics.bootstrap import resample_rows
-from socialiq.statistics.comparisons import holm, paired_difference
 from socialiq.storage import read_json
-from socialiq.studies.intersection_skill.config import ALONE, CLONES, REFERENCES, Config
+from socialiq.studies.intersection_skill.config import ALONE, CLONES, FOLDERS, REFERENCES, Config
 from socialiq.studies.intersection_skill.driving import Driven, load
 from socialiq.studies.intersection_skill.inference import ANGLES
 from socialiq.types import Ending, Row
@@ -25,15 +26,13 @@ GROUPS = ("all", "demonstrated", "unseen")
 """Angles over which a method's score is averaged."""
 _MEASURED = ("score", "told", "skill", "changes", "standing", "collision", "arrival", "timeout")
 _OF_CURVES = ("updates", "loss", "max_q", "total")  # all methods have them
-_OF_CURVES = ("updates", "loss", "max_q", "total")  # all methods have them
 _RESAMPLES, _BOOTSTRAP_SEED = 2000, 0
 
 
-def tabulate(
-    study: str, config: Config, jobs: Sequence[Job], work: Path, folders: Mapping[str, str]
-) -> Results:
-    """Every table."""
-    scores = list(_scores(config, work, folders))
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Compute every table from the jobs' folders alone."""
+    jobs, work = context.jobs, context.work
+    scores = list(_scores(config, work))
     groups = _groups(scores)
     tables = {
         "pooled": _pooled(scores),
@@ -44,16 +43,15 @@ def tabulate(
         "curves": list(_curves(jobs, work)),
         "times": times(jobs, work),
     }
-    kept = {name: rows for name, rows in tables.items() if rows}
-    return Results.of(study, config, kept, _summary(kept))
+    return Findings(tables, _summary(tables))
 
 
-def _scores(config: Config, work: Path, folders: Mapping[str, str]) -> Iterator[Row]:
+def _scores(config: Config, work: Path) -> Iterator[Row]:
     """A row for each method, training seed and angle; references that are not trained have none."""
     for method in (*config.methods, *REFERENCES):
         trained = method in (*config.methods, CLONES)
         for seed in config.seeds if trained else ("",):
-            name = f"{folders[method]}/{seed}" if trained else folders[method]
+            name = f"{FOLDERS[method]}/{seed}" if trained else FOLDERS[method]
             for angle in config.angles:
                 driven = load(work / "evaluation" / name, angle)
                 label = {"method": method, "seed": seed, "angle": angle}
@@ -139,10 +137,8 @@ def _differences(config: Config, groups: Sequence[Row]) -> list[Row]:
                 for name in (method, ALONE)
             )
             if theirs:
-                test = paired_difference(theirs, alone)._asdict()
-                found.append({"method": method, "angles": group} | test)
-    adjusted = holm([row["p"] for row in found])
-    return [row | {"p_holm": float(p)} for row, p in zip(found, adjusted, strict=True)]
+                found.append(paired_row({"method": method, "angles": group}, theirs, alone))
+    return with_holm(found)
 
 
 def _angles(jobs: Sequence[Job], work: Path) -> Iterator[Row]:

@@ -10,17 +10,15 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.play import Episodes, episodes_of
-from socialiq.experiments.gridworld_runs import StageCallback, silent
 from socialiq.experiments.intersection.rows import outcome_row, reward_row
-from socialiq.experiments.results import Results
-from socialiq.learners.callbacks import Clock
+from socialiq.experiments.study import Context, Findings, StageCallback, counter
+from socialiq.experiments.tables import nested
 from socialiq.types import Row
 from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import make
 
-STUDY = "intersection-world"
 BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
 
 POPULATIONS = ("highway_env", "thesis")
@@ -61,25 +59,19 @@ class Config:
     """core, or highway_env for the real one, which takes hundreds of times as long."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Drive, count and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Drive, count and compute_tables."""
     outcomes = [
         {"population": population, "driver": driver} | outcome_row(episodes)
-        for (population, driver), episodes in _driven(config, on_stage)
+        for (population, driver), episodes in _driven(config, context.on_stage)
     ]
     readings = [
         {"reading": reading, "driver": driver} | reward_row(episodes)
-        for (reading, driver), episodes in _read(config, on_stage)
+        for (reading, driver), episodes in _read(config, context.on_stage)
     ]
     tables = {"outcomes": outcomes, "readings": readings}
     summary = _summary(outcomes, readings) | {"start": start_row(config)}
-    return Results.of(STUDY, config, tables, summary)
+    return Findings(tables, summary)
 
 
 Cells = list[tuple[tuple[str, str], dict[str, Any]]]
@@ -106,14 +98,12 @@ def _cells(
     cells: Cells, episodes: int, config: Config, on_stage: StageCallback, stage: str
 ) -> Iterator[tuple[tuple[str, str], Episodes]]:
     """Play every cell of a table, telling how far it is."""
-    report, clock = on_stage(stage), Clock(0, len(cells) * episodes, 1)
+    count = counter(on_stage, stage, len(cells) * episodes, "episodes")
     first = config.seeds[0]
     for number, (key, options) in enumerate(cells, start=1):
         seeds = range(first, first + episodes)
         yield key, drive(options, key[1], seeds, config.threads, config.back_end)
-        if report is not None:
-            told = clock.report(number * episodes, {}, {}, ())
-            report(told._replace(unit="episodes"))
+        count(number * episodes)
 
 
 def drive(
@@ -159,19 +149,10 @@ def start_row(config: Config) -> Row:
 
 
 def _summary(outcomes: list[Row], readings: list[Row]) -> dict[str, Any]:
-    def nested(rows: list[Row], first: str, second: str) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for row in rows:
-            kept = {key: value for key, value in row.items() if key not in (first, second)}
-            found.setdefault(row[first], {})[row[second]] = kept
-        return found
-
     options = dataclasses.asdict(Options())
     return {
         "outcomes": nested(outcomes, "population", "driver"),
-        "default_reading": nested(
-            [row for row in readings if row["reading"] == "default"], "reading", "driver"
-        )["default"],
+        "default_reading": nested(readings, "reading", "driver")["default"],
         "options": options,
         "features": make(Options()).n_features,
         "actions": make(Options()).n_actions,

@@ -11,22 +11,15 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import READOUTS, exact_monitor
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.metrics import Metrics
-from socialiq.experiments.gridworld_runs import (
-    Ground,
-    StageCallback,
-    grid_of,
-    pooled,
-    silent,
-    train_runs,
-)
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import Ground, grid_of, pooled, train_runs
+from socialiq.experiments.study import Context, Findings, StageCallback
+from socialiq.experiments.tables import groups
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Hyperparameters
 from socialiq.learners.iq_learn.train import Trained
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.types import Row
 
-STUDY = "lambda-sweep"
 KEYS = ("target_kind", "strength", "readout")
 TARGET_ANGLE = 0.0
 WITHIN = 20.0  # degrees; the criterion of Fig D.1, read as a distance from the optimum's angle
@@ -50,21 +43,15 @@ class Config:
     """Updates between two exact evaluations."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Train every strength and seed in one program for each reading, watching the angle.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Train every strength and seed in one program for each reading, watching the angle."""
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     goal = ground.optimum.attainable.optimum(TARGET_ANGLE).point
     goal_angle = angle_of(goal.env, goal.social)
-    rows = _baseline_rows(ground, config, datasets, on_stage)
+    rows = _baseline_rows(ground, config, datasets, context.on_stage)
     for kind in config.target_kinds:
-        rows += _sweep_rows(ground, config, datasets, kind, on_stage)
+        rows += _sweep_rows(ground, config, datasets, kind, context.on_stage)
     final = [row for row in rows if row["updates"] == config.updates]
     regretted = [
         row | {"regret": ground.optimum.regret(Metrics(*(row[n] for n in Metrics._fields)), 0.0)}
@@ -76,7 +63,7 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
         "pooled": pooled(regretted, KEYS),
         "adaptation": _adaptation(rows, goal_angle),
     }
-    return Results.of(STUDY, config, tables, _summary(tables, config, goal_angle))
+    return Findings(tables, _summary(tables, config, goal_angle))
 
 
 def _baseline_rows(
@@ -140,11 +127,8 @@ def _adaptation(rows: list[Row], goal_angle: float) -> list[Row]:
     optimum's own angle must be meant. A lane may pass by early and leave again, so the checkpoint
     from which it stays is stated too; both are empty where it never comes, or doesn't stay.
     """
-    runs: dict[tuple, list[Row]] = {}
-    for row in rows:
-        key = (row["target_kind"], row["strength"], row["readout"], row["seed"])
-        runs.setdefault(key, []).append(row)
     table = []
+    runs = groups(rows, "target_kind", "strength", "readout", "seed")
     for (kind, strength, readout, seed), steps in runs.items():
         near = [abs(angle_difference(row["angle"], goal_angle)) < WITHIN for row in steps]
         first = steps[int(np.argmax(near))]["updates"] if any(near) else ""

@@ -13,15 +13,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
-from socialiq.experiments.gridworld_runs import (
-    Ground,
-    Monitor,
-    StageCallback,
-    sequence,
-    silent,
-    train_runs,
-)
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import Ground, Monitor, sequence, train_runs
+from socialiq.experiments.study import Context, Findings, StageCallback
+from socialiq.experiments.tables import groups
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import StaticConfig
 from socialiq.learners.iq_learn.train import Trained
@@ -32,7 +26,6 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import expert_policy
 
-STUDY = "poc"
 CHUNK = 1000  # updates between two looks at the sequences
 THESIS = {
     "baseline": "WWWWGGGG",
@@ -56,31 +49,25 @@ class Config:
     """Whether to train the other readings of "cumulative" and of V(s') too."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Train, read the greedy action sequences, and tabulate.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Train, read the greedy action sequences, and compute_tables."""
     ground = Ground.of("crossing5")
     data = equal_trajectories(expert_pools(ground.table, dict.fromkeys(MODES, 1), 0), 1, 0)
     first = dataclasses.replace(presets.POC, updates=config.updates)
     rows: list[Row] = []
     for value in ("online", "target") if config.readings else ("online",):
         structure = dataclasses.replace(first, next_value=value)
-        rows += _baseline_rows(ground, structure, config, data, on_stage)
+        rows += _baseline_rows(ground, structure, config, data, context.on_stage)
         for kind in TARGET_KINDS if config.readings else ("running",):
             one = dataclasses.replace(structure, target_kind=kind)
-            rows += _target_rows(ground, one, config, data, on_stage)
+            rows += _target_rows(ground, one, config, data, context.on_stage)
     tables = {
         "experts": _expert_rows(ground.table),
         "sequences": rows,
         "agreement": _agreement(rows),
         "agreement_by_updates": _by_updates(rows, config.updates),
     }
-    return Results.of(STUDY, config, tables, _summary(tables))
+    return Findings(tables, _summary(tables))
 
 
 def _baseline_rows(
@@ -175,11 +162,8 @@ def _expert_rows(table: Table) -> list[Row]:
 def _agreement(rows: list[Row]) -> list[Row]:
     """Seeds that show the thesis' sequence, and the commonest sequence, by reading and policy."""
     keys = ("target_kind", "next_value", "policy")
-    groups: dict[tuple, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
     table = []
-    for values, group in groups.items():
+    for values, group in groups(rows, *keys).items():
         commonest, count = Counter(row["sequence"] for row in group).most_common(1)[0]
         table.append(
             dict(zip(keys, values, strict=True))

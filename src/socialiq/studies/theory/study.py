@@ -8,14 +8,12 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.prediction import NEXT_VALUES
-from socialiq.experiments.gridworld_runs import Ground, StageCallback, silent
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.study import Context, Findings, StageCallback
 from socialiq.studies.theory import cases, statements, training
 from socialiq.studies.theory import small_strength as lines
 from socialiq.studies.theory.verdicts import flip_counts, growth, trained_summary
 from socialiq.types import Row
-
-STUDY = "theory"
 
 
 @dataclass(frozen=True)
@@ -40,17 +38,8 @@ class Config:
     """Gradient steps."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Solve, compare, train, compare.
-
-    Args:
-        config: What to run.
-        on_stage: Shows the progress of training.
-
-    Raises:
-        UserError: If the configuration leaves nothing to do.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Solve, compare, train, compare."""
     if not config.seeds or config.random_worlds < 1:
         raise UserError("the study theory needs a seed and a random world at least")
     worlds = cases.gridworlds()
@@ -58,8 +47,8 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
     randoms = cases.random_cases(range(config.random_worlds))
     tables = _statements(worlds, grids, randoms)
     tables |= _small_strengths(worlds, grids, randoms, config)
-    tables |= _training(config, on_stage)
-    return Results.of(STUDY, config, tables, _summary(tables, len(config.seeds)))
+    tables |= _training(config, context.on_stage)
+    return Findings(tables, _summary(tables, len(config.seeds)))
 
 
 def _statements(

@@ -18,7 +18,9 @@ from socialiq.evaluation.prediction import (
     problem_of,
     target_norm,
 )
-from socialiq.experiments.gridworld_runs import Ground, StageCallback, evaluate, train_runs
+from socialiq.experiments.gridworld_runs import Ground, evaluate, train_runs
+from socialiq.experiments.study import StageCallback
+from socialiq.experiments.tables import groups
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Hyperparameters
 from socialiq.mdp.solve import evaluate_policy
@@ -171,11 +173,8 @@ def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> D
 
 def _first_flips(runs: list[Row]) -> list[Row]:
     """For each gradient, target and seed: the least λ whose choices aren't the baseline's."""
-    groups: dict[tuple, list[Row]] = {}
-    for row in runs:
-        groups.setdefault((row["next_value"], row["target_kind"], row["seed"]), []).append(row)
     found = []
-    for (next_value, kind, seed), rows in groups.items():
+    for (next_value, kind, seed), rows in groups(runs, "next_value", "target_kind", "seed").items():
         baseline = next(row["choices"] for row in rows if row["prior_weight"] == 0.0)
         grid = sorted((r for r in rows if r["prior_weight"] > 0.0), key=lambda r: r["strength"])
         left = [place for place, row in enumerate(grid) if row["choices"] != baseline]

@@ -10,8 +10,8 @@ import numpy as np
 
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
-from socialiq.experiments.gridworld_runs import StageCallback, sequence, silent
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import sequence
+from socialiq.experiments.study import Context, Findings
 from socialiq.learners.iq_learn import presets
 from socialiq.mdp.solve import greedy_policy, value_iteration
 from socialiq.social.angle import angle_of, exact_weights, score, weights
@@ -20,8 +20,6 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import expert_policy
-
-STUDY = "worlds"
 
 CROSSING5_READINGS: tuple[dict[str, str], ...] = (
     {},
@@ -55,14 +53,8 @@ class Config:
     """Episodes of each expert, for the separability."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:  # noqa: ARG001
-    """Enumerate, solve, and tabulate every named reading.
-
-    Args:
-        config: What to run.
-        on_stage: Not used; nothing is trained.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:  # noqa: ARG001
+    """Enumerate, solve, and compute_tables every named reading."""
     table = tabulate(make_grid("crossing7"))
     tables = {
         "crossing5_readings": [_crossing5_row(reading) for reading in CROSSING5_READINGS],
@@ -71,7 +63,7 @@ def run(config: Config | None = None, on_stage: StageCallback = silent) -> Resul
         "crossing7_front": _front_rows(table),
         "crossing7_separability": _separability(table, config),
     }
-    return Results.of(STUDY, config, tables, _summary(table, tables))
+    return Findings(tables, _summary(table, tables))
 
 
 def _crossing5_row(reading: dict[str, str]) -> Row:
