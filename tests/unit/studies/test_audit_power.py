@@ -28,7 +28,7 @@ def test_the_truth_is_what_is_drawn():
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    for one in coverage(300, 150, 0, resamples=200):
+    for one in coverage(300, 100, 0, resamples=200):
         # The page states 2 percentage points; the count itself has a 99 % interval.
         assert one.covered.high >= one.nominal - 0.02, one
         assert not one.exact or one.covered.low <= one.nominal + 0.02, one

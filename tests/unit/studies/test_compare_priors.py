@@ -40,7 +40,14 @@ def five_by_five() -> Arena:
 
 
 @pytest.mark.usefixtures("quick_compiler")
-@pytest.mark.parametrize("name", ["advantage", *(name for name in learners.LEARNERS if name != IQ)])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in ("clone", "cql") else pytest.mark.slow)
+        for name in ("advantage", *learners.LEARNERS)
+        if name != IQ
+    ],
+)
 def test_every_learner_trains_a_policy_for_each_lane(arena: Arena, name: str) -> None:
     method = BY_NAME[name]
     runs = [Run(0.0, 1.0, 0, 0), Run(90.0, 3.0, 1, 1)]

@@ -59,8 +59,7 @@ def test_table_6_2_has_the_thesis_numbers_beside_the_means_of_ours(results):
             assert row["over_training"] == ""  # one training seed
             continue
         names = [
-            plan.learner_name(row["preset"], row["setting"], row["policy"], seed)
-            for seed in TINY.seeds
+            learner_name(row["preset"], row["setting"], row["policy"], seed) for seed in TINY.seeds
         ]
         factor = 1 if row["metric"] == "speed_kmh" else 100
         ours = [factor * by_policy[name, "greedy"][row["metric"]] for name in names]
@@ -79,29 +78,29 @@ def test_the_thesis_table_a_2_follows_from_its_table_a_1(results):
 def test_policies_of_the_atlas_drive_among_both_kinds_of_neighbours(results, work):
     """The same episodes' seeds, other neighbours: what happens differs."""
     rows = {(row["member"], row["connected"]): row for row in results.tables["connected"]}
-    assert len(rows) == 2 * len(plan.members(TINY))
+    assert len(rows) == 2 * len(members(TINY))
     by_policy = {(r["policy"], r["readout"]): r for r in results.tables["policies"]}
-    for member, name in plan.members(TINY).items():
+    for member, name in members(TINY).items():
         assert rows[member, "off"]["r_social"] == by_policy[name, "greedy"]["r_social"]
     assert any(rows[m, "off"]["r_social"] != rows[m, "on"]["r_social"] for m, _ in rows)
 
 
 def test_every_job_has_its_time(results):
     rows = results.tables["times"]
-    assert sum(row["number"] for row in rows) == len(plan.plan(TINY))
+    assert sum(row["number"] for row in rows) == len(plan(TINY))
     assert all(0 <= row["longest"] <= row["seconds"] for row in rows)
     assert max(row["longest"] for row in rows) > 0
 
 
 def test_the_atlas_is_the_policies_that_were_evaluated(results, work):
     manifest = json.loads(results.files["atlas/manifest.json"])["policies"]
-    assert set(manifest) == set(plan.members(TINY))
+    assert set(manifest) == set(members(TINY))
     for name, entry in manifest.items():
         assert (
             results.files[f"atlas/{entry['file']}"]
-            == (work / entry["job"] / plan.policy_file(entry["job"])).read_bytes()
+            == (work / entry["job"] / policy_file(entry["job"])).read_bytes()
         )
-        policy = QPolicy.load(work / entry["job"] / plan.policy_file(entry["job"]))
+        policy = QPolicy.load(work / entry["job"] / policy_file(entry["job"]))
         assert policy.sha256 == entry["sha256"], name
 
 
@@ -113,9 +112,9 @@ def test_a_second_call_does_nothing_and_gives_the_same(results, work):
 
 
 def test_only_what_a_change_touches_is_done_again(results, work):
-    jobs = plan.plan(dataclasses.replace(TINY, episodes=30))
+    jobs = plan(dataclasses.replace(TINY, episodes=30))
     assert {job.stage for job in open_jobs(jobs, work)} == {"evaluation", "connected"}
-    jobs = plan.plan(dataclasses.replace(TINY, pool_episodes=13))
+    jobs = plan(dataclasses.replace(TINY, pool_episodes=13))
     assert {job.stage for job in open_jobs(jobs, work)} == {
         "demonstrations",
         "learners",
@@ -133,7 +132,7 @@ def test_results_are_saved_with_the_atlas_and_drawn_from_the_files(results, tmp_
 
 
 def test_the_whole_plan_has_jobs_of_distinct_names_after_their_inputs():
-    jobs = plan.plan(Config())
+    jobs = plan(Config())
     fingerprints(jobs)  # refuses a name that is there twice
     seen = set()
     for job in jobs:

@@ -73,7 +73,7 @@ TINY = {
 }
 
 
-QUICK = ("competence", "audit-power", "classic-control")
+QUICK = ("audit-power",)
 PARAMS = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in TINY]
 
 
