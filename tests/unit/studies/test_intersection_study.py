@@ -8,11 +8,13 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection import thesis_values
+from socialiq.experiments.intersection.experts import policy_file
 from socialiq.experiments.jobs import fingerprints, open_jobs
 from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
-from socialiq.studies.intersection import STUDY, plan
+from socialiq.studies.intersection import STUDY
 from socialiq.studies.intersection.config import Config
+from socialiq.studies.intersection.plan import learner_name, members, plan
 
 TINY = Config(
     parts=("main",),
