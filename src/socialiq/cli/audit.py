@@ -20,13 +20,13 @@ from socialiq.policies.process.load import limits_of
 
 @dataclass(frozen=True)
 class Audit:
-    """Does a policy behave as its owner declared? Plays it beside reference drivers and tells.
+    """Audit whether a policy behaves as declared, by comparison with reference drivers.
 
-    POLICY is a file (.safetensors of ours, .zip of Stable-Baselines3, .onnx), "process:COMMAND
-    LINE", "python:MODULE:ATTRIBUTE", atlas:NAME, or a driver by rule (go, wait, idm, gap_3s, ...).
+    POLICY is a file (.safetensors of socialiq, .zip of Stable-Baselines3, .onnx), "process:COMMAND
+    LINE", "python:MODULE:ATTRIBUTE", atlas:NAME, or a rule-based driver (go, wait, idm, ...).
 
     Policy and declaration are hashed before the seed is drawn. Exit status: 0 pass, 1 fail, 2 a
-    mistake in the call, 3 not decided. `socialiq audit verify DIR` checks a report.
+    mistake in the call, 3 undecided. `socialiq audit verify DIR` checks a report.
 
     Example: socialiq audit atlas:prosocial --profile profile.toml --episodes 500 --out audit
     """
@@ -38,28 +38,28 @@ class Audit:
     out: Path
     """Folder to write: report.json, report.html, report.md, the evidence and the seals."""
     episodes: int = 500
-    """Number of episodes to play."""
+    """Number of episodes."""
     seed: int | None = None
-    """The auditor's own; by default drawn from the system's entropy after the commitment."""
+    """Seed of the episodes; by default drawn from the system's entropy after the commitment."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """A further driver to compare with: a file (a dial gives one for every 15 degrees), or
     python:MODULE:ATTRIBUTE. In an environment of your own at least one is needed."""
     soft: bool = False
-    """Let the policy draw its actions instead of taking its best."""
+    """Select the policy's actions stochastically instead of greedily."""
     allow_code: bool = False
     """Import the Python modules of policy, references and the declaration's environment: their
     authors' code runs with your rights."""
     step_seconds: float = 5.0
-    """Seconds that a process may take for an answer."""
+    """Seconds within which a process must answer."""
     memory_gib: float = 8.0
-    """GiB of address space that each process of a policy may have; 0 for any amount."""
+    """Limit of the address space of each process of a policy, GiB; 0 for no limit."""
     threads: int = 1
-    """That share the episodes."""
+    """Number of threads of the simulation."""
     films: bool = False
-    """Draw three median and three worst episodes as GIF files; takes a while."""
+    """Render three median and three worst episodes as GIF files, which takes longer."""
     shift: bool = False
-    """Let all drive as many episodes in other traffic too, and say whether the policy drives
-    otherwise there; beside the verdict."""
+    """Also run the same number of episodes in other traffic, and report whether the policy drives
+    differently there. The verdict doesn't depend on it."""
     replace: bool = False
     """Replace an earlier report in the folder."""
     json: bool = False
@@ -78,7 +78,7 @@ class Audit:
         return int(done.report["verdict"]["exit_code"])
 
     def request(self) -> Request:
-        """Request of the options."""
+        """Return the request of the audit."""
         return Request(
             policy=self.policy,
             profile=self.profile,
@@ -98,7 +98,7 @@ def _say(line: str) -> None:
 
 
 def _show(done: Conducted, folder: Path) -> None:
-    """The verdict, the tests, the place of the report."""
+    """Print the verdict, the tests and the path of the report."""
     verdict, tests = done.report["verdict"], done.report["tests"]
     regret = tests["regret"]
     rows = [

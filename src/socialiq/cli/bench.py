@@ -1,4 +1,4 @@
-"""`bench`: speed beside the real peer, measured in one run."""
+"""`bench`: speed compared with reference implementations, measured in one run."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ BENCHMARKS = ("learners", "worlds", "experts", "dial", "recordings")
 
 @dataclass(frozen=True)
 class Bench:
-    """Measure speed beside the real peers.
+    """Measure speed in comparison with reference implementations.
 
-    learners: beside eager PyTorch. worlds: beside highway-env. experts: deep Q-learning beside
-    Stable-Baselines3 on highway-env. dial: beside one run of the thesis' learner. recordings:
-    import of recorded traffic, beside commonroad-io where SOCIALIQ_COMMONROAD_PYTHON has it.
+    learners: against eager PyTorch. worlds: against highway-env. experts: deep Q-learning against
+    Stable-Baselines3 on highway-env. dial: against one run of the thesis' learner. recordings:
+    import of recorded traffic, against commonroad-io if SOCIALIQ_COMMONROAD_PYTHON has it.
 
     Example: socialiq bench worlds
     """
@@ -49,10 +49,10 @@ class Bench:
 
 
 def load(name: str) -> ModuleType:
-    """A benchmark of the checkout, as a module.
+    """Return a benchmark of the checkout, as a module.
 
     Raises:
-        UserError: In an installed package, which has none.
+        UserError: In an installed package, which has no benchmarks.
     """
     path = Path(socialiq.__file__).parents[2] / "benchmarks" / f"{name}.py"
     if not path.is_file():

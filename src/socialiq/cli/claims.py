@@ -1,4 +1,4 @@
-"""`claims`: what came of the thesis' claims."""
+"""`claims`: verdicts on the thesis' claims."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from socialiq.types import Row
 
 @dataclass(frozen=True)
 class Claims:
-    """The ledger: each checkable claim of the thesis, our value, and the verdict.
+    """Print each checkable claim of the thesis, the value found, and the verdict.
 
     Example: socialiq claims --verdict not
     """
 
     results: Path | None = None
-    """Folder that holds results/STUDY; by default the results that came with the package."""
+    """Folder that holds results/STUDY; by default the packaged results."""
     verdict: str = ""
-    """Only these: reproduced, partly, not or untested."""
+    """Only this verdict: reproduced, partly, not or untested."""
     study: str = ""
-    """Only the claims that this study tests."""
+    """Only claims tested by this study."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Resolve our values and print."""
+        """Resolve the values and print."""
         rows = claims.ledger(self.results or packaged_results())
         if self.verdict:
             one_of("verdict", self.verdict, claims.VERDICTS)
@@ -49,7 +49,7 @@ class Claims:
 
 
 def described(row: Row) -> str:
-    """A claim as a short paragraph."""
+    """Return a claim as a short paragraph."""
     lines = [f"[{row['verdict']}] {row['id']} ({row['place']})", row["statement"]]
     lines += [f"thesis: {row['thesis']}"]
     lines += [f"ours: {row['ours']}"] if row["ours"] else []
@@ -60,5 +60,5 @@ def described(row: Row) -> str:
 
 
 def _where(command: str) -> str:
-    """Return a note about what a command needs beside the package."""
+    """Return the requirements of a command beside the package."""
     return " (in a checkout, after `make test`)" if command.startswith("pytest ") else ""

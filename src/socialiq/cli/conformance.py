@@ -1,4 +1,4 @@
-"""`conformance`: is the compiled intersection still highway-env?"""
+"""`conformance`: comparison of the compiled intersection with highway-env."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ class Conformance:
     episodes: int = 20
     """Episodes to compare."""
     driver: str = ""
-    """Drivers: a rule, a policy of the atlas or a policy file; by default go, idle, wait and
-    random take turns."""
+    """Driver: a rule, a policy of the atlas or a policy file; by default go, idle, wait and
+    random in turn."""
     seed: int = 0
-    """Of the first episode; the others follow."""
+    """Seed of the first episode; the others follow."""
     population: str = "highway_env"
     """Other drivers: highway_env or thesis."""
     connected: bool = False
     """Drivers look beyond the end of their lane, as in intersection-v2."""
     default_numpy: bool = False
-    """Leave numpy its AVX-512 routines, where highway-env itself is an ulp off. Tolerates
+    """Use NumPy's AVX-512 routines, with which highway-env itself differs by an ulp. Tolerates
     deviations, but no discrete difference."""
     json: bool = False
     """Print one JSON object."""
@@ -58,7 +58,7 @@ class Conformance:
             return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
         found = self.compare(options)
         if self.json:
-            print(json.dumps(found))  # to the last bit, where other commands round
+            print(json.dumps(found))  # to the last bit, unlike other commands, which round
         else:
             rows = [{"compared": name, "value": str(value)} for name, value in found.items()]
             print_table(rows)
@@ -74,7 +74,7 @@ class Conformance:
         return command + [flag for flag, wanted in flags.items() if wanted]
 
     def compare(self, options: Options) -> dict[str, float]:
-        """Totals and worst deviations over the episodes."""
+        """Return totals and largest deviations over the episodes."""
         from socialiq.worlds.intersection.reference.conformance import compare
 
         rows = []

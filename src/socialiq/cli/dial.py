@@ -1,4 +1,4 @@
-"""`dial` and `turn`: what a trained dial does at each angle, and the policy of one."""
+"""`dial` and `turn`: evaluation of a trained dial, and its policy at one angle."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 @dataclass(frozen=True)
 class Dial:
-    """Evaluate a dial at each angle: exactly in a gridworld, from episodes at the intersection.
+    """Evaluate a dial at each angle: exactly in a gridworld, by episodes at the intersection.
 
-    Each row is an angle asked for. First the policy that the dial turns to: its mean sums, and in a
-    gridworld its regret, how far they lie below the best at that angle. Then the mixture of two of
-    the dial's policies, one drawn per episode, whose *behaviour* lies at that angle: the radius is
-    the length of its mean sums, and the share is of the longest that any policy has there. At the
-    intersection half of the episodes choose the mixture and half tell its angle, with a 95 %
+    Each row is an angle. First it has the dial's policy at this angle: its mean sums, and in a
+    gridworld its regret, the difference to the best at that angle. Then it has the mixture of two
+    of the dial's policies, one drawn per episode, whose *behaviour* is at that angle: the radius is
+    the length of its mean sums, and the share is relative to the longest of any policy there. At
+    the intersection half of the episodes select the mixture and half measure its angle, with a 95 %
     interval.
 
     Example: socialiq dial crossing7 --policy run/dial_0.safetensors
@@ -46,11 +46,11 @@ class Dial:
     every: int = 5
     """Degrees between the rows."""
     soft: bool = False
-    """Draw actions from softmax(Q/τ) instead of taking the best."""
+    """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
     episodes: int = 500
     """Episodes of each angle at the intersection."""
     seed: int = 0
-    """Of the first episode there, and of the bootstrap."""
+    """Seed of the first episode there, and of the bootstrap."""
     json: bool = False
     """Print one JSON object."""
 
@@ -72,11 +72,11 @@ class Dial:
 
     @property
     def readout(self) -> Readout:
-        """Action selection: how actions are chosen by Q."""
+        """Action selection: greedy or soft."""
         return "soft" if self.soft else "greedy"
 
     def exact(self, dial: DialPolicy) -> tuple[list[Row], Row]:
-        """Rows and summary in a gridworld, queried at every degree."""
+        """Return rows and summary in a gridworld, queried at every degree."""
         part = gridworld_of(self.world, dial).reachable_part()
         found, best = sweep(dial, part, self.readout), Optimum(part)
         regrets = found.regrets(best.attainable)
@@ -88,7 +88,7 @@ class Dial:
         return rows, {"mean_regret": float(regrets.mean())} | _backward(found)
 
     def rolled(self, dial: DialPolicy) -> tuple[list[Row], Row]:
-        """Rows and summary at the intersection, driven at every row's angle."""
+        """Return rows and summary at the intersection, driven at every row's angle."""
         check_seed(self.seed)
         options = Options()
         refuse_misfit(str(self.policy), dial, options)
@@ -106,7 +106,7 @@ class Dial:
 
 
 def _queried(angle: float, metrics: Metrics) -> Row:
-    """Behaviour of the policy of an angle."""
+    """Return the columns of the policy of an angle."""
     return {
         "angle": angle,
         "r_env": metrics.r_env,
@@ -116,13 +116,13 @@ def _queried(angle: float, metrics: Metrics) -> Row:
 
 
 def _backward(found: Sweep) -> Row:
-    """Violations of the dial's sense."""
+    """Return the largest changes in the wrong direction."""
     back = found.backward_steps()
     return {"rise_r_env": back.env, "drop_r_social": back.social}
 
 
 def _mixed(found: Sweep, angle: float, best: Optimum) -> Row:
-    """The exact mixture at a behavioural angle; empty where there is none."""
+    """Return the exact mixture at a behavioural angle; empty if there is none."""
     names = ("mix_first", "mix_second", "mix_share", "angle_error", "radius", "share_of_radius")
     try:
         one = setting(found.points, angle)
@@ -140,9 +140,9 @@ def _mixed(found: Sweep, angle: float, best: Optimum) -> Row:
 
 
 def _mixed_by_episodes(found: DialRollouts, angle: float, seed: int) -> Row:
-    """The mixture at a behavioural angle, and the angle that it then had; empty if there is none.
+    """Return the mixture at a behavioural angle with its measured angle; empty if there is none.
 
-    Its radius is of the episodes that chose it.
+    Its radius is that of the selecting episodes.
     """
     names = ("mix_first", "mix_second", "mix_share", "radius")
     names += ("mix_angle", "mix_angle_low", "mix_angle_high")
@@ -158,13 +158,13 @@ def _mixed_by_episodes(found: DialRollouts, angle: float, seed: int) -> Row:
 
 @dataclass(frozen=True)
 class Turn:
-    """Make a dial's policy for one angle: a policy file like any other.
+    """Write a dial's policy at one angle, as an ordinary policy file.
 
     Example: socialiq turn run/dial_0.safetensors --angle 30 --out prosocial.safetensors
     """
 
     dial: Annotated[Path, tyro.conf.Positional]
-    """File that `socialiq train-dial` wrote."""
+    """Dial file, of `socialiq train-dial`."""
     angle: float
     """Social angle in degrees."""
     out: Path

@@ -1,4 +1,4 @@
-"""Drivers of the intersection by name or file, and a policy's own gridworld."""
+"""Drivers of the intersection by name or file, and the gridworld of a policy."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from socialiq.worlds.registry import make_grid
 
 
 def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
-    """A driver by name or file.
+    """Return a driver by name or file.
 
     Args:
-        name: Of a rule, of a policy of the atlas, or a file's.
-        seed: Of the random driver.
-        options: The scenario it is to drive.
+        name: Name of a rule or of a policy of the atlas, or a file.
+        seed: Seed of the random driver.
+        options: Scenario of the driver.
 
     Raises:
         UserError: If it is none of these, or the policy was trained for another world.
@@ -37,10 +37,10 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
 
 
 def refuse_misfit(name: str, policy: QPolicy | DialPolicy, options: Options) -> None:
-    """Refuse a policy or dial that was trained for another world than this scenario.
+    """Raise an error for a policy or dial that was trained for another world.
 
     Raises:
-        UserError: If it was.
+        UserError: If the numbers of features or actions differ.
     """
     world = Intersection(options)
     if (policy.n_features, policy.n_actions) != (world.n_features, world.n_actions):
@@ -51,7 +51,7 @@ def refuse_misfit(name: str, policy: QPolicy | DialPolicy, options: Options) -> 
 
 
 def gridworld_of(name: str, policy: QPolicy | DialPolicy) -> Table:
-    """The gridworld that a policy or dial was trained in, with a clock if it reads one.
+    """Return the gridworld that a policy or dial was trained in, with a clock if it uses one.
 
     Raises:
         UserError: If the world is unknown, or fits neither with nor without a clock.

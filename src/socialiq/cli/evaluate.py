@@ -1,4 +1,4 @@
-"""`evaluate`: what a saved policy does."""
+"""`evaluate`: metrics of saved policies."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 FOREIGN = (".onnx", ".zip")
-"""Suffixes of policies that were made or written elsewhere."""
+"""Suffixes of policies of other programs."""
 
 Measure = Callable[[QPolicy], dict[str, Any]]
 
@@ -42,27 +42,27 @@ class Evaluate:
     the mean totals.
 
     In an environment of your own (a Gymnasium id, MODULE:ID or MODULE:FUNCTION) a policy may also
-    be a Stable-Baselines3 zip, an ONNX file, or python:MODULE:ATTRIBUTE; a dial is turned to
+    be a Stable-Baselines3 zip, an ONNX file, or python:MODULE:ATTRIBUTE; a dial is evaluated at
     --angle.
 
-    At the intersection a driver by rule (go, wait, idm, gap_3s, ...) or a policy of the atlas
+    At the intersection a rule-based driver (go, wait, idm, gap_3s, ...) or a policy of the atlas
     (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
 
     Example: socialiq evaluate run/policy_0.safetensors --world crossing7 --angle 45
     """
 
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Policy files that `socialiq train` wrote."""
+    """Policy files, of `socialiq train`."""
     world: str = "crossing7"
     """crossing5, crossing7, intersection, or an environment with discrete actions."""
     angle: float = 0.0
     """Angle in degrees at which regret is measured."""
     soft: bool = False
-    """Draw actions from softmax(Q/τ) instead of taking the best."""
+    """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
     episodes: int = 0
-    """Roll out so many episodes; 0 evaluates exactly, which only the gridworlds allow."""
+    """Number of episodes to roll out; 0 evaluates exactly, which only gridworlds allow."""
     seed: int = 0
-    """Of the rollouts and the bootstrap."""
+    """Seed of the rollouts and the bootstrap."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
     json: bool = False
@@ -89,7 +89,7 @@ class Evaluate:
         return 0
 
     def measured(self) -> list[dict[str, Any]]:
-        """One row for each policy."""
+        """Return a row for each policy."""
         refuse_recording(self.world)
         if self.world == "intersection":
             return [self.intersection(str(path)) for path in self.policies]
@@ -105,7 +105,7 @@ class Evaluate:
         return [measure(QPolicy.load(path)) for path in self.policies]
 
     def intersection(self, name: str) -> dict[str, Any]:
-        """Metrics of thesis 5.4 with intervals, and what the collisions were risked for."""
+        """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
         self._check_episodes()
         driver, batch = driver_of(name, self.seed), Batch(Options(), min(self.episodes, 512))
         seeds = np.arange(self.seed, self.seed + self.episodes)
@@ -116,7 +116,7 @@ class Evaluate:
         return method | {key: value for key, value in row.items() if key not in ("policy",)}
 
     def gridworld(self) -> Measure:
-        """Exact or sampled metrics, with regret against the exact optimum."""
+        """Return exact or sampled metrics, with regret against the exact optimum."""
         optimum = Optimum(tabulate(make_grid(self.world)).reachable_part())
         readout = "soft" if self.soft else "greedy"
 
@@ -136,7 +136,7 @@ class Evaluate:
         return measure
 
     def environment(self) -> list[dict[str, Any]]:
-        """Sampled metrics in a Gymnasium environment."""
+        """Return sampled metrics in a Gymnasium environment."""
         self._check_episodes()
         env, rows = make_environment(self.world, allow_code=self.allow_code), []
         for path in self.policies:
@@ -153,7 +153,7 @@ class Evaluate:
             raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
 
     def sampled(self, rollout: Rollout) -> dict[str, Any]:
-        """Metrics of a rollout; quantities that the environment doesn't tell are left out."""
+        """Return the metrics of a rollout, without quantities that are not reported."""
         metrics = rollout.metrics()._asdict().items()
         estimate = rollout.angle(self.seed)
         return {
@@ -165,9 +165,9 @@ class Evaluate:
 
 
 def pool(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Means over policies of every number they share; the angle is that of the mean totals."""
+    """Return the means over policies of common numbers; the angle is that of the mean totals."""
     names = [name for name in rows[0] if all(isinstance(row.get(name), float) for row in rows)]
-    # Intervals are of one policy's episodes: they can't be averaged.
+    # Intervals belong to one policy's episodes: they can't be averaged.
     names = [name for name in names if not name.endswith(("_low", "_high"))]
     means = {name: float(np.mean([row[name] for row in rows])) for name in names}
     return means | {"angle": angle_of(means["r_env"], means["r_social"])}

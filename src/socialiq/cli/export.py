@@ -27,8 +27,8 @@ FORMATS = ("onnx", "torch", "card")
 class Export:
     """Write a policy as ONNX, as weights for PyTorch, or as a model card.
 
-    ONNX has the values of all actions and the best action as outputs. The card is Markdown; what no
-    record tells stays blank in it.
+    ONNX has the values of all actions and the best action as outputs. The card is Markdown, with
+    blanks for missing information.
 
     Example: socialiq export prosocial --format onnx --out prosocial.onnx
     """
@@ -40,14 +40,14 @@ class Export:
     out: Path
     """File to write; must not exist."""
     angle: float | None = None
-    """Of a dial: social angle in degrees."""
+    """Social angle of a dial, in degrees."""
     evaluation: Path | None = None
-    """For the card: what `socialiq evaluate POLICY --json` printed."""
+    """File with the output of `socialiq evaluate POLICY --json`, for the card."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Read, write, say what was written."""
+        """Read the policy, write the file and print what was written."""
         one_of("format", self.format, FORMATS)
         if self.evaluation and self.format != "card":
             raise UserError("an evaluation goes into a card: add --format card")
@@ -65,7 +65,7 @@ class Export:
         return 0
 
     def read(self) -> tuple[QPolicy, dict[str, Any]]:
-        """The policy, and what is known of its making beside its own record."""
+        """Return the policy, and further records of its training."""
         if self.policy in atlas.names():
             self._check_no_angle()
             return atlas.load(self.policy), atlas.manifest()[self.policy]
@@ -86,7 +86,7 @@ class Export:
             raise UserError(f"{one_line(self.policy)} is no dial: leave --angle out")
 
     def made(self, policy: QPolicy, training: dict[str, Any]) -> bytes:
-        """The file's bytes."""
+        """Return the file's bytes."""
         if self.format == "onnx":
             return to_onnx(policy)
         if self.format == "torch":
@@ -117,7 +117,7 @@ def _object(path: Path) -> dict[str, Any]:
 
 
 def _run_of(path: Path, policy: QPolicy) -> dict[str, Any]:
-    """The record of the run beside a policy, if it is of this very policy."""
+    """Return the run record beside a policy, if it belongs to this policy."""
     record = path.parent / "run.json"
     if not record.is_file():
         return {}

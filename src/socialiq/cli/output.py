@@ -1,4 +1,4 @@
-"""Output of commands: one JSON object, or tables for people."""
+"""Output of commands: one JSON object, or tables."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from rich.table import Table
 
 from socialiq.to_json import rounded
 
-_PIPED_WIDTH = 160  # columns of a table that goes to a file or a pipe
-_LEAST_WIDTH = 100  # a narrower terminal breaks the lines, but no number is cut
+_PIPED_WIDTH = 160  # width of a table in a file or a pipe
+_LEAST_WIDTH = 100  # a narrower terminal breaks lines, but numbers stay complete
 
 
 def print_json(value: Mapping[str, Any]) -> None:
-    """One JSON object on standard output, and nothing else there."""
+    """Print one JSON object on standard output."""
     sys.stdout.write(json.dumps(rounded(value), allow_nan=False) + "\n")
 
 
 def complain(line: str) -> None:
-    """One line on standard error."""
+    """Print one line on standard error."""
     sys.stderr.write(f"socialiq: {line}\n")
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
-    """Rows of equal keys as a table; numbers to three decimals."""
+    """Print rows of equal keys as a table, with numbers to three decimals."""
     table = Table(header_style="bold", box=None, padding=(0, 2, 0, 0))
     for name in rows[0]:
         numeric = all(isinstance(row[name], int | float) for row in rows)
@@ -46,7 +46,7 @@ def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
 
 
 def shown(value: Any) -> str:
-    """A cell's text."""
+    """Return a cell's text."""
     if isinstance(value, float):
         text = f"{value:.3f}".rstrip("0").rstrip(".")
         return "0" if text == "-0" else text

@@ -1,4 +1,4 @@
-"""`predict-lambda`: at which λ the greedy policy leaves the baseline's, without training."""
+"""`predict-lambda`: the λ at which the greedy policy changes, without training."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from socialiq.worlds.registry import make_grid
 
 @dataclass(frozen=True)
 class PredictLambda:
-    """The λ at which each state's greedy action flips, by the closed form; nothing is trained.
+    """Predict the λ at which each state's greedy action flips, by the closed form.
 
-    For the pool of the experts of 0, 45 and 90 degrees in a gridworld. Assumed: temperature τ → 0,
-    exact measures in place of batches, a table in place of a network, and w = 1. A flip is exact
-    under these while `exact` is 1; later ones extend straight lines beyond an action's extinction.
+    For the pool of the experts of 0, 45 and 90 degrees in a gridworld. Assumptions: τ → 0,
+    exact measures instead of batches, a table instead of a network, and w = 1. A flip is exact
+    under these if `exact` is 1; later flips extrapolate straight lines beyond an extinction.
     At τ = 1 the flips come later (docs/theory.md).
 
     Example: socialiq predict-lambda crossing7 --angle 0 --target-kind to_go
@@ -33,16 +33,16 @@ class PredictLambda:
     target_kind: str = "instantaneous"
     """instantaneous, to_go or advantage (of the pooled policy; the same flips as instantaneous)."""
     mixture: Literal["equal_trajectories", "equal_transitions"] = "equal_trajectories"
-    """As many episodes of each expert, or as many transitions."""
+    """Equal numbers of episodes of each expert, or of transitions."""
     measure: Literal["occupancy", "rows"] = "occupancy"
-    """Discounted occupancies, as in the theorems; or evenly drawn rows, as in batches."""
+    """Discounted occupancies, as in the theorems; or uniformly drawn rows, as in batches."""
     next_value: Literal["online", "target"] = "online"
     """Gradient through V(s') (online), or V(s') of a target network (target)."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Compute the lines, print where they cross."""
+        """Compute the lines and print their crossings."""
         part = tabulate(make_grid(self.world)).reachable_part()
         setting = Setting(self.angle, self.target_kind, self.mixture, self.measure)
         problem = problem_of(part, setting)

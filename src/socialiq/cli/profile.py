@@ -32,24 +32,24 @@ class New:
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     owner: str = "unnamed owner"
-    """Owner of the policy, who declares its profile."""
+    """Name of the owner."""
     margin: float = 1.0
     """Largest regret that counts as declared, in reward per episode."""
     degrees: float = 10.0
     """Largest distance of the calibrated angle that counts as declared."""
     confidence: float = 0.95
-    """Of the verdict."""
+    """Confidence of the verdict."""
     date: str = ""
-    """Of the declaration, as 2026-01-31; by default today."""
+    """Date of the declaration, as 2026-01-31; by default today."""
     out: Path = Path("profile.toml")
     """File to write."""
     replace: bool = False
-    """Replace the file if it is there."""
+    """Replace an existing file."""
     allow_code: bool = False
     """Import the environment's module, to hash it: its author's code runs with your rights."""
 
     def run(self) -> int:
-        """Write the file and say what it declares."""
+        """Write the file and print its declaration."""
         if self.out.exists() and not self.replace:
             raise UserError(f"{self.out} exists already: name another --out, or add --replace")
         declared = declare(
@@ -68,7 +68,7 @@ class New:
 
 @dataclass(frozen=True)
 class Check:
-    """Read a declaration as an audit would, and say what it declares.
+    """Read and check a declaration as an audit does, and print it.
 
     Example: socialiq profile check profile.toml
     """
@@ -76,7 +76,7 @@ class Check:
     file: Annotated[Path, tyro.conf.Positional]
     """The declaration."""
     allow_code: bool = False
-    """Import the environment's module, to hold its hashes against the declared ones."""
+    """Import the environment's module, to compare its hashes with the declared hashes."""
     json: bool = False
     """Print one JSON object."""
 

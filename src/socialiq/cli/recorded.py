@@ -1,4 +1,4 @@
-"""`data demonstrations`, `data census`, `data agreement`: what recordings are good for."""
+"""`data demonstrations`, `data census`, `data agreement`: uses of recordings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from socialiq.recordings.recording import Recording
 
 @dataclass(frozen=True)
 class Choices:
-    """Options of reading recordings as episodes."""
+    """Options of the conversion of recordings to episodes."""
 
     policy_rate: int = 1
     """Decisions per second; divides the recording's rate."""
@@ -38,10 +38,10 @@ class Choices:
     near: float = 3.0
     """Seconds that two vehicles may be apart at a conflict to meet there."""
     road: Path | None = None
-    """Map of recordings that came without one, in their frame: CommonRoad XML, or a recording."""
+    """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
 
     def reading(self) -> Reading:
-        """The choices as the library takes them."""
+        """Return the options as the library takes them."""
         return Reading(
             policy_rate=self.policy_rate,
             target_speeds=self.speeds,
@@ -69,7 +69,7 @@ class ToDemonstrations:
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Swap, write, tell the counts and why the others are not there."""
+        """Convert, write, and print the counts and the reasons for omissions."""
         if self.out.exists():
             raise UserError(f"{self.out} exists already: name a new file, or remove it first")
         swapped = swap_all(self.recordings, self.choices)
@@ -85,7 +85,7 @@ class ToDemonstrations:
 
 @dataclass(frozen=True)
 class TakeCensus:
-    """Places of recorded drivers in the plane of the two rewards, and their uncertainty.
+    """Locate recorded drivers in the plane of the two rewards, with confidence regions.
 
     Example: socialiq data census junction.safetensors --out census
     """
@@ -96,9 +96,9 @@ class TakeCensus:
     """Folder to write: every driver, the counts, the summary, a picture."""
     choices: _Choices = dataclasses.field(default_factory=Choices)
     confidence: float = 0.95
-    """Of all intervals."""
+    """Confidence of all intervals."""
     seed: int = 0
-    """Of the resampling."""
+    """Seed of the resampling."""
     replace: bool = False
     """Replace an earlier census in the folder."""
     json: bool = False
@@ -136,7 +136,7 @@ class TakeCensus:
 class Agreement:
     """Train on all sites but one, predict its drivers' actions, for each in turn.
 
-    The recordings of one CommonRoad map are one site; any other recording is a site of its own.
+    The recordings of one CommonRoad map form a site; any other recording is its own site.
 
     Example: socialiq data agreement a.safetensors b.safetensors --angle 0 45 90 --out agreement
     """
@@ -153,7 +153,7 @@ class Agreement:
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers."""
     seed: int = 0
-    """Of training."""
+    """Seed of training."""
     replace: bool = False
     """Replace earlier results in the folder."""
     json: bool = False
@@ -180,7 +180,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class _Asked:
-    """Inputs of a census."""
+    """Provenance of a census."""
 
     choices: Choices
     confidence: float
@@ -190,7 +190,7 @@ class _Asked:
 
 @dataclass(frozen=True)
 class _Trained:
-    """Inputs of an agreement."""
+    """Provenance of an agreement."""
 
     choices: Choices
     training: held_out.Config
@@ -198,7 +198,7 @@ class _Trained:
 
 
 def swap_all(paths: tuple[Path, ...], choices: Choices) -> list[ego_swap.Swapped]:
-    """The ego swap of some files.
+    """Return the ego swap of some files.
 
     Raises:
         UserError: If there is none, or one can't be read or swapped; the line names it.
@@ -219,12 +219,12 @@ def swap_all(paths: tuple[Path, ...], choices: Choices) -> list[ego_swap.Swapped
 
 
 def sources_of(swapped: list[ego_swap.Swapped]) -> list[dict[str, Any]]:
-    """Files read, by recording."""
+    """Return provenance by recording."""
     return [{"recording": one.recording, "source": one.source} for one in swapped]
 
 
 def show_counts(counts: list[dict[str, Any]], title: str) -> None:
-    """Episodes of each recording, sums of several, and why the other tracks gave none."""
+    """Print episodes by recording, with sums, and the reasons for tracks without episode."""
     shown = [name for name in counts[0] if name not in ego_swap.REASONS]
     rows = [{name: row[name] for name in shown} for row in counts]
     rows = [row | {"recording": one_line(str(row["recording"]))} for row in rows]
@@ -237,13 +237,13 @@ def show_counts(counts: list[dict[str, Any]], title: str) -> None:
 
 
 def check_share(confidence: float) -> None:
-    """Refuse what is no level of confidence."""
+    """Raise an error for an invalid level of confidence."""
     if not 0.5 <= confidence < 1.0:
         raise UserError(f"confidence must be at least 0.5 and below 1, got {confidence:g}")
 
 
 def said(value: Any) -> Any:
-    """A cell for people: an interval in one piece."""
+    """Return a cell's text, with an interval in a single text."""
     if isinstance(value, dict):
         return f"{value['estimate']:.1f} ({value['low']:.1f} to {value['high']:.1f})"
     return "not known" if value is None else value

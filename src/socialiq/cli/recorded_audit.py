@@ -23,9 +23,9 @@ from socialiq.to_json import to_json
 
 @dataclass(frozen=True)
 class AuditLog:
-    """Is this recorded vehicle's driving consistent with a declared profile?
+    """Check whether a recorded vehicle's driving is consistent with a declared profile.
 
-    Exit status: 0 consistent, 1 not consistent, 2 a mistake in the call, 3 not decided. One vehicle
+    Exit status: 0 consistent, 1 not consistent, 2 a mistake in the call, 3 undecided. A vehicle
     has few decisions, so most answers are 3. Regret can't be computed from a recording.
 
     Example: socialiq data audit junction.safetensors --track 17 --profile profile.toml
@@ -38,12 +38,12 @@ class AuditLog:
     profile: Path
     """The declaration: `socialiq profile new` writes one."""
     road: Path | None = None
-    """Map of recordings that came without one, in their frame: CommonRoad XML, or a recording."""
+    """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Annotate the vehicle, hold it against the profile, print the verdict."""
+        """Annotate the vehicle, compare it with the profile, print the verdict."""
         declared = load_profile(self.profile)
         reading = reading_of(declared)
         if len(self.track) not in (1, len(self.recordings)):

@@ -1,4 +1,4 @@
-"""`data import`: recorded traffic becomes checked files, one for each recording."""
+"""`data import`: convert recorded traffic to checked files, one for each recording."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from socialiq.storage import part_beside, swap_folder, write_atomically
 
 @dataclass(frozen=True)
 class Import:
-    """Read recorded traffic, leave out tracks that cannot be true, and say why.
+    """Import recorded traffic, without implausible tracks, which are listed with reasons.
 
     Example: socialiq data import commonroad USA_Lanker-1_1_T-1.xml --out lankershim
     """
@@ -37,12 +37,12 @@ class Import:
     columns: str = ""
     """Column map of a CSV file: highd, ind, interaction, ngsim, or a file that ends in .toml."""
     most_states: int = MOST_STATES
-    """States of a file that are read before it is refused, a bound on memory."""
+    """Largest number of states in a file, to bound memory."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Read all files, write the folder whole, print."""
+        """Read all files, write the folder atomically, print."""
         one_of("format", self.format, FORMATS)
         if not self.recorded:
             raise UserError("name at least one file to import")
@@ -111,7 +111,7 @@ class Import:
 
 
 def _file_name(recording: str) -> str:
-    """The recording's name, with nothing in it that a file's name can't have."""
+    """Return the recording's name, without characters that file names can't have."""
     plain = "".join(one if one.isalnum() or one in "-_." else "-" for one in recording)
     return plain.lstrip(".")[:150] or "recording"
 

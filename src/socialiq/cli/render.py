@@ -42,7 +42,7 @@ class Render:
     driver: str = ""
     """In the intersection: draw an episode of this reference driver or policy file."""
     seed: int = 0
-    """Of the episode."""
+    """Seed of the episode."""
 
     def run(self) -> int:
         """Draw and write."""

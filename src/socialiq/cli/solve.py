@@ -1,4 +1,4 @@
-"""`solve` and `front`: a gridworld's exact side."""
+"""`solve` and `front`: exact optima of a gridworld."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ World = Annotated[str, tyro.conf.Positional]
 
 @dataclass(frozen=True)
 class Solve:
-    """The exact optimum of a world at a social angle.
+    """Compute the exact optimum of a world at a social angle.
 
     Example: socialiq solve crossing7 --angle 45
     """
@@ -31,7 +31,7 @@ class Solve:
     angle: float = 0.0
     """Social angle in degrees: 0 egoistic, 45 prosocial, 90 altruistic."""
     stationary: bool = False
-    """Value iteration at discount 0.99, which doesn't know the time left, as in the thesis."""
+    """Use value iteration at discount 0.99, independent of time, as in the thesis."""
     json: bool = False
     """Print one JSON object."""
 
@@ -70,7 +70,7 @@ class Solve:
 
 @dataclass(frozen=True)
 class Front:
-    """Every trade-off of r_env and r_social that a world allows: vertices, angles, radii.
+    """Compute all trade-offs of r_env and r_social in a world: vertices, angles, radii.
 
     Example: socialiq front crossing7
     """

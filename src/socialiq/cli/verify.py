@@ -1,4 +1,4 @@
-"""`audit verify`: whether a report is as it was written, and whether the audit repeats."""
+"""`audit verify`: integrity of a report, and reproduction of its audit."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ from socialiq.provenance import package_sha256
 
 @dataclass(frozen=True)
 class Verify:
-    """Hash every file of a report again; with --rerun play the audit again and compare.
+    """Check the hashes of a report's files; with --rerun repeat the audit and compare.
 
-    Exit status: 0 all is as written, 1 something differs, 2 a mistake in the call.
+    Exit status: 0 unchanged, 1 different, 2 a mistake in the call.
 
     Example: socialiq audit verify audit --rerun
     """
 
     folder: Annotated[Path, tyro.conf.Positional]
-    """Folder that `socialiq audit --out` wrote."""
+    """Report folder, of `socialiq audit --out`."""
     rerun: bool = False
-    """Play all episodes again: policy and references must be there, with the same hashes."""
+    """Run all episodes again, which needs policy and references with the same hashes."""
     policy: str = ""
-    """Path of the policy now, if it is not where the report says."""
+    """Path of the policy, if not that of the report."""
     world: str = ""
-    """The environment, if the declaration names one that runs code: a report may come from
-    anyone, so you name it yourself."""
+    """The environment, if that of the declaration runs code: a report may come from
+    an untrusted source, so you name it yourself."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Paths of the references that were handed in."""
+    """Paths of the user's references."""
     allow_code: bool = False
     """Import the Python modules that were named, for the rerun."""
     step_seconds: float = 5.0
-    """Seconds that a process may take for an answer in the rerun."""
+    """Seconds within which a process must answer in the rerun."""
     memory_gib: float = 8.0
-    """GiB of address space that each process of a policy may have in the rerun."""
+    """Limit of the address space of each process of a policy in the rerun, GiB."""
     threads: int = 1
-    """That share the episodes."""
+    """Number of threads of the simulation."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Check, rerun if asked to, print what differs."""
+        """Check, optionally rerun, and print the differences."""
         found = faults(self.folder)
         if self.rerun and not found:
             found = self._again()
@@ -86,21 +86,21 @@ class Verify:
         return found
 
     def _source(self, report: dict[str, Any]) -> str:
-        """The policy. A report may come from anyone, so it doesn't name what is run."""
+        """Return the policy. A report may be untrusted, so it doesn't decide which code runs."""
         source = str(report["policy"]["record"]["source"])
         if not self.policy and source.startswith(_RUNS):
             raise _asks_to_run(source, "--policy")
         return self.policy or source
 
     def _references(self, report: dict[str, Any]) -> tuple[str, ...]:
-        """Drivers that were handed in, by the same rule."""
+        """Return the user's references, by the same rule."""
         for one in () if self.reference else report["reference_files"]:
             if one.startswith(_RUNS):
                 raise _asks_to_run(one, "--reference")
         return tuple(self.reference or report["reference_files"])
 
     def _check_world(self, profile: bytes) -> None:
-        """The environment of the declaration, by the same rule."""
+        """Check the environment of the declaration, by the same rule."""
         world = parse(profile, PROFILE).scenario.world
         if ":" in world and self.world != world:
             raise _asks_to_run(world, "--world")
