@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from socialiq.errors import UserError
     from socialiq.evaluation.expert_demonstrations import trajectory_datasets as expert_datasets
     from socialiq.evaluation.rollout import rollout_env
+    from socialiq.experiments.jobs import Job
+    from socialiq.experiments.study import Findings, Study, View
     from socialiq.learners.collect import acting_in
     from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
     from socialiq.learners.iq_learn.train import train
@@ -38,14 +40,18 @@ if TYPE_CHECKING:
 __all__ = [
     "Demonstrations",
     "Ending",
+    "Findings",
     "Hyperparameters",
+    "Job",
     "Margin",
     "QPolicy",
     "RewardPair",
     "RewardPairWrapper",
     "StaticConfig",
+    "Study",
     "Transition",
     "UserError",
+    "View",
     "acting_in",
     "attainable_set",
     "audit_policy",
@@ -70,6 +76,10 @@ __all__ = [
 _PLACES = {
     "Demonstrations": "demonstrations.dataset",
     "Ending": "types",
+    "Findings": "experiments.study",
+    "Job": "experiments.jobs",
+    "Study": "experiments.study",
+    "View": "experiments.study",
     "Margin": "audit.profile.profile",
     "Hyperparameters": "learners.iq_learn.config",
     "QPolicy": "nn.q_policy",
