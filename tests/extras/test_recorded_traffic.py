@@ -18,7 +18,7 @@ from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.recordings import files, simulated
 from socialiq.recordings.episodes.annotate import driven
-from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.ego_swap import demonstrations, episode_of, swap
 from socialiq.recordings.episodes.scene import Scene
 from socialiq.recordings.export import write_commonroad, write_csv
@@ -35,7 +35,7 @@ from socialiq.worlds.intersection.core.geometry import LEFT, RIGHT, STRAIGHT
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 
-SIMULATORS = Reading(contact="predicted", clock=True)
+SIMULATORS = EpisodeConfig(contact="predicted", clock=True)
 DRIVERS = ("gap_3s", "random", "go", "stop_line", "gap_2s")
 DESTINATIONS = ("left", "straight", "right")
 TOLERANCE = 1e-5
@@ -215,7 +215,7 @@ def test_speed_may_be_lost_within_a_decision(episodes):
 
 
 def test_a_higher_rate_gives_more_decisions(busy):
-    slow, fast = (swap(busy[0].recording, Reading(policy_rate=rate)) for rate in (1, 5))
+    slow, fast = (swap(busy[0].recording, EpisodeConfig(policy_rate=rate)) for rate in (1, 5))
     assert fast.n_transitions > 4 * slow.n_transitions
 
 
@@ -229,7 +229,7 @@ def test_pedestrians_and_unknown_vehicles_make_no_episode(busy):
     found = swap(Recording(far, busy[0].recording.road))
     assert found.left_out == {"off the lanelets": tracks.n_tracks}
     with pytest.raises(UserError, match="makes no episode: off the lanelets"):
-        episode_of(Recording(far, busy[0].recording.road), 1, Reading())
+        episode_of(Recording(far, busy[0].recording.road), 1, EpisodeConfig())
     with pytest.raises(UserError, match="no road network"):
         swap(Recording(tracks, RoadNetwork()))
 

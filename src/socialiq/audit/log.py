@@ -19,7 +19,7 @@ from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.annotate import Driven
-from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.social.angle import DirectionInterval, angle_difference, angle_of, direction_interval
 from socialiq.worlds.intersection.world import Intersection
 
@@ -84,7 +84,7 @@ class LogVerdict:
     confidence: float
 
 
-def reading_of(profile: Profile) -> Reading:
+def reading_of(profile: Profile) -> EpisodeConfig:
     """Configuration of reading recordings with a declaration's rewards and decisions.
 
     Raises:
@@ -97,7 +97,7 @@ def reading_of(profile: Profile) -> Reading:
             "intersection: declare one with `socialiq profile new --world intersection`"
         )
     options = world.options
-    return Reading(
+    return EpisodeConfig(
         policy_rate=options.policy_frequency, target_speeds=options.target_speeds, options=options
     )
 

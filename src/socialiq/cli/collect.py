@@ -66,7 +66,7 @@ class Collect:
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Collect, mix, write, tell the counts."""
+        """Collect, mix, write, print the counts."""
         one_of("mixture", self.mixture, tuple(mixture.MIXTURES))
         if self.out.exists():
             raise UserError(f"{self.out} exists already: name a new file, or remove it first")
@@ -83,7 +83,7 @@ class Collect:
         return 0
 
     def mix(self) -> Demonstrations:
-        """The demonstrations that the options describe."""
+        """Return the demonstrations that the options describe."""
         pools = self.driven() if self.driver or is_environment(self.world) else self.experts()
         if self.mixture == "equal_trajectories":
             return mixture.equal_trajectories(pools, self.episodes, self.seed)
@@ -103,14 +103,14 @@ class Collect:
         )
 
     def experts(self) -> dict[str, Demonstrations]:
-        """Episodes of a gridworld's experts."""
+        """Return episodes of a gridworld's experts."""
         world = make_grid(self.world)
         table = tabulate(world.with_clock() if self.clock else world)
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
         return expert_pools(table, dict.fromkeys(MODES, longest), self.seed)
 
     def driven(self) -> dict[str, Demonstrations]:
-        """Episodes of the given drivers in an environment, each under its mode's name."""
+        """Return episodes of the given drivers in an environment, by the mode's name."""
         if not self.driver:
             raise UserError(
                 f"{one_line(self.world)} has no experts of its own: name the drivers, one --driver "
@@ -138,7 +138,7 @@ class Collect:
 
 
 def _mode_of(given: str) -> tuple[str, str]:
-    """The name of a mode and its driver; a driver names itself if nobody does."""
+    """Return the name of a mode and its driver; by default the driver's own name."""
     named = _NAMED.fullmatch(given)
     if named:
         return named[1], named[2]

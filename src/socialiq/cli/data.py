@@ -42,7 +42,7 @@ class FromArrays:
     mode: tuple[str, ...] = ()
     """Names of the demonstrators that the column `mode` numbers; by default demonstrator."""
     flatten: bool = False
-    """Lay observations of more axes (images) out in one."""
+    """Flatten observations of more axes (images) to one."""
     json: bool = False
     """Print one JSON object."""
 
@@ -87,7 +87,7 @@ class ToArrays:
 
 @dataclass(frozen=True)
 class FromTrajectories:
-    """Read trajectories of the imitation library's .npz archive; its pickled infos stay closed.
+    """Read trajectories of the imitation library's .npz archive; its pickled infos are not read.
 
     Example: socialiq data from-trajectories rollouts.npz --n-actions 3 --out mine.safetensors
     """
@@ -105,7 +105,7 @@ class FromTrajectories:
     time_limit: int = 0
     """Steps after which the clock cut an episode that the archive calls terminal; 0 for none."""
     flatten: bool = False
-    """Lay observations of more axes (images) out in one."""
+    """Flatten observations of more axes (images) to one."""
     json: bool = False
     """Print one JSON object."""
 
@@ -136,11 +136,11 @@ class ToMinari:
     file: Annotated[Path, tyro.conf.Positional]
     """Demonstrations file."""
     out: Path
-    """Folder to make. Minari's own root is not touched unless it is named here."""
+    """Folder to make; Minari's own root is not used."""
     id: str = ""
     """Minari's name of the data set, NAME-v0; by default the folder's."""
     angle: float = 0.0
-    """Social angle in degrees of the one reward that Minari wants beside the pair."""
+    """Social angle in degrees of the scalar reward that Minari stores beside the pair."""
     json: bool = False
     """Print one JSON object."""
 
@@ -175,7 +175,7 @@ class FromMinari:
     mode: str = "demonstrator"
     """Name of the demonstrator, where the data set names none."""
     flatten: bool = False
-    """Lay observations of more axes (images) out in one."""
+    """Flatten observations of more axes (images) to one."""
     json: bool = False
     """Print one JSON object."""
 

@@ -20,7 +20,7 @@ from socialiq.recordings import census, files
 from socialiq.recordings import census_figure as picture
 from socialiq.recordings import leave_one_site_out as held_out
 from socialiq.recordings.episodes import ego_swap
-from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.recording import Recording
 
@@ -40,9 +40,9 @@ class Choices:
     road: Path | None = None
     """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
 
-    def reading(self) -> Reading:
+    def reading(self) -> EpisodeConfig:
         """Return the options as the library takes them."""
-        return Reading(
+        return EpisodeConfig(
             policy_rate=self.policy_rate,
             target_speeds=self.speeds,
             loss=self.loss,

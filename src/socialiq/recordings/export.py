@@ -41,7 +41,7 @@ _Table = tuple[tuple[str, ...], Iterable[Iterable[object]]]
 
 
 def write_csv(tracks: Tracks, layout: str, folder: Path) -> Path:
-    """Write tracks as the files of a data set, to be read with the column map of the same name.
+    """Write tracks as the files of a data set; the column map of the same name reads them.
 
     Args:
         tracks: The tracks.

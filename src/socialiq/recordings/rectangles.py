@@ -17,7 +17,7 @@ def touching(
     size: Float64[np.ndarray, "pair 2 2"],
     moved: Float64[np.ndarray, "pair 2 2"],
 ) -> Bool[np.ndarray, " pair"]:
-    """Whether two rectangles overlap, or will when they have moved on.
+    """Whether two rectangles overlap, or will after a displacement.
 
     Args:
         centre: x and y of each, m.

@@ -46,7 +46,7 @@ def site_of(recording: str) -> str:
 
 
 def split(table: Demonstrations, held_out: Sequence[str]) -> tuple[Demonstrations, Demonstrations]:
-    """Split by recording.
+    """Split a table by recording.
 
     Args:
         table: Demonstrations of an ego swap.

@@ -102,13 +102,13 @@ class Tracks:
         object.__setattr__(self, "source", json_able(self.source))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All columns by name, in a file's order."""
+        """Return all columns by name, in a file's order."""
         return {name: getattr(self, name) for name in (*STATES, *ROAD_USERS)}
 
     def along_and_across(
         self,
     ) -> tuple[Float64[np.ndarray, " state"], Float64[np.ndarray, " state"]]:
-        """Velocity along the heading and to its left, m/s."""
+        """Return the velocity along the heading and to its left, m/s."""
         east, north = np.cos(self.heading), np.sin(self.heading)
         return self.vx * east + self.vy * north, self.vy * east - self.vx * north
 

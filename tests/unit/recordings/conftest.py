@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from socialiq.recordings.episodes.annotate import Driven
-from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.ego_swap import Swapped, demonstrations
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
@@ -165,7 +165,7 @@ def swapped():
             left_out={"never at a conflict area": 2},
             conflicts=4,
             moments=frozenset(moments or {f"{name}{n}".encode() for n in range(len(episodes))}),
-            reading=reading or Reading(),
+            reading=reading or EpisodeConfig(),
         )
 
     return make

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int8, Int32, Int64
 
 from socialiq.recordings.episodes import actions
-from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.scene import Scene, same_direction
 from socialiq.recordings.road.paths import Path
 from socialiq.recordings.road.routes import APPROACH, EXIT, JUNCTION, Crossing
@@ -59,7 +59,7 @@ class Driven:
     contact: int
 
 
-def driven(scene: Scene, track: int, way: Crossing, reading: Reading) -> Driven | None:
+def driven(scene: Scene, track: int, way: Crossing, reading: EpisodeConfig) -> Driven | None:
     """Annotate a vehicle's way over a junction; None if it is shorter than one decision.
 
     Args:
@@ -179,7 +179,7 @@ def _endings(
     rows: Int64[np.ndarray, " snapshot"],
     snapshots: np.ndarray,
     options: Options,
-    reading: Reading,
+    reading: EpisodeConfig,
 ) -> tuple[list[int], Contact]:
     """Return the ending at each snapshot, the first of which is the start, and the contact."""
     arrived = (snapshots["kind"] == geometry.EXIT) & (snapshots["along"] >= EXIT_DISTANCE)
@@ -199,7 +199,7 @@ def _endings(
 
 
 def _contact(
-    scene: Scene, track: int, before: int, after: int, first: int, reading: Reading
+    scene: Scene, track: int, before: int, after: int, first: int, reading: EpisodeConfig
 ) -> Contact:
     """Return the ego's first contact between two rows, and which vehicle struck."""
     predicted = reading.contact == "predicted"
@@ -222,7 +222,7 @@ def _vehicles(
     rows: Int64[np.ndarray, " snapshot"],
     snapshots: np.ndarray,
     options: Options,
-    reading: Reading,
+    reading: EpisodeConfig,
 ) -> np.ndarray:
     """Return SEEN records of all vehicles; write the ego's slot and the count to the snapshots."""
     present = [scene.present(int(scene.tracks.frame[row])) for row in rows]

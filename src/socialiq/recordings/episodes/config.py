@@ -14,7 +14,7 @@ Contact = Literal["overlap", "predicted"]
 
 
 @dataclass(frozen=True)
-class Reading:
+class EpisodeConfig:
     """Options that a recording needs in addition to those of the simulator.
 
     Attributes:

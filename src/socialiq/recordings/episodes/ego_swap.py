@@ -13,7 +13,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.recordings.episodes.annotate import Driven, driven
-from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.scene import Scene
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.routes import OFF_THE_MAP, Crossing
@@ -63,7 +63,7 @@ class Swapped:
     left_out: dict[str, int]
     conflicts: int
     moments: frozenset[bytes]
-    reading: Reading
+    reading: EpisodeConfig
 
     @property
     def n_transitions(self) -> int:
@@ -87,20 +87,20 @@ class Swapped:
         } | {reason: self.left_out.get(reason, 0) for reason in REASONS}
 
 
-def swap(recording: Recording, reading: Reading | None = None) -> Swapped:
+def swap(recording: Recording, reading: EpisodeConfig | None = None) -> Swapped:
     """Make every vehicle that meets a conflict the ego of one episode.
 
     A vehicle that meets conflicts at several junctions drives its episode over the first.
 
     Args:
         recording: Tracks and road.
-        reading: Options; by default those of `Reading`.
+        reading: Options; by default those of `EpisodeConfig`.
 
     Raises:
         UserError: If there is no road network, the policy rate doesn't fit the recording's, or
             Shapely is not installed.
     """
-    chosen = reading or Reading()
+    chosen = reading or EpisodeConfig()
     scene = Scene(recording)
     chosen.options_at(scene.tracks.dt)
     made: list[Driven] = []
@@ -126,7 +126,7 @@ def swap(recording: Recording, reading: Reading | None = None) -> Swapped:
     )
 
 
-def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
+def _episode(scene: Scene, track: int, reading: EpisodeConfig) -> Driven | str:
     """Return a vehicle's episode, or the reason for which there is none."""
     if track not in scene.vehicles:
         return NOT_A_VEHICLE
@@ -148,7 +148,7 @@ def _episode(scene: Scene, track: int, reading: Reading) -> Driven | str:
     return found if found.jump <= _LARGEST_JUMP else NO_WAY
 
 
-def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:
+def episode_of(recording: Recording, identity: int, reading: EpisodeConfig) -> Driven:
     """Return the episode of one vehicle, by its number in the file.
 
     Raises:
@@ -166,7 +166,7 @@ def episode_of(recording: Recording, identity: int, reading: Reading) -> Driven:
     return episode
 
 
-def meets(scene: Scene, track: int, junction: int, reading: Reading) -> bool:
+def meets(scene: Scene, track: int, junction: int, reading: EpisodeConfig) -> bool:
     """Whether another vehicle's way conflicts with a vehicle's, close in time."""
     way, mine = scene.crossing(track, junction), scene.presence(track, junction, reading.reach)
     if way is None or mine is None:

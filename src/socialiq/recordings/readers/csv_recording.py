@@ -265,7 +265,7 @@ class _Draft:
         if heading is None or np.isnan(heading).all():
             heading = heading_of_motion(vx, vy)
             if heading is None and not walks:
-                raise ValueError("it never moves, so without a heading nobody knows how it stands")
+                raise ValueError("it never moves, so without a heading its direction is not known")
             heading = np.zeros(len(x)) if heading is None else heading
         self._check_finite("the heading", track, heading)
         if "speed" in table:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.episodes.config import Reading
+from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.ego_swap import REASONS, check_distinct, demonstrations
 from socialiq.types import Ending
 
@@ -52,7 +52,7 @@ def test_the_same_moments_under_two_names_are_refused(drive, swapped):
 def test_nobody_and_different_readings_are_refused(drive, swapped):
     with pytest.raises(UserError, match="no vehicle"):
         demonstrations([swapped("a", [])])
-    other = swapped("b", [drive([[0.1, 0.1]])], reading=Reading(near=1.0))
+    other = swapped("b", [drive([[0.1, 0.1]])], reading=EpisodeConfig(near=1.0))
     with pytest.raises(UserError, match="different choices"):
         demonstrations([swapped("a", [drive([[0.1, 0.1]])]), other])
 
@@ -63,15 +63,15 @@ def test_nobody_and_different_readings_are_refused(drive, swapped):
 )
 def test_a_decision_needs_whole_frames(dt, rate, message):
     with pytest.raises(UserError, match=message):
-        Reading(policy_rate=rate).options_at(dt)
+        EpisodeConfig(policy_rate=rate).options_at(dt)
 
 
 def test_the_recordings_rate_is_that_of_the_sub_steps():
-    options = Reading(policy_rate=5, target_speeds=(0.0, 7.0, 14.0)).options_at(0.04)
+    options = EpisodeConfig(policy_rate=5, target_speeds=(0.0, 7.0, 14.0)).options_at(0.04)
     assert (options.simulation_frequency, options.frames, options.max_speed) == (25, 5, 14.0)
 
 
 def test_numbers_that_make_no_sense_are_refused():
     for given in ({"reach": float("inf")}, {"near": -1.0}, {"slack": float("nan")}):
         with pytest.raises(UserError):
-            Reading(**given)
+            EpisodeConfig(**given)
