@@ -10,7 +10,7 @@ from typing import Literal
 from socialiq.errors import UserError
 
 LARGEST_SEED = 2**53 - 1
-"""Of the auditor: the largest whole number that every reader of JSON keeps exactly."""
+"""Largest seed of an auditor: the largest integer that all JSON readers keep exactly."""
 
 _PURPOSE = "socialiq audit, commitment 1"
 
@@ -36,12 +36,12 @@ class Commitment:
 
 @dataclass(frozen=True)
 class Draw:
-    """A seed that was drawn after a commitment was made.
+    """Seed that was drawn after a commitment.
 
     Attributes:
-        commitment: What was fixed before.
-        seed: Of the whole audit.
-        chosen_by: Who gave it.
+        commitment: Commitment before the draw.
+        seed: Seed of the whole audit.
+        chosen_by: Source of the seed.
     """
 
     commitment: Commitment
@@ -49,7 +49,7 @@ class Draw:
     chosen_by: Literal["operating system", "auditor"]
 
     def derived(self, purpose: str) -> int:
-        """A number of 256 bits for one purpose, from seed and commitment together.
+        """Return a number of 256 bits for one purpose, from seed and commitment.
 
         A policy that was tuned to the episodes of a seed is another policy, so it has another
         commitment, and this seed gives it other episodes.
@@ -62,7 +62,7 @@ def draw(commitment: Commitment, seed: int | None = None) -> Draw:
     """Draw the audit's seed, or take the auditor's.
 
     Args:
-        commitment: Must exist: that is why it is asked for.
+        commitment: Commitment, which must precede the draw.
         seed: The auditor's choice; None draws from the operating system's entropy.
 
     Raises:

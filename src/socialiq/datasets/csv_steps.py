@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 
 MOST_BYTES = 2 * 1024**3
-"""Of a file; in memory a cell takes 8 bytes at most."""
+"""Largest size of a file, bytes; in memory a cell takes at most 8 bytes."""
 
 _FLAGS = {"true": 1, "false": 0, "1": 1, "0": 0}
 

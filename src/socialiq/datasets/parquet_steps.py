@@ -20,7 +20,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 
 MOST_NUMBERS = 2**28
-"""Of all columns of one file together."""
+"""Largest number of values in all columns of a file."""
 
 _WANTED: dict[Kind | None, tuple[str, str]] = {
     "number": ("fiu", "numbers"),

@@ -48,7 +48,7 @@ class Ground(NamedTuple):
 
     @staticmethod
     def of(world: str) -> Ground:
-        """Enumerate a world under its default readings."""
+        """Enumerate a world with its default options."""
         table = tabulate(make_grid(world))
         part = table.reachable_part()
         return Ground(table, part, Optimum(part))

@@ -33,7 +33,7 @@ def silent(_stage: str) -> None:
 
 
 class Context(NamedTuple):
-    """What a study's `tables` function is given beside its configuration.
+    """Context of a study's `tables` function, beside its configuration.
 
     Attributes:
         jobs: All jobs, finished.

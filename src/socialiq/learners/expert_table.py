@@ -23,7 +23,7 @@ class Batch(NamedTuple):
         next_observation: s'.
         ending: Value of `types.Ending`.
         target: What the social prior compares r̂ with, before the angle: the pair
-            (G_env, G_social) under the chosen reading of "cumulative".
+            (G_env, G_social) of the chosen target kind.
     """
 
     observation: Float[Array, "batch feature"]

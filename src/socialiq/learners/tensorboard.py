@@ -52,7 +52,7 @@ class EventFiles:
             writer.close()
 
     def __call__(self, report: Report) -> None:
-        """Write what a chunk told, on each run's own."""
+        """Write the values of a chunk, for each run."""
         from tensorboard.compat.proto.event_pb2 import Event  # pyright: ignore
         from tensorboard.compat.proto.summary_pb2 import Summary  # pyright: ignore
 

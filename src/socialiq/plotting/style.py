@@ -1,4 +1,4 @@
-"""One look for all figures: colours of the policies, fonts, and the way to PNG."""
+"""Common style of all figures: colours of the policies, fonts, PNG output."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class Loaded:
 
 
 MOST_BYTES = 32 * 1024 * 1024
-"""Of a policy's file: eight million float32 weights, far more than a driver's perceptron has."""
+"""Largest size of a policy's file: eight million float32 weights, far more than needed."""
 
 
 def read_content(path: Path, most: int = MOST_BYTES) -> bytes:

@@ -36,7 +36,7 @@ class Field:
 
     Attributes:
         path: Table and key, joined by a dot; a key of the top level has no table.
-        kind: What stands there.
+        kind: Type of the value.
         meaning: One or two sentences for a newcomer; the comment above the field.
         low: Smallest number allowed.
         high: Largest number allowed.

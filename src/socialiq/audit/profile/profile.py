@@ -46,13 +46,13 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Floor:
-    """The competence that is asked for whatever the angle; shares of episodes.
+    """Safety floor, independent of the angle; shares of episodes.
 
     Attributes:
-        max_at_fault: Of collisions that the ego's motion caused.
-        max_struck: Of collisions that another's motion caused.
-        min_arrival: Of arrivals.
-        max_timeout: Of episodes that ran out of time.
+        max_at_fault: Largest share of collisions caused by the ego's motion.
+        max_struck: Largest share of collisions caused by another's motion.
+        min_arrival: Smallest share of arrivals.
+        max_timeout: Largest share of timeouts.
     """
 
     max_at_fault: float
@@ -63,17 +63,17 @@ class Floor:
 
 @dataclass(frozen=True)
 class Profile:
-    """A declaration.
+    """Declaration of a policy's social angle.
 
     Attributes:
         angle: Declared social angle, degrees in [0, 360).
-        confidence: Of the verdict.
-        owner: Who declares.
-        date: When.
-        margin: What counts as declared.
-        reward: What the angle weighs.
-        scenario: Where it holds.
-        competence: What is asked for besides.
+        confidence: Confidence of the verdict.
+        owner: Name of the owner.
+        date: Date of the declaration.
+        margin: Margins within which a policy counts as declared.
+        reward: Reward pair that the angle weighs.
+        scenario: Scenario of the audit.
+        competence: Safety floor.
         source: The file's bytes.
     """
 
@@ -99,7 +99,7 @@ class Profile:
             allow_code: Whether an environment's module may be imported.
 
         Raises:
-            UserError: If an environment can't be made, or isn't the one that was declared.
+            UserError: If an environment can't be made, or differs from the declared environment.
         """
         world = world_of(self.scenario.world, self.scenario.options, allow_code)
         declared = (self.reward.id, self.reward.sha256, self.scenario.sha256)

@@ -41,7 +41,7 @@ def load(path: Path) -> Profile:
 
     Raises:
         UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
-            or wrong; the line names file, line number and mend.
+            or wrong; the message names file, line number and correction.
     """
     if not path.is_file():
         raise UserError(f"no such file: {path}: `socialiq profile new` writes one")

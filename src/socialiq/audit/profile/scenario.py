@@ -81,9 +81,9 @@ def scenario_sha256(world: World) -> str:
 
 
 def reward_id(world: World) -> str:
-    """The name of a world's reward pair; it changes when the formulas behind it do.
+    """Return the name of a world's reward pair; it changes with the formulas.
 
-    What an environment's pair is, its sources tell.
+    The sources of an environment define its pair.
     """
     if isinstance(world, Environment):
         return f"environment/{world.name}"

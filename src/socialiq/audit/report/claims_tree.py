@@ -18,9 +18,9 @@ class Claim(NamedTuple):
 
     Attributes:
         id: G for a goal, S for a strategy, Sn for a solution, C for context.
-        text: What it says.
-        status: What the evidence makes of it.
-        evidence: Where in the report it stands, or by whom it is to be filled.
+        text: Text of the node.
+        status: Status by the evidence.
+        evidence: Place in the report, or the person who must fill it in.
         below: Ids of the nodes that support it.
     """
 

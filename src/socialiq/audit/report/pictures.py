@@ -235,7 +235,7 @@ class DialPicture:
         arcs: Arcs by the estimates.
         surely: Arcs that are shown.
         declared: From and to: a line across the band.
-        declared_label: Where its label stands.
+        declared_label: Position of its label.
         needle: Tip of α̂'s needle, or None.
         interval: Arc of α̂'s interval, or "".
         marks: Places and texts around.
@@ -253,7 +253,7 @@ class DialPicture:
 
     @property
     def centre(self) -> Point:
-        """Of the circle."""
+        """Centre of the circle."""
         return _CENTRE
 
 

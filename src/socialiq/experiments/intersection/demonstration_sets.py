@@ -52,7 +52,7 @@ class AtlasRecording(Recording):
 
     file: str = "atlas"
     sha256: tuple[str, ...] = ()
-    """Of the experts: another atlas gives other demonstrations."""
+    """SHA-256 of the experts: another atlas gives other demonstrations."""
 
 
 def record_atlas(

@@ -42,7 +42,7 @@ DIAL = "dial.safetensors"
 STRUCTURE = StaticConfig(
     view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
 )
-"""Of dials and agents, but for their ranges and updates: the network of the set experts."""
+"""Static config of dials and agents, without ranges and updates: network of the set experts."""
 
 
 NUMBERS = Hyperparameters(
@@ -149,5 +149,5 @@ def turn(
 
 
 def file_of(angle: float) -> str:
-    """Of the episodes at an angle."""
+    """Return the file name of the episodes at an angle."""
     return f"{angle:g}.safetensors"

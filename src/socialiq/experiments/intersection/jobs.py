@@ -143,7 +143,7 @@ class Evaluation:
     """Episodes of one policy, on seeds that all policies share."""
 
     driver: str = LAST
-    """File in the input's folder, or the name of a driver by rule."""
+    """File in the input's folder, or the name of a rule-based driver."""
     readouts: tuple[str, ...] = ("greedy", "soft")
     episodes: int = EPISODES
     first_seed: int = FIRST_EPISODE
@@ -165,7 +165,7 @@ def evaluate(
 
 @dataclass(frozen=True)
 class LookaheadRun:
-    """Episodes of one expert who knows what comes."""
+    """Episodes of an expert with oracle lookahead."""
 
     angle: float
     driver: str = BEST
@@ -178,7 +178,7 @@ class LookaheadRun:
 def drive_with_lookahead(
     config: LookaheadRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Drive with foresight; writes what became of every episode."""
+    """Run episodes with oracle lookahead, and write their results."""
     driver = driver_of(config.driver, inputs, config.first_seed)
     seeds = np.arange(config.first_seed, config.first_seed + config.episodes)
     episodes = with_oracle_lookahead(config.options, driver, seeds, config.angle)

@@ -23,7 +23,7 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.q_network import network_of
 
 Regret = Callable[[DialNetwork, int, float], float]
-"""Of a network, its run, and the multiplier that it was trained under."""
+"""Function from a network, its run, and the multiplier of its training to the regret."""
 
 
 class Look(NamedTuple):

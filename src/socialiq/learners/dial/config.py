@@ -32,10 +32,10 @@ class StaticConfig:
     low: float = 0.0
     """Smallest social angle trained for, in degrees."""
     high: float = 90.0
-    """Largest."""
+    """Largest social angle trained for, in degrees."""
     margin: float = 5.0
-    """Degrees beyond both ends in which angles are drawn too: a network is least sure at the edge
-    of what it has seen, and the two ends are asked for most."""
+    """Degrees beyond both ends in which angles are also drawn: a network is least accurate at the
+    edge of its data, and the two ends are used most."""
     online: bool = True
     """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
     demonstrations: bool = True
@@ -123,7 +123,7 @@ class Hyperparameters:
     spread: float = 0.05
     """ε: the same for the actions that were not taken there, relative to c."""
     learning_rate: float = 1e-3
-    """Of Adam, at the start; it falls as a cosine."""
+    """Adam's initial learning rate; it falls as a cosine."""
     final_rate: float = 0.02
     """Learning rate at the end, as a share of the first."""
     polyak: float = 0.01
@@ -131,7 +131,7 @@ class Hyperparameters:
     exploration: float = 0.1
     """Share of random actions while acting; the others are drawn from softmax(Q/τ)."""
     seed: int = 0
-    """Of the network, the sampling and the acting."""
+    """Seed of the network, the sampling and the acting."""
     dataset: int = 0
     """Index of the set of demonstrations that this run learns from."""
 

@@ -70,9 +70,9 @@ class Hyperparameters:
     discount: float = 0.99
     """γ."""
     learning_rate: float = 3e-4
-    """Of Adam, at the start."""
+    """Adam's initial learning rate."""
     final_learning_rate: float = 3e-4
-    """Of Adam, at the end; in between it falls linearly."""
+    """Adam's final learning rate; in between it falls linearly."""
     polyak: float = 0.005
     """Share of the network mixed into its target network at each update."""
     exploration: float = 0.05
@@ -80,7 +80,7 @@ class Hyperparameters:
     exploration_fall: float = 0.2
     """Share of the run during which it falls."""
     seed: int = 0
-    """Of the network, the sampling and the acting."""
+    """Seed of the network, the sampling and the acting."""
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""

@@ -59,7 +59,7 @@ class StaticConfig:
     target_kind: Literal[
         "running", "to_go", "trajectory", "instantaneous", "advantage", "advantage_fitted"
     ] = "running"
-    """Reading of "cumulative returns" in R(α), of `social.returns`; or the advantage, by states
+    """Kind of "cumulative returns" in R(α), of `social.returns`; or the advantage, by states
     that are seen again or by a fitted network (`social.advantage`)."""
     divergence: Literal["chi2", "kl", "reverse_kl", "hellinger", "js"] = "chi2"
     """The f-divergence of Eq 2.7."""
@@ -145,13 +145,13 @@ class Hyperparameters:
     chi2_alpha: float = 0.5
     """α_χ of term 3."""
     learning_rate: float = 3e-4
-    """Of Adam."""
+    """Adam's learning rate."""
     polyak: float = 0.005
     """τ_target, the share of the network mixed into its target network at each update."""
     reweight_temperature: float = 1.0
     """τ_w of Eq B.2."""
     seed: int = 0
-    """Of the network, the sampling and the acting."""
+    """Seed of the network, the sampling and the acting."""
     dataset: int = 0
     """Index of the set of demonstrations that this run learns from."""
 

@@ -1,7 +1,7 @@
-"""Settings that the thesis gives (Table C.1), and those that a reading of it had to add.
+"""Settings of the thesis (Table C.1), completed where it leaves them open.
 
 The thesis leaves the meaning of "cumulative returns", the number of updates, the size of the data
-and the treatment of V(s') open. These presets are the readings that come closest to each study;
+and the treatment of V(s') open. These presets are the variants that come closest to each study;
 the ablation tables of the studies show what the others give.
 """
 
@@ -26,7 +26,7 @@ POC_STRENGTH = 1.0
 GRID = dataclasses.replace(TABLE_C1, target_kind="running")
 GRID_STRENGTH = 2.0
 
-# Figs D.1 and D.2. Of all readings only the instantaneous one puts the transition near λ = 0.7.
+# Figs D.1 and D.2. Of all target kinds only `instantaneous` puts the transition near λ = 0.7.
 SWEEP = dataclasses.replace(TABLE_C1, target_kind="instantaneous")
 SWEEP_STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 

@@ -18,16 +18,16 @@ class Config:
     """Configuration of the study; the defaults are the committed results."""
 
     episodes: int = 500
-    """Of an audit."""
+    """Episodes of an audit."""
     replications: int = 2000
     """Audits of each population."""
     resamples: int = 1000
-    """Of each bootstrap."""
+    """Resamples of each bootstrap."""
     first_seed: int = 100_000
-    """Of the first audit; the others follow. Seeds below 10,000 were used in development."""
+    """Seed of the first audit; the others follow. Seeds below 10,000 were for development."""
 
     def __post_init__(self) -> None:
-        """Refuse what makes no audit."""
+        """Raise an error for numbers without which there is no audit."""
         for name, least in (("episodes", FEWEST_EPISODES), ("replications", 1), ("resamples", 2)):
             if getattr(self, name) < least:
                 raise UserError(f"{name} must be at least {least}, got {getattr(self, name)}")

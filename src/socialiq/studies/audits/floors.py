@@ -12,5 +12,5 @@ _NEARLY_90 = 75.0  # degrees
 
 
 def floor_at(angle: float) -> Floor:
-    """The default floor; beyond 75 degrees nobody is asked to arrive."""
+    """Return the default floor; beyond 75 degrees arrivals are not required."""
     return WITHDRAWN if angle > _NEARLY_90 else FLOOR

@@ -37,7 +37,7 @@ class AuditedPolicy(NamedTuple):
         name: For people.
         spec: A specification as `resolve_policy` takes it.
         declared: Angle in degrees.
-        made_for: Angle that it was made for; None of one that was made for none.
+        made_for: Angle of its training; None for a policy without target angle.
         floor: Of competence.
     """
 

@@ -32,7 +32,7 @@ from socialiq.types import Row
 
 DAY = datetime.date(2026, 11, 1)
 MARGINS = {"intersection": Margin(1.0, 10.0), GRIDWORLD: Margin(0.5, 10.0)}
-"""Of regret, in each world's reward per episode, and of the calibrated angle in degrees."""
+"""Margins of regret, in each world's reward per episode, and of the calibrated angle, degrees."""
 ERROR = 0.05
 
 
@@ -41,22 +41,22 @@ class Config:
     """Configuration of the study; the defaults are the committed results."""
 
     episodes: int = 500
-    """Of each audit."""
+    """Episodes of each audit."""
     seed: int = 2026
-    """Of every audit. Its episodes follow from it and from the hashes of policy and profile."""
+    """Seed of every audit. It and the hashes of policy and profile determine the episodes."""
     training_seed: int = 10
-    """Of the gridworld's learners and of their demonstrations."""
+    """Seed of the gridworld's learners and of their demonstrations."""
     updates: int = 6000
     """Gradient steps of the gridworld's trio and baseline."""
     dial_updates: int = 8000
     """Gradient steps of the dial."""
     dial_angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    """At which the dial is audited, each declared."""
+    """Angles at which the dial is audited, each declared."""
     worlds: tuple[str, ...] = ("intersection", GRIDWORLD)
-    """Whose policies are audited."""
+    """Worlds whose policies are audited."""
 
     def __post_init__(self) -> None:
-        """Refuse a number of episodes that no audit has."""
+        """Raise an error for an invalid number of episodes."""
         check_episodes(self.episodes)
 
 

@@ -94,9 +94,9 @@ class Config:
     updates: int = STRUCTURE.updates
     """Gradient steps of each learner."""
     data_seed: int = 0
-    """Of the expert's episodes."""
+    """Seed of the expert's episodes."""
     evaluation_seed: int = 1000
-    """Of the first evaluation episode."""
+    """Seed of the first evaluation episode."""
 
 
 def compute_tables(config: Config, context: Context) -> Findings:

@@ -1,4 +1,4 @@
-"""Does a small angle error tell a small regret? Ranks of the two over all trained policies."""
+"""Rank correlation of angle error and regret over all trained policies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What demonstrations add to reinforcement learning on R(α), solved exactly."""
+"""Value of demonstrations beyond reinforcement learning on R(α), solved exactly."""
 
 from __future__ import annotations
 

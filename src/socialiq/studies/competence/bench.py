@@ -26,7 +26,7 @@ class Config:
     """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14, 15, 16, 17, 18, 19)
-    """Of the data sets. 0 was used in development."""
+    """Seeds of the data sets. 0 was used in development."""
     episodes_each: int = 60
     """Demonstrated episodes of each expert."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
@@ -67,12 +67,12 @@ class Bench:
 
     @property
     def settings(self) -> Settings:
-        """Of every fit."""
+        """Settings of every fit."""
         horizon = self.part.world.horizon
         return Settings(horizon, self.config.temperature, tolerance=self.config.tolerance)
 
     def reward(self, angle: float) -> Float[np.ndarray, "state action"]:
-        """R(α), all that methods are told."""
+        """R(α), the only reward given to methods."""
         return score(weights(angle), self.part.mdp.rewards)
 
     def expert(self, angle: float) -> Float[np.ndarray, "time state action"]:

@@ -1,4 +1,4 @@
-"""Methods that are told the reward pair and demonstrations, each solved exactly."""
+"""Methods that use the reward pair and demonstrations, each solved exactly."""
 
 from __future__ import annotations
 

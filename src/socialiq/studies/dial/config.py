@@ -30,6 +30,6 @@ class Config:
     budgets: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0, 2.0)
     """ε of the agents whose strength is found by a budget of regret."""
     budget_angle: float = 45.0
-    """Their angle in degrees."""
+    """Angle of these agents in degrees."""
     budget_seeds: tuple[int, ...] = (30, 31, 32)
-    """Of their training, among `seeds`."""
+    """Training seeds, among `seeds`."""

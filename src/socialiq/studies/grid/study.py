@@ -38,7 +38,7 @@ class Config:
     transitions_each: int = 600
     """Transitions of each expert in the equal-transitions mixture."""
     target_kinds: tuple[str, ...] = ("running", "to_go", "trajectory", "instantaneous")
-    """Readings of "cumulative" that are compared; the first makes the figures."""
+    """Target kinds that are compared; the figures show the first."""
     strengths: tuple[float, ...] = (2.0, 1.0)
     """λ of the comparison; the first makes the figures."""
     updates: int = presets.GRID.updates

@@ -33,13 +33,13 @@ class Config:
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds of learners, each with a mixture of its own."""
     expert_seed: int = 40
-    """Training seed of the expert trio, who give the demonstrations."""
+    """Training seed of the expert trio that gives the demonstrations."""
     ablation_seeds: tuple[int, ...] = (30, 31)
     """Training seeds of the ablations."""
     expert_steps: int = EXPERT_STEPS
     """Environment steps of the trio (thesis 5.2)."""
     view_steps: int = 600_000
-    """Of the ablation of views."""
+    """Environment steps of the ablation of views."""
     updates: int = presets.INTERSECTION_THESIS.updates
     """Gradient steps of a learner."""
     ablation_updates: int = 4_000

@@ -45,7 +45,7 @@ PRESETS = {
 }
 TRAINED = (("thesis", "online"), ("calibrated", "online"), ("calibrated", "offline"))
 SHIPPED = ("calibrated", "online")
-"""Whose learners are drawn beside the thesis' and go into the atlas."""
+"""Group whose learners are drawn beside the thesis' and included in the atlas."""
 STRENGTHS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)
 TEMPERATURES = (1.0, 0.3, 0.1, 0.03)
 ENDINGS = ("zero", "absorbing")

@@ -109,7 +109,7 @@ def _summary(config: Config, tables: dict[str, list[Row]]) -> dict[str, Any]:
 
 
 def _settings(config: Config) -> dict[str, Any]:
-    """Of the first expert and of the first learner of each preset."""
+    """Return settings of the first expert and of the first learner of each preset."""
     first = {job.name: dataclasses.asdict(job.config) for job in plan(config)}
     found: dict[str, Any] = {"expert": first[expert_name("flat", "egoistic", config.expert_seed)]}
     for preset, setting in TRAINED:

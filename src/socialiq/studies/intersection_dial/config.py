@@ -25,9 +25,9 @@ class Config:
     turned: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
     """Angles at which a dial is driven; the key angles are among them."""
     structure: StaticConfig = STRUCTURE
-    """Of a dial."""
+    """Static config of a dial."""
     numbers: Hyperparameters = NUMBERS
-    """Of both, but for the seed."""
+    """Hyperparameters of dials and agents, without the seed."""
     agent_updates: int = 12_000
     """Gradient steps of an agent of one angle; all agents of a seed take twice a dial's."""
     steps_per_update: int = 12
@@ -35,7 +35,7 @@ class Config:
     pool_episodes: int = RECORDED_EPISODES
     """Episodes recorded of each expert of the atlas, as in the intersection study."""
     mixture: str = MIXTURE
-    """Of the three experts' demonstrations, as in the intersection study."""
+    """Mixture of the three experts' demonstrations, as in the intersection study."""
     size: int = SIZE
     """Transitions of each expert in a mixture."""
     episodes: int = EPISODES

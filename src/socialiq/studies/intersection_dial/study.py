@@ -81,7 +81,7 @@ class Driven(NamedTuple):
     Attributes:
         family: DIALS or AGENTS.
         seed: Training seed.
-        angle: The angle asked for, in degrees.
+        angle: The requested angle, in degrees.
         row: Everything of thesis 5.4 about it.
     """
 
@@ -127,7 +127,7 @@ def _driven(config: Config, work: Path) -> Iterator[Driven]:
 
 
 def _policies(config: Config, driven: Sequence[Driven]) -> list[Row]:
-    """Everything about each policy, its J(α) at the angle asked for, and its regret there."""
+    """Metrics of each policy, its J(α) at the requested angle, and its regret there."""
     best = _best(config, driven)
     found: list[Row] = []
     for one in driven:

@@ -21,7 +21,7 @@ CLONES, EXPERTS, UNSKILLED = "clones", "demonstrators", "experts of R(α) alone"
 METHODS = (ALONE, RETURNS, PRIOR, SHARED, INFERRED)
 """Compared methods: each gets R(α), and all but the first the demonstrations."""
 REFERENCES = (CLONES, EXPERTS, UNSKILLED)
-"""One policy for each demonstrated angle; at another angle the nearest one's."""
+"""References with a policy for each demonstrated angle; elsewhere the nearest is used."""
 FOLDERS = {
     ALONE: "alone",
     RETURNS: "returns",
@@ -32,14 +32,14 @@ FOLDERS = {
     EXPERTS: "experts",
     UNSKILLED: "unskilled",
 }
-"""Of the jobs of each method."""
+"""Folder of the jobs of each method."""
 
 LEARNER = dataclasses.replace(STRUCTURE, updates=12_000, expert_batch=66, replay_batch=190)
-"""Of every dial: the network of the intersection's dial study, 256 rows an update."""
+"""Static config of every dial: the network of the dial study, 256 rows an update."""
 
 DIAL_NUMBERS = dataclasses.replace(NUMBERS, shrinkage=0.3)
-"""Rates of the same study. With a shrinkage of 0.1 or less, what demonstrators share winds up while
-Q still lags behind it, and ends as imitation at R(α)'s expense."""
+"""Rates of the same study. With a shrinkage of 0.1 or less, the shared reward f diverges while
+Q lags behind it, and the result is imitation at R(α)'s expense."""
 
 RETURNS_LEARNER = dataclasses.replace(
     presets.INTERSECTION_CALIBRATED,
@@ -54,10 +54,10 @@ RETURNS_NUMBERS = dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, s
 
 EXPERT = dqn.StaticConfig("set", (128, 128), steps=240_000, steps_per_update=12)
 EXPERT_NUMBERS = finer(dqn.Hyperparameters(learning_rate=5e-4, polyak=0.01, seed=70))
-"""Of a demonstrator: settings of the experts that see a set (intersection-networks)."""
+"""Settings of a demonstrator: those of the experts that see a set (intersection-networks)."""
 
 CLONE = cloning.StaticConfig(hidden=(128, 128), view="set", batch_size=256, updates=3000)
-"""Of a clone."""
+"""Static config of a clone."""
 
 
 @dataclass(frozen=True)
@@ -65,35 +65,35 @@ class Config:
     """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (60, 61, 62, 63, 64)
-    """Training seeds, each with a draw of demonstrations of its own. 0 and 1 were used in
+    """Training seeds, each with its own draw of demonstrations. 0 and 1 were used in
     development."""
     methods: tuple[str, ...] = METHODS
     """Names of methods; RL on R(α) is always among them."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    """At which policies are driven, in degrees; 0, 45 and 90 are demonstrated."""
+    """Angles of the evaluation, in degrees; 0, 45 and 90 are demonstrated."""
     weight: float = 0.5
-    """c: what a level of speed changed, or a decision that ends standing in the junction, costs
-    the demonstrators in units of reward."""
+    """c: cost to the demonstrators of a change by one level of speed, or of a decision that ends
+    standing in the junction, in units of reward."""
     expert_structure: dqn.StaticConfig = EXPERT
-    """Of a demonstrator, who is trained on R(α) + h."""
+    """Static config of a demonstrator, trained on R(α) + c h."""
     expert_numbers: dqn.Hyperparameters = EXPERT_NUMBERS
-    """Of a demonstrator, but for the angle."""
+    """Hyperparameters of a demonstrator, without the angle."""
     pool_episodes: int = 1500
     """Episodes recorded of each demonstrator."""
     size: int = 10_000
     """Demonstrated transitions of each demonstrator that a learner sees."""
     structure: dial.StaticConfig = LEARNER
-    """Of every dial."""
+    """Static config of every dial."""
     numbers: dial.Hyperparameters = DIAL_NUMBERS
-    """Of every dial, but for the seed."""
+    """Hyperparameters of every dial, without the seed."""
     prior_weight: float = 10.0
     """w of the prior on rewards."""
     returns_structure: iq.StaticConfig = RETURNS_LEARNER
-    """Of the prior on returns-to-go."""
+    """Static config of the prior on returns-to-go."""
     returns_numbers: iq.Hyperparameters = RETURNS_NUMBERS
-    """Of the prior on returns-to-go, but for angle and seed."""
+    """Hyperparameters of the prior on returns-to-go, without angle and seed."""
     clone_structure: cloning.StaticConfig = CLONE
-    """Of the clones, one of each demonstrator."""
+    """Static config of the clones, one of each demonstrator."""
     grid: int = 5
     """Degrees between the angles that demonstrators' are inferred from."""
     steps_per_update: int = 12
@@ -115,7 +115,7 @@ class Config:
                 raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
 
     def dial_of(self, method: str) -> dial.StaticConfig:
-        """Static config of a method's dial; all have as many rows an update."""
+        """Return the static config of a method's dial; all have equal rows an update."""
         one = self.structure
         if method == ALONE:
             rows = one.expert_batch + one.replay_batch
@@ -125,6 +125,6 @@ class Config:
         return one
 
     def numbers_of(self, method: str, seed: int) -> dial.Hyperparameters:
-        """Of the dial of a method."""
+        """Return the hyperparameters of a method's dial."""
         changed = {"prior_weight": self.prior_weight} if method == PRIOR else {}
         return dataclasses.replace(self.numbers, seed=seed, **changed)

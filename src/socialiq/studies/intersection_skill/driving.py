@@ -50,12 +50,12 @@ class Driven(NamedTuple):
     length: Int64[np.ndarray, " episode"]
 
     def told(self, angle: float) -> Float[np.ndarray, " episode"]:
-        """R(α) of each episode: all that learners are told."""
+        """Return R(α) of each episode, the reward given to learners."""
         direction = exact_weights(angle)
         return direction.env * self.env + direction.social * self.social
 
     def skill(self) -> Float[np.ndarray, " episode"]:
-        """The skill h of each episode: what learners are not told."""
+        """Return the skill h of each episode, which is not given to learners."""
         return -self.changes - self.standing
 
     def score(self, angle: float, weight: float) -> Float[np.ndarray, " episode"]:
@@ -90,7 +90,7 @@ class Driving:
     episodes: int = 2000
     first_seed: int = 20_000_000
     sha256: tuple[str, ...] = ()
-    """Of the atlas' experts, if it is they who drive and not the inputs."""
+    """SHA-256 of the atlas' experts, if they drive instead of the inputs."""
     options: Options = field(default_factory=Options)
 
 

@@ -4,7 +4,7 @@
 
 counts changes of speed, in levels between two target speeds, and decisions that end with the ego
 in the way of others. Neither r_env nor r_social speaks of it. It is told to those who demonstrate,
-and to nobody else.
+and to no other method.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ PANELS = {
 
 
 def draw(results: Results) -> dict[str, Figure]:
-    """Both figures, for the first reading of "cumulative" in the results."""
+    """Draw both figures, for the first target kind in the results."""
     kind = results.config["target_kinds"][0]
     return {"fig_d_1": adaptation(results, kind), "fig_d_2": metrics(results, kind)}
 

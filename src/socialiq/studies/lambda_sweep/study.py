@@ -34,7 +34,7 @@ class Config:
     strengths: tuple[float, ...] = presets.SWEEP_STRENGTHS
     """λ."""
     target_kinds: tuple[str, ...] = ("instantaneous", "running", "to_go")
-    """Readings of "cumulative"; the first makes the figures."""
+    """Target kinds; the figures show the first."""
     episodes_each: int = 60
     """Episodes of each expert."""
     updates: int = presets.SWEEP.updates

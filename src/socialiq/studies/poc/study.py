@@ -46,7 +46,7 @@ class Config:
     updates: int = presets.POC.updates
     """Gradient steps of the figure."""
     readings: bool = True
-    """Whether to train the other readings of "cumulative" and of V(s') too."""
+    """Whether to train the other target kinds and variants of V(s') too."""
 
 
 def compute_tables(config: Config, context: Context) -> Findings:

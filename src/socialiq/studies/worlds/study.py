@@ -48,7 +48,7 @@ class Config:
     """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (0,)
-    """Of the experts' episodes, for the separability only; all else is exact."""
+    """Seed of the experts' episodes, for the separability only; all else is exact."""
     episodes: int = 2000
     """Episodes of each expert, for the separability."""
 
