@@ -11,7 +11,6 @@ from socialiq.cli.main import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environments.md").read_text()
 STATUSES = {"audit": (0, 1, 3)}
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 
 
 @pytest.fixture(autouse=True)

@@ -54,7 +54,6 @@ def test_bench_experts_prints_one_json_object(smaller, capsys):
     assert found["share_of_matrix_throughput"] > 0
 
 
-@pytest.mark.usefixtures("quick_compiler")
 def test_bench_dial_prints_one_json_object(smaller, capsys):
     smaller(SHARE=1000, CHUNK=20, QUICK_SEEDS=(50,))
     assert main(["bench", "dial", "--repeats", "1", "--json"]) == 0

@@ -13,7 +13,6 @@ from socialiq.types import Ending
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "environments" / "roundabout.py"
 pytestmark = [
-    pytest.mark.usefixtures("quick_compiler"),
     # highway-env has a second version of the scenario; the example takes the first.
     pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning"),
 ]

@@ -49,7 +49,6 @@ def test_a_run_that_goes_on_adds_to_its_events(tmp_path):
     assert scalars(tmp_path / "a")["loss"] == [(10, 1.0), (20, 2.0)]
 
 
-@pytest.mark.usefixtures("quick_compiler")
 def test_train_writes_what_metrics_csv_has(tmp_path):
     data, out, events = tmp_path / "d.safetensors", tmp_path / "run", tmp_path / "events"
     assert main(["collect", "crossing7", "--episodes", "2", "--out", str(data)]) == 0
@@ -70,7 +69,6 @@ def test_train_writes_what_metrics_csv_has(tmp_path):
             assert step == 20 and value == pytest.approx(float(row[name]), abs=1e-4, rel=1e-4)
 
 
-@pytest.mark.usefixtures("quick_compiler")
 def test_train_dial_writes_what_metrics_csv_has(tmp_path):
     out, events = tmp_path / "run", tmp_path / "events"
     command = ["train-dial", "crossing5", "--preset", "online-alone", "--updates", "5"]

@@ -142,7 +142,6 @@ def test_code_is_run_only_if_that_is_allowed(tmp_path, capsys):
         assert "--allow-code" in refused(capsys)
 
 
-@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.slow
 def test_train_and_evaluate_see_pair_and_time_limit(tmp_path, capsys):
     assert collect(tmp_path / "data", "--episodes", "3") == 0

@@ -17,7 +17,6 @@ from socialiq.learners.behaviour_cloning import (
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import RewardPair
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 STATES = np.eye(3, dtype=np.float32)
 COUNTS = np.array([[10, 0, 0], [5, 5, 0], [1, 3, 6]])
 

@@ -13,7 +13,6 @@ from socialiq.learners.state import Runs, stack
 from socialiq.types import Ending
 from socialiq.worlds import registry
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 STRUCTURE = StaticConfig(hidden=(8,), batch_size=8, updates=40, replay_capacity=80)
 RUNS = [Hyperparameters(seed=3), Hyperparameters(seed=4)]
 STEPS = 60

@@ -19,7 +19,6 @@ from socialiq.learners.state import stack
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 SMALL = StaticConfig(hidden=(8,), batch_size=8, updates=60)
 RUNS = (Hyperparameters(seed=0, angle=45.0), Hyperparameters(seed=1, angle=45.0))
 

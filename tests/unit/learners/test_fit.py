@@ -19,7 +19,6 @@ from socialiq.learners import fit
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.state import History, Runs
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 TOTAL, NEVER = 40, 10_000
 
 

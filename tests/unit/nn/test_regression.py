@@ -4,7 +4,6 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.nn.regression import cross_fitted
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 STEPS = 500
 
 

@@ -12,7 +12,6 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import CHOICES, ROW, Choice, View
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 VEHICLES = 4  # the ego's row, two others, and an empty row
 NAMES = sorted(CHOICES)
 POOLED = [name for name in NAMES if name.startswith("set")]

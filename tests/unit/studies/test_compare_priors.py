@@ -39,7 +39,6 @@ def five_by_five() -> Arena:
     return Arena(ground, TINY.structure, TINY.numbers, datasets)
 
 
-@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize(
     "name",
     [

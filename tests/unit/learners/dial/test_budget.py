@@ -10,7 +10,6 @@ from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import train, weighed
 from socialiq.learners.state import stack
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 OFFLINE = StaticConfig(
     online=False, scored="demonstrations", hidden=(8,), expert_batch=4, updates=2000
 )

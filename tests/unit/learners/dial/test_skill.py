@@ -13,7 +13,6 @@ from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import train
 from socialiq.types import Ending, RewardPair, Step
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 PAIRS = np.array([[1.0, 0.0], [0.0, 1.0], [0.9, 0.9]], np.float32)
 """(r_env, r_social) of three actions. The third has the largest score at 45 degrees."""
 

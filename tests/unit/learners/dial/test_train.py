@@ -12,7 +12,6 @@ from socialiq.learners.dial.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.worlds import registry
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 WORLD = registry.make_grid("crossing7").with_clock()
 ONLINE = StaticConfig(
     hidden=(8,), expert_batch=4, replay_batch=8, updates=60, environments=2, replay_capacity=50

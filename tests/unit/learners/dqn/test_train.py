@@ -19,7 +19,6 @@ from socialiq.learners.kernel import Trained
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 CHUNK, SEEN = 40, np.eye(2, dtype=np.float32)
 STRUCTURE = StaticConfig(
     hidden=(8,), batch_size=16, steps=240, steps_per_update=2, replay_capacity=120

@@ -18,7 +18,6 @@ from socialiq.nn.q_network import network_of
 from socialiq.worlds import registry
 
 ONLINE = StaticConfig(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 OFFLINE = dataclasses.replace(ONLINE, online=False, value_term="value_expert")
 RUNS = (Hyperparameters(seed=0, angle=45.0), Hyperparameters(seed=1, angle=45.0))
 CROSSING7 = registry.make("crossing7")
