@@ -8,7 +8,6 @@ angle. The cumulative returns G_env and G_social of its tuple are not stored but
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
@@ -328,35 +327,3 @@ class Demonstrations:
 
 
 _ADVANTAGES: WeakKeyDictionary[Demonstrations, dict[Any, RewardPair]] = WeakKeyDictionary()
-
-
-def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:
-    """Put tables end to end, their episodes renumbered in order.
-
-    Mode names are matched by name and stand in the order of their first appearance. Where all
-    sources are one, it is kept; otherwise the distinct ones are listed.
-
-    Raises:
-        UserError: If there is none, or they differ in features or in n_actions.
-    """
-    if not tables:
-        raise UserError("no demonstrations to concatenate: pass at least one table")
-    for what in ("n_features", "n_actions"):
-        values = {getattr(table, what) for table in tables}
-        if len(values) > 1:
-            raise UserError(
-                f"demonstrations differ in {what} ({', '.join(map(str, sorted(values)))}): "
-                "record them in one world with one encoding"
-            )
-    mode_names = tuple(dict.fromkeys(name for table in tables for name in table.mode_names))
-    parts = [table.with_mode_names(mode_names).arrays() for table in tables]
-    arrays = {name: np.concatenate([part[name] for part in parts]) for name in columns.LAYOUT}
-    sizes = np.array([table.n_episodes for table in tables])
-    first = np.repeat(np.cumsum(sizes) - sizes, [table.n_transitions for table in tables])
-    arrays["episode"] = (arrays["episode"] + first).astype(np.int32)
-    sources: list[dict[str, Any]] = []
-    for table in tables:
-        if table.source not in sources:
-            sources.append(table.source)
-    source = sources[0] if len(sources) == 1 else {"made_by": "concatenate", "of": sources}
-    return Demonstrations.of_arrays(arrays, mode_names, tables[0].n_actions, source)

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialiq.demonstrations.dataset import Demonstrations, concatenate
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair, Transitions
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.demonstrations.dataset import Demonstrations, concatenate
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import concatenate
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
 from socialiq.experiments.intersection.jobs import CHECKPOINT, CHUNK, callbacks_of, source_of
