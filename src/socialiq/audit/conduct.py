@@ -8,11 +8,14 @@ import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int64
 
 from socialiq.audit.commitment import Commitment, check_seed, draw
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
+from socialiq.audit.evidence.outcomes import Evidence, Reference, check_episodes, episode_seeds
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import load
 from socialiq.audit.profile.scenario import World
@@ -80,13 +83,53 @@ class Conducted:
     films: dict[str, bytes]
 
 
-def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "") -> Conducted:
+class Collection(NamedTuple):
+    """Evidence that is to be collected.
+
+    Attributes:
+        request: What is audited.
+        profile: The declaration.
+        traffic: Which of `other_traffic`, or None for the declared one.
+        world: Where the episodes are driven.
+        seeds: Of the episodes.
+        loaded: The policy.
+        references: Drivers that were handed in.
+    """
+
+    request: Request
+    profile: Profile
+    traffic: int | None
+    world: World
+    seeds: Int64[np.ndarray, " episode"]
+    loaded: Loaded
+    references: Sequence[Reference]
+
+    def collect(self, side_by_side: int | None = None) -> Evidence:
+        """Let everybody drive, in this process."""
+        return collect_evidence(
+            self.world,
+            self.loaded.policy,
+            self.seeds,
+            self.references,
+            deterministic=not self.request.soft,
+            threads=self.request.threads,
+            side_by_side=side_by_side,
+        )
+
+
+def conduct(
+    request: Request,
+    say: Callable[[str], None],
+    wanted_sha256: str = "",
+    collect: Callable[[Collection], Evidence] = Collection.collect,
+) -> Conducted:
     """Read, commit, draw, play, judge.
 
     Args:
         request: What to do.
         say: Takes lines for people.
         wanted_sha256: Of the policy, where only that one will do.
+        collect: Collects the evidence, by default in this process.
 
     Raises:
         UserError: If the request is invalid, or the policy fails on the way.
@@ -107,9 +150,19 @@ def conduct(request: Request, say: Callable[[str], None], wanted_sha256: str = "
         say(f"committed to policy and declaration: {commitment.sha256}")
         drawn = draw(commitment, request.seed)
         say(f"seed {drawn.seed}, chosen by the {drawn.chosen_by}")
-        evidence, handed, out = _played(request, loaded, world, drawn.derived("episodes"))
+        evidence, handed, out = _played(
+            request, profile, None, world, drawn.derived("episodes"), loaded, collect
+        )
         elsewhere = [
-            _played(request, loaded, one.world, drawn.derived(f"shift {number}"))[0]
+            _played(
+                request,
+                profile,
+                number,
+                one.world,
+                drawn.derived(f"shift {number}"),
+                loaded,
+                collect,
+            )[0]
             for number, one in enumerate(traffic)
         ]
         films = _filmed(request, profile, world, loaded, evidence)
@@ -207,21 +260,21 @@ def _check(request: Request) -> None:
 
 
 def _played(
-    request: Request, loaded: Loaded, world: World, seed: int
+    request: Request,
+    profile: Profile,
+    traffic: int | None,
+    world: World,
+    seed: int,
+    loaded: Loaded,
+    collect: Callable[[Collection], Evidence],
 ) -> tuple[Evidence, dict[str, dict[str, Any]], list[str]]:
     """Everybody on the same episodes, and who of them is the policy itself."""
     record = loaded.record
     references, handed, out = resolve_references(
         world, request.references, record.sha256, record.source, request.trust
     )
-    evidence = collect_evidence(
-        world,
-        loaded.policy,
-        episode_seeds(seed, request.episodes),
-        references,
-        deterministic=not request.soft,
-        threads=request.threads,
-    )
+    seeds = episode_seeds(seed, request.episodes)
+    evidence = collect(Collection(request, profile, traffic, world, seeds, loaded, references))
     return evidence, handed, [*rules_that_are_the_policy(record.sha256, world), *out]
 
 

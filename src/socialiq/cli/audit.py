@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +15,9 @@ from socialiq.audit.report.folder import check_target, files_of, write_folder
 from socialiq.audit.report.views import told
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import print_table
+from socialiq.cli.progress import Display
+from socialiq.errors import UserError
+from socialiq.experiments.engine import Engine, work_folder
 from socialiq.policies.process.load import limits_of
 
 
@@ -60,6 +63,10 @@ class Audit:
     shift: bool = False
     """Also run the same number of episodes in other traffic, and report whether the policy drives
     differently there. The verdict doesn't depend on it."""
+    engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
+    work: Path | None = None
+    """Folder of the parts that are finished, with --processes or --cluster; it is kept, so that
+    the same command with --seed goes on from it. By default a temporary folder."""
     replace: bool = False
     """Replace an earlier report in the folder."""
     json: bool = False
@@ -68,7 +75,7 @@ class Audit:
     def run(self) -> int:
         """Audit, write the report, print the verdict."""
         check_target(self.out, self.replace)
-        done = conduct(self.request(), _say)
+        done = self.conducted()
         files = files_of(done.report, done.profile, done.evidence, done.films)
         write_folder(self.out, files, self.replace)
         if self.json:
@@ -76,6 +83,21 @@ class Audit:
         else:
             _show(done, self.out)
         return int(done.report["verdict"]["exit_code"])
+
+    def conducted(self) -> Conducted:
+        """Play in this process, or in parts where the engine says."""
+        if not self.engine.given:
+            if self.work is not None:
+                raise UserError("--work is of --processes or --cluster: add one, or leave it out")
+            return conduct(self.request(), _say)
+        if self.engine.cluster is not None and self.work is None:
+            raise UserError("a cluster needs a folder that all its workers see: add --work FOLDER")
+        from socialiq.experiments.audit_parts import collector
+
+        with work_folder(self.work) as work, Display() as display:
+            return conduct(
+                self.request(), _say, collect=collector(self.engine, work, display.stage)
+            )
 
     def request(self) -> Request:
         """Return the request of the audit."""

@@ -49,6 +49,7 @@ def collect_evidence(
     name: str = "policy",
     deterministic: bool = True,
     threads: int = 1,
+    side_by_side: int | None = None,
 ) -> Evidence:
     """Play everybody on the same episodes.
 
@@ -64,6 +65,8 @@ def collect_evidence(
         name: Of the policy, for the report.
         deterministic: Whether the policy takes its best action; references always do.
         threads: That share the intersection's episodes.
+        side_by_side: Episodes of the intersection at once. The last bits of a network's answers
+            may depend on it, so parts of one collection are given the same.
 
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.
@@ -72,7 +75,7 @@ def collect_evidence(
         return _in_grid(world, policy, seeds, references, name, deterministic)
     if isinstance(world, Environment):
         return _in_environment(world, Reference(name, policy), seeds, references, deterministic)
-    batch = world.batch(min(SIDE_BY_SIDE, len(seeds)), threads)
+    batch = world.batch(side_by_side or min(SIDE_BY_SIDE, len(seeds)), threads)
     drivers = [*by_rule(), *references]
     return Evidence(
         scenario=world.description,

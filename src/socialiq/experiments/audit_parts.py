@@ -1,0 +1,242 @@
+"""Episodes of an audit in parts, by seed, as jobs of the engine; the same evidence as in one."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.audit.conduct import Collection, Request
+from socialiq.audit.evidence.collect import SIDE_BY_SIDE
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.profile.reader import load
+from socialiq.audit.resolve_policy import Trust, resolve_policy, resolve_references
+from socialiq.audit.verdict.shift import other_traffic
+from socialiq.errors import UserError
+from socialiq.evaluation.play import SoftPolicy
+from socialiq.experiments.engine import Engine, available_cores, run_jobs
+from socialiq.experiments.gridworld_runs import StageCallback
+from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.policies.process.load import Limits
+from socialiq.storage import load_arrays, save_arrays
+from socialiq.types import RewardPair
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.intersection.world import Intersection
+
+_KIND, _VERSION, _FILE = "audit-part", 1, "part.safetensors"
+_COLUMNS = ("totals", "ending", "contact", "length")
+_PART = 1000  # episodes of a part on a cluster, where the number of processes may change
+
+
+@dataclass(frozen=True)
+class PartConfig:
+    """Episodes `first` to `last` of a collection, and all that decides them.
+
+    Attributes:
+        policy: As `Request.policy`.
+        sha256: Of the policy.
+        profile: Absolute path of the declaration.
+        profile_sha256: Of the declaration.
+        references: As `Request.references`.
+        reference_sha256: Of those of them that are files, else "".
+        soft: As `Request.soft`.
+        allow_code: As `Trust.allow_code`.
+        limits: As `Trust.limits`.
+        traffic: As `Collection.traffic`.
+        side_by_side: Episodes at once, the same for every part.
+        seeds: Of this part's episodes.
+    """
+
+    policy: str
+    sha256: str
+    profile: str
+    profile_sha256: str
+    references: tuple[str, ...]
+    reference_sha256: tuple[str, ...]
+    soft: bool
+    allow_code: bool
+    limits: Limits
+    traffic: int | None
+    side_by_side: int
+    seeds: tuple[int, ...]
+
+
+def collector(
+    engine: Engine, work: Path, on_stage: StageCallback, parts: int = 0
+) -> Callable[[Collection], Evidence]:
+    """Return a function that collects evidence in parts, for `conduct`.
+
+    Args:
+        engine: Where the parts are played.
+        work: Folder of their folders.
+        on_stage: Given the name of a stage, returns the callback for its progress.
+        parts: How many; by default one for each process, or for each 1,000 episodes on a cluster.
+    """
+
+    def collect(collection: Collection) -> Evidence:
+        _check(collection)
+        count = parts or _parts(engine, len(collection.seeds))
+        jobs = jobs_of(collection, count)
+        run_jobs(jobs, work, on_stage, engine.processes, engine.cluster)
+        return _joined(collection, [_read(work / job.name) for job in jobs])
+
+    return collect
+
+
+def _check(collection: Collection) -> None:
+    """Refuse draws whose order over all episodes matters."""
+    draws_by_seed = isinstance(collection.world, Intersection) and isinstance(
+        collection.loaded.policy, SoftPolicy
+    )
+    if collection.request.soft and not draws_by_seed:
+        raise UserError("this policy draws its actions in order: leave out --soft, or --processes")
+
+
+def _parts(engine: Engine, episodes: int) -> int:
+    if engine.cluster is None:
+        return min(engine.processes or available_cores(), episodes)
+    return math.ceil(episodes / _PART)
+
+
+def jobs_of(collection: Collection, parts: int) -> list[Job]:
+    """Return the jobs that play the parts of a collection."""
+    request, record = collection.request, collection.loaded.record
+    stage = "episodes" if collection.traffic is None else f"traffic-{collection.traffic}"
+    blocks = np.array_split(collection.seeds, parts)
+    return [
+        Job(
+            f"{stage}/{number:04d}-of-{parts:04d}",
+            play_part,
+            PartConfig(
+                policy=request.policy,
+                sha256=record.sha256,
+                profile=str(request.profile.absolute()),
+                profile_sha256=collection.profile.sha256,
+                references=request.references,
+                reference_sha256=tuple(map(_sha256, request.references)),
+                soft=request.soft,
+                allow_code=request.trust.allow_code,
+                limits=request.trust.limits,
+                traffic=collection.traffic,
+                side_by_side=min(SIDE_BY_SIDE, len(collection.seeds)),
+                seeds=tuple(block.tolist()),
+            ),
+            cost=float(len(block)),
+        )
+        for number, block in enumerate(blocks)
+    ]
+
+
+def _sha256(reference: str) -> str:
+    path = Path(reference)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def play_part(
+    config: PartConfig, folder: Path, _: Mapping[str, Path], __: ProgressCallback
+) -> None:
+    """Let everybody drive the episodes of a part, and write what became of each.
+
+    Raises:
+        UserError: If the policy or the declaration is no longer the one that was committed to.
+    """
+    profile = load(Path(config.profile))
+    trust = Trust(config.allow_code, Limits(*config.limits))
+    world = profile.world(config.allow_code)
+    place = world if config.traffic is None else other_traffic(profile)[config.traffic].world
+    request = Request(
+        config.policy,
+        Path(config.profile),
+        len(config.seeds),
+        references=config.references,
+        soft=config.soft,
+        trust=trust,
+    )
+    with resolve_policy(config.policy, world, profile.angle, trust) as loaded:
+        found = (loaded.record.sha256, profile.sha256)
+        if found != (config.sha256, config.profile_sha256):
+            raise UserError("policy or declaration have changed since the audit began")
+        references, _handed, _out = resolve_references(
+            place, config.references, loaded.record.sha256, loaded.record.source, trust
+        )
+        seeds = np.array(config.seeds, np.int64)
+        collection = Collection(request, profile, config.traffic, place, seeds, loaded, references)
+        evidence = collection.collect(config.side_by_side)
+    _write(evidence, folder)
+
+
+def _write(evidence: Evidence, folder: Path) -> None:
+    drivers = (evidence.policy, *evidence.references)
+    arrays = {
+        f"{number}/{column}": getattr(one, column)
+        for number, one in enumerate(drivers)
+        for column in _COLUMNS
+    }
+    save_arrays(
+        folder / _FILE,
+        _KIND,
+        _VERSION,
+        {**arrays, "seeds": evidence.seeds},
+        {
+            "scenario": evidence.scenario,
+            "drivers": [
+                {"name": one.name, "angles": one.angles, "expected": one.expected}
+                for one in drivers
+            ],
+            "strata": {name: labels.tolist() for name, labels in evidence.strata.items()},
+        },
+    )
+
+
+def _read(folder: Path) -> Evidence:
+    arrays, header = load_arrays(folder / _FILE, _KIND, _VERSION)
+    drivers = [
+        Outcomes(
+            one["name"],
+            **{column: arrays[f"{number}/{column}"] for column in _COLUMNS},
+            angles=tuple(one["angles"]),
+            expected=None if one["expected"] is None else RewardPair(*one["expected"]),
+        )
+        for number, one in enumerate(header["drivers"])
+    ]
+    return Evidence(
+        scenario=header["scenario"],
+        seeds=arrays["seeds"],
+        policy=drivers[0],
+        references=tuple(drivers[1:]),
+        strata={name: np.array(labels) for name, labels in header["strata"].items()},
+    )
+
+
+def _joined(collection: Collection, parts: Sequence[Evidence]) -> Evidence:
+    """Join the columns of the parts, whose episodes are in the order of the seeds."""
+    columns = [[one.policy, *one.references] for one in parts]
+    drivers = [_joined_outcomes(one) for one in zip(*columns, strict=True)]
+    if isinstance(collection.world, GridWorld):
+        # The exact optima's own numbers are this process's: their last bits differ between
+        # processes with other numbers of threads.
+        first = collection._replace(seeds=collection.seeds[:1]).collect()
+        drivers = [
+            replace(one, angles=own.angles, expected=own.expected)
+            for one, own in zip(drivers, (first.policy, *first.references), strict=True)
+        ]
+    return Evidence(
+        scenario=parts[0].scenario,
+        seeds=collection.seeds,
+        policy=drivers[0],
+        references=tuple(drivers[1:]),
+        strata={
+            name: np.concatenate([one.strata[name] for one in parts]) for name in parts[0].strata
+        },
+    )
+
+
+def _joined_outcomes(parts: Sequence[Outcomes]) -> Outcomes:
+    return replace(
+        parts[0],
+        **{name: np.concatenate([getattr(one, name) for one in parts]) for name in _COLUMNS},
+    )
