@@ -19,6 +19,7 @@ from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
 from socialiq.experiments import results as store
 from socialiq.experiments import study as experiment
+from socialiq.experiments.engine import Engine
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Study
 from socialiq.learners.ranges import check_seeds
@@ -36,6 +37,7 @@ class _StudyCommand:
     """Folder to write; by default ./results-STUDY."""
     work: Path | None = None
     """Folder of what is done, by default FOLDER.work; only studies with jobs keep one."""
+    engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
     replace: bool = False
     """Replace the results that are in the folder."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -66,10 +68,12 @@ class _StudyCommand:
         folder = self.out or Path(f"results-{study.name}")
         if self.work is not None and not study.is_resumable:
             raise UserError(f"{study.name} keeps no work folder: leave out --work")
+        if self.engine.given and not study.is_resumable:
+            raise UserError(f"{study.name} has no jobs: leave out --processes and --cluster")
         store.check_target(folder, self.replace)
         work = self.work or folder.with_name(f"{folder.name}.work")
         with Display() as display:
-            results = experiment.run(study, config, display.stage, work)
+            results = experiment.run(study, config, display.stage, work, self.engine)
         experiment.save(study, results, folder, self.replace)
         return results
 

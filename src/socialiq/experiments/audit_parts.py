@@ -19,8 +19,8 @@ from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
 from socialiq.evaluation.play import SoftPolicy
 from socialiq.experiments.engine import Engine, available_cores, run_jobs
-from socialiq.experiments.gridworld_runs import StageCallback
 from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.experiments.study import StageCallback
 from socialiq.policies.process.load import Limits
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair

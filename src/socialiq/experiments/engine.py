@@ -13,7 +13,6 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,18 +52,6 @@ class Engine:
     def given(self) -> bool:
         """Whether a place was asked for."""
         return bool(self.processes) or self.cluster is not None
-
-    @contextmanager
-    def in_use(self) -> Iterator[None]:
-        """Make this the engine of every `run_jobs` below that names none."""
-        token = _IN_USE.set(self)
-        try:
-            yield
-        finally:
-            _IN_USE.reset(token)
-
-
-_IN_USE: ContextVar[Engine | None] = ContextVar("engine in use", default=None)
 
 
 @contextmanager
@@ -113,25 +100,23 @@ def run_jobs(
         work: Folder of their folders.
         on_stage: Given the name of a stage, returns the callback for its progress.
         processes: Of the local cluster; by default one for each core that this process may use.
-        cluster: Address of a running Dask scheduler, or its scheduler file. Where neither is given,
-            the `Engine.in_use` decides.
+        cluster: Address of a running Dask scheduler, or its scheduler file.
 
     Raises:
         UserError: If a job fails, its process dies again and again, the folder is in use, or the
             cluster can't be reached or used.
         Stopped: On Ctrl-C.
     """
-    work, engine = work.absolute(), Engine(processes, cluster)
-    engine = engine if engine.given else _IN_USE.get() or engine
+    work = work.absolute()
     with claimed(work):
         still_open = open_jobs(jobs, work)
         if not still_open:
             return
         from socialiq.experiments.cluster import client_of
 
-        count = min(engine.processes or available_cores(), len(still_open))
+        count = min(processes or available_cores(), len(still_open))
         try:
-            with client_of(engine.cluster, count, work) as client:
+            with client_of(cluster, count, work) as client:
                 _Call(client, jobs, still_open, work, on_stage).run()
         except KeyboardInterrupt:
             raise Stopped(STOPPED) from None

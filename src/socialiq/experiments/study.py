@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
-from socialiq.experiments.engine import run_jobs, work_folder
+from socialiq.experiments.engine import Engine, run_jobs, work_folder
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock, Report
@@ -101,6 +101,7 @@ def run(
     config: Any = None,
     on_stage: StageCallback = silent,
     work: Path | None = None,
+    engine: Engine | None = None,
 ) -> Results:
     """Run the jobs that are not finished yet, and compute the tables.
 
@@ -109,6 +110,7 @@ def run(
         config: Its configuration; by default that of the committed results.
         on_stage: Shows progress.
         work: Folder of the jobs; a temporary folder by default.
+        engine: Where the jobs run; by default on every core of this machine.
 
     Returns:
         The results, rounded as they are saved.
@@ -122,18 +124,21 @@ def run(
         found = study.tables(config, Context((), Path(), on_stage))
     else:
         with work_folder(work) as folder:
-            found = study.tables(config, _finished(study, config, folder, on_stage))
+            context = _finished(study, config, folder, on_stage, engine or Engine())
+            found = study.tables(config, context)
     kept = {name: rows for name, rows in found.tables.items() if rows}
     return Results.of(study.name, config, kept, found.summary, found.files)
 
 
-def _finished(study: Study, config: Any, folder: Path, on_stage: StageCallback) -> Context:
+def _finished(
+    study: Study, config: Any, folder: Path, on_stage: StageCallback, engine: Engine
+) -> Context:
     """Run the jobs that are not finished yet."""
     jobs = list(study.jobs(config)) if study.jobs else []
-    run_jobs(jobs, folder, on_stage)
+    run_jobs(jobs, folder, on_stage, engine.processes, engine.cluster)
     if study.more_jobs:
         more = study.more_jobs(config, folder)
-        run_jobs(more, folder, on_stage)
+        run_jobs(more, folder, on_stage, engine.processes, engine.cluster)
         jobs += more
     return Context(jobs, folder, on_stage)
 
