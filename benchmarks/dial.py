@@ -29,8 +29,8 @@ from socialiq.learners.dial.presets import QUICK, RUNS, Preset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.studies.compare_priors.learners import Preset as GridRun
-from socialiq.studies.compare_priors.learners import dial_numbers, dial_structure
+from socialiq.studies.compare_priors.budget import Run as GridRun
+from socialiq.studies.compare_priors.budget import dial_numbers, dial_structure
 from socialiq.studies.dial.config import KEY_ANGLES
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
