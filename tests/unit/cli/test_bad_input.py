@@ -69,6 +69,8 @@ def refused(capsys, *arguments):
         (["render", "crossing5", "--out", "x.gif"], "choose one of .png"),
         (["render", "intersection", "--seed", "-1", "--out", "x.png"], "seed must be at least 0"),
         (["reproduce", "poc", "--episodes", "5"], "unknown option --episodes"),
+        (["reproduce", "poc", "--processes", "2"], "poc has no jobs: leave out --processes"),
+        (["reproduce", "poc", "--work", "x"], "poc keeps no work folder: leave out --work"),
         (["reproduce", "poc", "--back-end", "core"], "unknown option --back-end"),
         (["reproduce", "intersection-world", "--back-end", "x"], "Expected one of ('core',"),
         (["reproduce", "intersection-world", "--episodes", "0"], "at least 1, got 0"),
