@@ -153,7 +153,7 @@ class Episodes(NamedTuple):
         active: Decisions in which a signal was not 0, (episodes, signals).
         signal_names: Names of the signals.
         entered: Whether the ego's centre passed its stop line.
-        conflicts: Decisions at the junction (`junction.at_junction`) while somebody who crosses
+        conflicts: Decisions at the junction (`conflicts.at_junction`) while a crossing vehicle
             was in it or within 3 s of it.
         pressed: Number of these decisions in which the ego did not choose slower.
     """
