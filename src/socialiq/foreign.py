@@ -59,7 +59,7 @@ def failure(source: str, error: BaseException) -> UserError:
         error: What it raised.
     """
     return UserError(
-        f"{source} raised {type(error).__name__}: {one_line(str(error))}; mend its code"
+        f"{source} raised {type(error).__name__}: {one_line(str(error))}; correct its code"
     )
 
 

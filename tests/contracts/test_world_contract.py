@@ -216,7 +216,7 @@ def test_unknown_values_are_refused(name):
 
 @pytest.mark.parametrize("p", [2.0, -0.1, float("nan")])
 def test_spawn_probability_must_be_one(p):
-    with pytest.raises(UserError, match=r"spawn_probability \S+ is no probability.*\[0, 1\]$"):
+    with pytest.raises(UserError, match=r"spawn_probability \S+ is not a probability.*\[0, 1\]$"):
         registry.make("crossing7", spawn_probability=p)
 
 

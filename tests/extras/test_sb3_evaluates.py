@@ -79,8 +79,8 @@ def test_observations_of_other_worlds_are_one_line():
         (np.zeros((2, 3, 6)), r"takes \(6,\)"),
         (np.zeros(5), r"takes \(6,\)"),
         (np.zeros((1, 5)), r"takes \(6,\)"),
-        ("forward", "no numbers"),
-        ([[1.0], [1.0, 2.0]], "no numbers"),
+        ("forward", "not numeric"),
+        ([[1.0], [1.0, 2.0]], "not numeric"),
     ):
         with pytest.raises(UserError, match=match):
             policy.predict(observation)

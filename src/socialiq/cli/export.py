@@ -83,7 +83,7 @@ class Export:
 
     def _check_no_angle(self) -> None:
         if self.angle is not None:
-            raise UserError(f"{one_line(self.policy)} is no dial: leave --angle out")
+            raise UserError(f"{one_line(self.policy)} is not a dial: leave --angle out")
 
     def made(self, policy: QPolicy, training: dict[str, Any]) -> bytes:
         """Return the file's bytes."""
@@ -112,7 +112,9 @@ class Export:
 def _object(path: Path) -> dict[str, Any]:
     found = read_json(path)
     if not isinstance(found, dict):
-        raise UserError(f"{path} is no JSON object: write it with socialiq evaluate POLICY --json")
+        raise UserError(
+            f"{path} is not a JSON object: write it with socialiq evaluate POLICY --json"
+        )
     return found
 
 

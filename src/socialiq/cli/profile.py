@@ -98,7 +98,7 @@ def _date(text: str) -> datetime.date:
     try:
         return datetime.date.fromisoformat(text)
     except ValueError as error:
-        raise UserError(f"'{text}' is no date: write it as 2026-01-31") from error
+        raise UserError(f"'{text}' is not a date: write it as 2026-01-31") from error
 
 
 def _facts(declared: Declaration) -> dict[str, str | float]:

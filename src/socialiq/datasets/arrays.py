@@ -168,7 +168,9 @@ def number_of(name: str, values: Any) -> np.ndarray:
     try:
         array = np.asarray(values)
     except (ValueError, TypeError) as error:  # ragged rows
-        raise UserError(f"{name} is no array of numbers: give every step the same shape") from error
+        raise UserError(
+            f"{name} is not an array of numbers: give every step the same shape"
+        ) from error
     if array.dtype.kind not in "fiub" or array.ndim == 0:
         raise UserError(
             f"{name} is {array.dtype} with {array.ndim} axes: pass an array of numbers, one row "

@@ -118,7 +118,7 @@ def arrays_of(columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.nd
         if column.dtype.kind == "f" and not (finite := np.isfinite(column)).all():
             raise UserError(
                 f"{source}: column {name}, row {int(np.argmin(finite))}: not finite: leave out the "
-                "episode, or mend its recording"
+                "episode, or correct its recording"
             )
     arrays = {name: column for name, column in columns.items() if name in SCALARS}
     for vector in VECTORS:

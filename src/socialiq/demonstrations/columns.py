@@ -144,7 +144,7 @@ def _check_finite(columns: Mapping[str, Any]) -> None:
             _refuse(
                 name,
                 bad.any(axis=1) if axes == 2 else bad,
-                "not finite: leave out the episode, or mend its recording",
+                "not finite: leave out the episode, or correct its recording",
             )
 
 

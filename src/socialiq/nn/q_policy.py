@@ -92,7 +92,7 @@ class QPolicy:
         value = np.asarray(observations, np.float32)
         self._check_shape(value)
         if not np.isfinite(value).all():
-            raise UserError("observation holds NaN or infinity: mend the sensor or the data")
+            raise UserError("observation holds NaN or infinity: correct the sensor or the data")
         value = self.view(value) if self.view else value
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             if number:
@@ -211,7 +211,7 @@ def _numbers(observation: object) -> np.ndarray:
     try:
         return np.asarray(observation, np.float32)
     except (TypeError, ValueError) as error:
-        raise UserError("observation is no numbers: this policy takes one array") from error
+        raise UserError("observation is not numeric: this policy takes one array") from error
 
 
 def _view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Encoding | None:

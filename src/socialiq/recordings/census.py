@@ -160,7 +160,7 @@ def take(
     ]
     if not drivers:
         raise UserError(
-            "no vehicle of these recordings meets a conflict, so there is nobody to count: "
+            "no vehicle of these recordings meets a conflict, so there is no driver to count: "
             "`socialiq data demonstrations` tells the reasons"
         )
     names = [one.recording for one in drivers]

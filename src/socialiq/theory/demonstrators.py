@@ -95,7 +95,7 @@ def check_kind(kind: str) -> None:
     """
     if kind in ("running", "trajectory"):
         raise UserError(
-            f"target kind {kind} is no function of state and action, so nothing is predicted: "
+            f"target kind {kind} is not a function of state and action, so nothing is predicted: "
             f"choose one of {', '.join(TARGET_KINDS)}"
         )
     one_of("target kind", kind, TARGET_KINDS)

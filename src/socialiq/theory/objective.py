@@ -131,6 +131,6 @@ def check_occupancy(
     error = np.abs(entered - entered.sum() * mdp.initial).max()
     if error > _FLOW_TOLERANCE * entered.sum():
         raise UserError(
-            f"this is no occupancy of the MDP: its flow is off by {error:.3g}; "
+            f"this is not an occupancy of the MDP: its flow is off by {error:.3g}; "
             "make it by mdp.occupancy.discounted_occupancy, or by theory.rows"
         )

@@ -252,7 +252,7 @@ def make(options: Options | None = None) -> GridWorld:
     chosen = options or Options()
     p = chosen.spawn_probability
     if not 0.0 <= p <= 1.0:
-        raise UserError(f"spawn_probability {p:g} is no probability: choose one in [0, 1]")
+        raise UserError(f"spawn_probability {p:g} is not a probability: choose one in [0, 1]")
     at_random = ((_EMPTY, 1.0 - p), (_FILLED, p))
     return GridWorld(
         name="crossing7",

@@ -57,7 +57,7 @@ def refused(capsys, *arguments):
         (["solve", "intersection"], "can't be listed"),
         (["predict-lambda", "intersection"], "can't be listed"),
         (["predict-lambda", "crossing7", "--angle", "-5"], "outside [0, 360) degrees"),
-        (["predict-lambda", "crossing7", "--target-kind", "running"], "no function of state"),
+        (["predict-lambda", "crossing7", "--target-kind", "running"], "not a function of state"),
         (["predict-lambda", "crossing7", "--target-kind", "total"], "choose one of instantaneous"),
         (["front", "intersection"], "choose one of crossing5, crossing7"),
         (["collect", "intersection", "--out", "x"], "can't be listed"),

@@ -62,7 +62,7 @@ def test_circular_sd_by_hand():
 
 
 def test_nobody_is_no_census(swapped):
-    with pytest.raises(UserError, match="nobody to count"):
+    with pytest.raises(UserError, match="no driver to count"):
         take([swapped("a", [])])
 
 

@@ -116,7 +116,7 @@ def test_predictions_go_from_the_baseline_to_the_optimum(table7):
         (Setting(measure="batches"), "unknown measure"),
         (Setting(mixture="pools"), "unknown mixture"),
         (Setting(angle=360.0), "outside"),
-        (Setting(target_kind="running"), "no function of state and action"),
+        (Setting(target_kind="running"), "not a function of state and action"),
     ],
 )
 def test_settings_that_make_no_problem_are_refused(table7, setting, line):

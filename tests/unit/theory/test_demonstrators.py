@@ -45,7 +45,7 @@ def test_to_go_weighs_demonstrators_by_who_is_there(bandit):
 @pytest.mark.parametrize("kind", ["running", "trajectory"])
 def test_targets_that_know_the_past_are_refused(random_world, random_pool, kind):
     mdp, policies, parts = pool(random_world, random_pool)
-    with pytest.raises(UserError, match="no function of state and action"):
+    with pytest.raises(UserError, match="not a function of state and action"):
         mean_target(mdp, policies, parts, mdp.rewards.env, kind, 0.9)
 
 

@@ -36,7 +36,7 @@ def test_the_scale_of_the_demonstrations_is_free(random_problem):
         ({"chi2_alpha": -0.5}, "chi2_alpha must be above 0"),
         ({"discount": 1.0}, "discount must lie in"),
         ({"target": np.full((6, 3), np.inf)}, "target must be finite"),
-        ({"demonstrated": np.ones((6, 3))}, "no occupancy of the MDP"),
+        ({"demonstrated": np.ones((6, 3))}, "not an occupancy of the MDP"),
         ({"demonstrated": np.zeros((6, 3))}, "some positive one"),
     ],
 )

@@ -132,7 +132,7 @@ def test_unknown_names_are_told(name, line):
 def test_a_failing_step_is_told_in_one_line(road):
     env = make_environment(f"{road}:Road", {"fails": True}, allow_code=True)
     env.reset(seed=0)
-    with pytest.raises(UserError, match=r"a_road.py:Road raised ValueError: two lines; mend"):
+    with pytest.raises(UserError, match=r"a_road.py:Road raised ValueError: two lines; correct"):
         env.step(np.int64(0))
 
 

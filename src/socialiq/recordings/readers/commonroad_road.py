@@ -167,7 +167,7 @@ def road_of(path: Path) -> RoadNetwork:
         found = files.load(path).road
     else:
         raise UserError(
-            f"{path} is no map: name a CommonRoad file (.xml), or a recording that has lanelets"
+            f"{path} is not a map: name a CommonRoad file (.xml), or a recording that has lanelets"
         )
     if not found.lanelets:
         raise UserError(f"{path} holds no lanelet: name a map that does")

@@ -174,7 +174,7 @@ class _Stream:
         elif self._depth == 1:
             self._builder = TreeBuilder()
         elif self._depth > _MOST_DEPTH:
-            raise UserError(f"{self._where()}: elements nested too deep: this is no recording")
+            raise UserError(f"{self._where()}: elements nested too deep: this is not a recording")
         elif name in _STATES:
             # A state's attributes are not needed, and most of a file is states: while a state is
             # read, these handlers are not called.
@@ -187,7 +187,7 @@ class _Stream:
 
     def _misplaced(self) -> UserError:
         # Only a state inside a state can invalidate the count of open elements.
-        return UserError(f"{self._where()}: a state inside a state: this is no recording")
+        return UserError(f"{self._where()}: a state inside a state: this is not a recording")
 
     def _text(self, text: str) -> None:
         if self._depth > 1:

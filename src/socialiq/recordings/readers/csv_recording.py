@@ -65,7 +65,9 @@ def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
     words = table.words.get("recording", {"": 0})
     if len(words) > _MOST_RECORDINGS:
         column = columns.columns["recording"]
-        raise UserError(f"{table.path}: {len(words):,} recordings by {column}: mend the column map")
+        raise UserError(
+            f"{table.path}: {len(words):,} recordings by {column}: correct the column map"
+        )
     if len(words) == 1:
         return {0: stem}
     return {number: f"{stem}-{one_line(word, 60)}" for word, number in words.items()}
@@ -83,8 +85,8 @@ def _frames(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
         off = np.abs(steps - steps.min() - frame) > 0.1
         if off.any():
             raise UserError(
-                f"{table.path}, {_first(table, off)}: the time is no multiple of {dt:g} s after "
-                "the first: mend the unit or the rate in the column map"
+                f"{table.path}, {_first(table, off)}: the time is not a multiple of {dt:g} s after "
+                "the first: correct the unit or the rate in the column map"
             )
     low, high = int(frame.min()), int(frame.max())
     return frame if low >= 0 and high < 2**31 else frame - low
@@ -191,7 +193,7 @@ class _Draft:
             row = self._table.row_name(int(rows[place + 1]))
             raise UserError(
                 f"{self._table.path}, {row}: {time[place]:g} s after the frame before, with frames "
-                f"{self._dt:g} s apart: mend the rate or the unit of time in the column map"
+                f"{self._dt:g} s apart: correct the rate or the unit of time in the column map"
             )
 
     def _user(self, track: np.ndarray) -> tuple[int, float, float]:

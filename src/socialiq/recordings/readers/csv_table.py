@@ -174,7 +174,7 @@ def _lines(path: Path) -> Iterator[str]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             while line := file.readline(_MOST_LINE):
                 if len(line) == _MOST_LINE:
-                    raise UserError(f"{path}: a line is longer than 1 MiB: this is no CSV file")
+                    raise UserError(f"{path}: a line is longer than 1 MiB: this is not a CSV file")
                 yield line
     except FileNotFoundError as error:
         raise UserError(f"no such file: {path}") from error
@@ -192,7 +192,8 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
     if missing:
         told = one_line(", ".join(names), 300)
         raise UserError(
-            f"{path} has no column {', '.join(missing)}: mend the column map; the file has {told}"
+            f"{path} has no column {', '.join(missing)}: correct the column map; "
+            f"the file has {told}"
         )
     twice = next((column for column in columns.values() if names.count(column) > 1), None)
     if twice is not None:

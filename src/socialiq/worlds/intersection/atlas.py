@@ -44,7 +44,7 @@ def load(name: str) -> QPolicy:
     path = path_of(name)
     policy = QPolicy.load(path)
     if policy.sha256 != manifest()[name]["sha256"]:
-        raise UserError(f"{path} is not the file of its manifest: install the package anew")
+        raise UserError(f"{path} is not the file of its manifest: install the package again")
     return policy
 
 

@@ -101,7 +101,9 @@ def test_times_stand_for_frames(read):
     ]
     assert read(rows, said=said)[0].recording.tracks.frame.tolist() == [0, 1, 2, 3]
     rows[2] = rows[2].replace("200,", "250,", 1)
-    with pytest.raises(UserError, match=r"row 4: the time is no multiple of 0.1 s after the first"):
+    with pytest.raises(
+        UserError, match=r"row 4: the time is not a multiple of 0.1 s after the first"
+    ):
         read(rows, said=said)
 
 
@@ -182,7 +184,7 @@ def test_a_bad_file_is_refused_in_one_line(read, tmp_path, rows, line):
 
 def test_missing_columns_are_named_with_those_that_are_there(read):
     with pytest.raises(
-        UserError, match="has no column x, y: mend the column map; the file has who"
+        UserError, match="has no column x, y: correct the column map; the file has who"
     ):
         read(GOOD, HEAD.replace(",x,y,", ",a,b,"))
     with pytest.raises(UserError, match="has two columns x"):
