@@ -38,7 +38,7 @@ def assert_equal(ours, theirs):
 
 
 def same(report):
-    """What a report says, without when and how long."""
+    """Return what a report says, without when and how long."""
     return {
         key: value for key, value in report.items() if key in ("verdict", "tests", "data", "shift")
     }
