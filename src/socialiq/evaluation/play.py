@@ -1,17 +1,17 @@
-"""Seeded episodes of a batch, each with its own seed, whatever the size of the batch."""
+"""Seeded episodes of the intersection, summed up: totals, endings, conflicts, collision rates."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
-from socialiq.errors import UserError
 from socialiq.evaluation.conflicts import conflict_at_junction, entered
 from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.simulate import SoftActor, SoftPolicy, Step, simulate
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.intersection.batch import Batch, Decisions
@@ -20,121 +20,68 @@ from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.state import Contact
 
 STOPPED_BELOW = 0.5  # m/s
-SOFT = 4172  # key of this purpose; draws for other purposes from the same seed are independent
 
 
-class Played(NamedTuple):
-    """Decision of the running episodes.
+class BatchSimulator:
+    """The compiled intersection as a back end of `simulate`."""
 
-    Attributes:
-        episode: Index of the episode of each row of the batch.
-        running: Rows that decided.
-        observation: Observations before the decision, of all rows.
-        action: Actions, of all rows.
-        made: Results of the decision, of all rows.
-    """
+    def __init__(self, batch: Batch) -> None:
+        self.batch, self.size = batch, batch.size
 
-    episode: Int64[np.ndarray, " batch"]
-    running: Bool[np.ndarray, " batch"]
-    observation: Float32[np.ndarray, "batch feature"]
-    action: Int64[np.ndarray, " batch"]
-    made: Decisions
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Reset some rows."""
+        self.batch.reset(seeds, rows=rows)
+
+    def observe(self) -> Float32[np.ndarray, "batch feature"]:
+        """Return what all egos see."""
+        return self.batch.observation
+
+    def step(self, action: np.ndarray, running: np.ndarray) -> Decisions:
+        """Let the egos of the running rows decide."""
+        return self.batch.step(action, auto_reset=False, rows=running)
 
 
-@runtime_checkable
-class SoftPolicy(Policy, Protocol):
-    """Protocol of a policy with action probabilities, such as `nn.q_policy.QPolicy`."""
+class BatchActor:
+    """A policy that answers for all rows at once, and draws by itself if it draws at all."""
 
-    def probabilities(
-        self, observations: Float[np.ndarray, "batch feature"]
-    ) -> Float[np.ndarray, "batch action"]:
-        """Return the probability of each action."""
-        ...
+    def __init__(self, policy: Policy, deterministic: bool) -> None:
+        self._policy, self._deterministic = policy, deterministic
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Do nothing: the policy doesn't know of episodes."""
+
+    def decide(
+        self,
+        observation: np.ndarray,
+        running: np.ndarray,  # noqa: ARG002
+    ) -> Int64[np.ndarray, " batch"]:
+        """Ask the policy."""
+        chosen, _ = self._policy.predict(observation, deterministic=self._deterministic)
+        return np.asarray(chosen, np.int64)
 
 
 def play(
     batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
-) -> Iterator[Played]:
-    """Run one episode for each seed.
+) -> Iterator[Step]:
+    """Let a policy drive one episode of the intersection for each seed.
 
-    Rows take the next seed as they become free, so the batch stays full until seeds run out. A
-    `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
-    depend on the batch. (A network's float32 products may: their last bits change with the number
-    of rows, which changes a draw about once in a million decisions.)
+    A `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
+    depend on the batch (`SoftActor`).
 
     Args:
         batch: Where to play.
-        policy: Policy that decides for the whole batch at once.
+        policy: Decides for the whole batch at once.
         seeds: One for each episode.
         deterministic: Whether it takes its best action; a policy without `probabilities` is told.
 
     Raises:
         UserError: If there is no seed.
     """
-    wanted = np.asarray(seeds)
-    if not len(wanted):
-        raise UserError("episodes must be at least 1, got 0")
-    driver = _driver(batch, policy, deterministic)
-    episode = np.arange(batch.size)
-    running = episode < len(wanted)
-    begun, following = np.flatnonzero(running), int(running.sum())
-    while running.any():
-        if len(begun):
-            batch.reset(wanted[episode[begun]], rows=begun)
-            driver.begin(begun, wanted[episode[begun]])
-        observation = batch.observation
-        action = driver.decide(observation)
-        made = batch.step(action, auto_reset=False, rows=running)
-        yield Played(episode.copy(), running.copy(), observation, action, made)
-        free = np.flatnonzero(running & (made.ending != int(Ending.NONE)))
-        begun = free[: max(len(wanted) - following, 0)]
-        running[np.setdiff1d(free, begun)] = False
-        episode[begun] = following + np.arange(len(begun))
-        following += len(begun)
-
-
-def _driver(batch: Batch, policy: Policy, deterministic: bool) -> _Direct | _Drawn:
+    actor = BatchActor(policy, deterministic)
     if not deterministic and isinstance(policy, SoftPolicy):
         decisions = math.ceil(batch.options.duration * batch.options.policy_frequency) + 1
-        return _Drawn(policy, batch.size, decisions)
-    return _Direct(policy, deterministic)
-
-
-class _Direct:
-    """Policy that draws its actions itself, if at all."""
-
-    def __init__(self, policy: Policy, deterministic: bool) -> None:
-        self._policy, self._deterministic = policy, deterministic
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: the policy has no state by episode."""
-
-    def decide(self, observation: np.ndarray) -> Int64[np.ndarray, " batch"]:
-        chosen, _ = self._policy.predict(observation, deterministic=self._deterministic)
-        return np.asarray(chosen, np.int64)
-
-
-class _Drawn:
-    """Soft policy; every episode has its own uniform numbers for all its decisions."""
-
-    def __init__(self, policy: SoftPolicy, size: int, decisions: int) -> None:
-        self._policy, self._rows = policy, np.arange(size)
-        self._uniform = np.zeros((size, decisions))
-        self._made = np.zeros(size, np.int64)
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        decisions = self._uniform.shape[1]
-        for row, seed in zip(rows, seeds.tolist(), strict=True):
-            self._uniform[row] = np.random.default_rng([SOFT, seed]).random(decisions)
-        self._made[rows] = 0
-
-    def decide(self, observation: np.ndarray) -> Int64[np.ndarray, " batch"]:
-        cumulative = self._policy.probabilities(observation).cumsum(axis=1)
-        draws = self._uniform[self._rows, self._made][:, None]
-        # Rows whose episode is over are included; their actions are not used.
-        self._made = np.minimum(self._made + 1, self._uniform.shape[1] - 1)
-        chosen = (draws >= cumulative).sum(axis=1)
-        return np.minimum(chosen, cumulative.shape[1] - 1).astype(np.int64)
+        actor = SoftActor(policy, batch.size, decisions)
+    return simulate(BatchSimulator(batch), actor, seeds)
 
 
 class Episodes(NamedTuple):
@@ -226,8 +173,8 @@ def episodes_of(
 _COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
 
 
-def _quantities(played: Played) -> dict[str, np.ndarray]:
-    """Return the quantities that are summed over an episode, of the rows that decided."""
+def _quantities(played: Step) -> dict[str, np.ndarray]:
+    """What is summed up over an episode, of the rows that decided."""
     made, rows = played.made, np.flatnonzero(played.running)
     signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
     conflicts = conflict_at_junction(played.observation[rows])

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.evaluation.gym_simulator import GymActor, GymSimulator
 from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.simulate import simulate
+from socialiq.evaluation.table_simulator import SharedChance, TableSimulator
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import draw_actions
-
-MOST_STEPS = 100_000
-"""Largest number of steps of an episode in a Gymnasium environment without a time limit."""
 
 
 class Rollout(NamedTuple):
@@ -114,24 +114,39 @@ def _steps(
     """Return columns of all transitions: episode, step, state, action, next state, ending."""
     _check_episodes(episodes)
     rng = np.random.default_rng(seed)
-    mdp = table.mdp
-    state = rng.choice(mdp.n_states, size=episodes, p=mdp.initial)
-    running = np.arange(episodes)
+    simulator = TableSimulator(table, episodes, SharedChance(rng))
     rows: list[tuple[np.ndarray, ...]] = []
-    for time in range(table.world.horizon):
-        chances = policy[time] if policy.ndim == 3 else policy
-        action = draw_actions(chances[state], rng)
-        outcome = draw_actions(mdp.probability[state, action], rng)
-        after = mdp.successor[state, action, outcome]
-        ending = mdp.ending[state, action, outcome]
-        if time == table.world.horizon - 1:
-            ending = np.where(ending == Ending.NONE, int(Ending.TIMEOUT), ending)
-        rows.append((running, np.full_like(running, time), state, action, after, ending))
-        going = ending == Ending.NONE
-        running, state = running[going], after[going]
+    for time, one in enumerate(
+        simulate(simulator, _DrawnActions(policy, rng), np.arange(episodes))
+    ):
+        running = np.flatnonzero(one.running)
+        columns = (one.observation, one.action, one.made.state, one.made.ending)
+        rows.append(
+            (running, np.full_like(running, time), *(column[running] for column in columns))
+        )
     columns = [np.concatenate(part) for part in zip(*rows, strict=True)]
     order = np.argsort(columns[0], kind="stable")
     return [column[order] for column in columns]
+
+
+class _DrawnActions:
+    """Actions drawn from a table of probabilities by the stream that draws chance too."""
+
+    def __init__(
+        self, policy: Float[np.ndarray, "*time state action"], rng: np.random.Generator
+    ) -> None:
+        self._policy, self._rng, self._time = policy, rng, 0
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Do nothing: all episodes begin at once."""
+
+    def decide(self, observation: np.ndarray, running: np.ndarray) -> Int64[np.ndarray, " row"]:
+        """Draw for the running rows."""
+        chances = self._policy[self._time] if self._policy.ndim == 3 else self._policy
+        self._time += 1
+        action = np.zeros(len(running), np.int64)
+        action[running] = draw_actions(chances[observation[running]], self._rng)
+        return action
 
 
 def rollout_env(
@@ -162,84 +177,22 @@ def rollout_env(
         UserError: If no episode is asked for, or the actions are not discrete.
     """
     _check_episodes(episodes)
-    seeds = range(seed, seed + episodes)
-    taken = list(steps(env, policy, seeds, deterministic))
-    assert isinstance(env.action_space, gymnasium.spaces.Discrete)  # `steps` refuses others
-    return _table(taken, int(env.action_space.n), mode, {"seed": seed, **(source or {})})
-
-
-class Taken(NamedTuple):
-    """Step of an episode.
-
-    Attributes:
-        episode: Number of the episode, from 0.
-        observation: Observation before the step.
-        action: The chosen action.
-        after: The next observation.
-        ending: Ending of the episode at this step, NONE if it continues.
-        pair: The reward pair.
-        speed: The ego's speed, NaN if not reported.
-    """
-
-    episode: int
-    observation: Any
-    action: int
-    after: Any
-    ending: Ending
-    pair: RewardPair
-    speed: float
-
-
-def steps(
-    env: gymnasium.Env[Any, Any],
-    policy: Policy,
-    seeds: Sequence[int],
-    deterministic: bool = True,
-) -> Iterator[Taken]:
-    """Run one episode for each seed, and yield each step.
-
-    Args:
-        env: Environment with discrete actions.
-        policy: Anything with `predict`.
-        seeds: Seeds of the episodes' resets.
-        deterministic: Passed to `predict`.
-
-    Raises:
-        UserError: If the actions are not discrete, or an episode doesn't end.
-    """
-    if not isinstance(env.action_space, gymnasium.spaces.Discrete):
-        raise UserError("only discrete actions are supported: wrap the environment")
-    for episode, seed in enumerate(seeds):
-        observation, _ = env.reset(seed=seed)
-        state, ending, length = None, Ending.NONE, 0
-        while ending == Ending.NONE:
-            if length == MOST_STEPS:
-                raise UserError(
-                    f"an episode has not ended after {MOST_STEPS:,} steps: wrap the environment "
-                    "in gymnasium.wrappers.TimeLimit"
-                )
-            action, state = policy.predict(observation, state, deterministic=deterministic)
-            after, reward, terminated, truncated, info = env.step(int(action))
-            ending = Ending.of_step(terminated, truncated, info)
-            pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
-            yield Taken(episode, observation, int(action), after, ending, pair, speed)
-            observation, length = after, length + 1
-
-
-def _table(taken: list[Taken], n_actions: int, mode: str, source: dict[str, Any]) -> Rollout:
-    pairs = np.array([one.pair for one in taken], np.float64)
+    seeds = np.arange(seed, seed + episodes)
+    taken = list(simulate(GymSimulator(env), GymActor(policy, deterministic), seeds))
+    assert isinstance(env.action_space, gymnasium.spaces.Discrete)  # others were refused
+    pairs = np.array([one.made.rewards for one in taken], np.float64)
     transitions = Demonstrations.of(
-        observation=[np.ravel(one.observation) for one in taken],
-        action=[one.action for one in taken],
-        next_observation=[np.ravel(one.after) for one in taken],
-        ending=[one.ending for one in taken],
+        observation=[np.ravel(one.observation[0]) for one in taken],
+        action=[one.action[0] for one in taken],
+        next_observation=[np.ravel(one.made.observation) for one in taken],
+        ending=[one.made.ending[0] for one in taken],
         rewards=RewardPair(*pairs.T),
-        episode=[one.episode for one in taken],
+        episode=[one.episode[0] for one in taken],
         mode_names=(mode,),
-        n_actions=n_actions,
-        source=source,
+        n_actions=int(env.action_space.n),
+        source={"seed": seed, **(source or {})},
     )
-    return Rollout(transitions, np.array([one.speed for one in taken], np.float64))
+    return Rollout(transitions, np.array([one.made.speed for one in taken], np.float64))
 
 
 def _check_episodes(episodes: int) -> None:

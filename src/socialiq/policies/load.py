@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError
-from socialiq.evaluation.play import SoftPolicy
+from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.foreign import one_line
 from socialiq.policies.callable import read_callable
 from socialiq.policies.interface import Interface

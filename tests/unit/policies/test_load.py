@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.play import SoftPolicy
+from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.policies import record as content
 from socialiq.policies.load import load_policy
 from socialiq.types import Policy

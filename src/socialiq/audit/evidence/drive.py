@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int64
+from jaxtyping import Float, Int, Int8, Int64
 
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import LARGEST_SEED, Environment
 from socialiq.errors import UserError
-from socialiq.evaluation.play import SOFT, SoftPolicy, episodes_of
-from socialiq.evaluation.rollout import steps
+from socialiq.evaluation.gym_simulator import GymActor, GymSimulator
+from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
+from socialiq.evaluation.table_simulator import FixedChance, TableSimulator
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.social.angle import exact_weights, score
@@ -22,9 +24,6 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.state import Contact
 
 _CHANCE = 5190  # what is drawn by a seed for this purpose is independent of all else drawn by it
-
-Decide = Callable[[int, np.ndarray], np.ndarray]
-"""From the time and the state of each episode to actions."""
 
 
 def fates(
@@ -56,7 +55,7 @@ def drive_grid(
 
     Args:
         table: The world or its reachable part.
-        policy: Who drives.
+        policy: The driver.
         fate: Of `fates`.
         name: Of the driver.
         deterministic: Passed to `predict`.
@@ -65,77 +64,89 @@ def drive_grid(
     Raises:
         UserError: If its answers are not one of the world's actions for each episode.
     """
-    wanted = getattr(policy, "n_features", None)
-    clock = wanted == table.world.n_features + 1
-    memory: list[Any] = [None]
-
-    def decide(time: int, state: np.ndarray) -> np.ndarray:
-        seen = _observation(table, state, time, clock)
-        begins = np.full(len(state), time == 0)
-        answer, memory[0] = policy.predict(
-            seen, memory[0], episode_start=begins, deterministic=deterministic
-        )
-        return _checked(answer, len(state), table.mdp.n_actions, name)
-
-    return _driven(table, decide, fate, name, angles)
-
-
-def drive_timed(
-    table: Table,
-    actions: Int[np.ndarray, "time state"],
-    fate: Float[np.ndarray, "episode draw"],
-    name: str,
-    angles: tuple[float, ...],
-    expected: RewardPair,
-) -> Outcomes:
-    """Let a table of actions by time and state drive the episodes; the rest is for `Outcomes`."""
-    return _driven(table, lambda time, state: actions[time, state], fate, name, angles, expected)
+    return _driven(table, _GridActor(table, policy, name, deterministic), fate, name, angles)
 
 
 def _driven(
     table: Table,
-    decide: Decide,
+    actor: Actor,
     fate: Float[np.ndarray, "episode draw"],
     name: str,
-    angles: tuple[float, ...] = (),
+    angles: tuple[float, ...],
     expected: RewardPair | None = None,
 ) -> Outcomes:
-    mdp, episodes = table.mdp, len(fate)
-    state = _outcome(np.broadcast_to(mdp.initial, (episodes, mdp.n_states)), fate[:, 0])
-    totals = np.zeros((episodes, 2))
-    ending, length = np.zeros(episodes, np.int8), np.zeros(episodes, np.int64)
-    running = np.ones(episodes, bool)
-    for time in range(table.world.horizon):
-        action = decide(time, state)
-        for side, reward in enumerate(mdp.rewards):
-            totals[running, side] += reward[state, action][running]
-        chance = _outcome(mdp.probability[state, action], fate[:, time + 1])
-        reached = mdp.ending[state, action, chance]
-        ending[running] = reached[running]
-        length[running] += 1
-        running &= reached == Ending.NONE
-        # Rows that are over stand still where they were: their answers are not used.
-        state = np.where(running, mdp.successor[state, action, chance], state)
-        if not running.any():
-            break
-    ending[running] = int(Ending.TIMEOUT)
+    episodes = len(fate)
+    simulator = TableSimulator(table, episodes, FixedChance(fate))
+    steps = simulate(simulator, actor, np.arange(episodes))
+    totals, ending, length = _summed(steps, episodes)
     contact = np.where(ending == Ending.COLLISION, int(Contact.EGO_STRUCK), int(Contact.NONE))
     return Outcomes(name, totals, ending, contact.astype(np.int8), length, angles, expected)
 
 
-def _outcome(
-    chances: Float[np.ndarray, "episode outcome"], uniform: Float[np.ndarray, " episode"]
-) -> Int[np.ndarray, " episode"]:
-    """Index of the outcome that a uniform number falls on."""
-    found = (uniform[:, None] >= chances.cumsum(axis=1)).sum(axis=1)
-    return np.minimum(found, chances.shape[1] - 1)
+class _GridActor:
+    """A policy in a gridworld: it keeps a memory for each row, and may see the time.
+
+    It is asked about rows that are over too, whose answers are not used.
+    """
+
+    def __init__(self, table: Table, policy: Policy, name: str, deterministic: bool) -> None:
+        self._table, self._policy, self._name = table, policy, name
+        self._deterministic, self._memory, self._time = deterministic, None, 0
+        self._clock = getattr(policy, "n_features", None) == table.world.n_features + 1
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Do nothing: all episodes begin at once."""
+
+    def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
+        """Ask the policy."""
+        rows = len(running)
+        seen = self._table.states[observation].astype(np.float32)
+        if self._clock:
+            seen = np.column_stack([seen, np.full(rows, self._time, np.float32)])
+        answer, self._memory = self._policy.predict(
+            seen,
+            self._memory,
+            episode_start=np.full(rows, self._time == 0),
+            deterministic=self._deterministic,
+        )
+        self._time += 1
+        return _checked(answer, rows, self._table.mdp.n_actions, self._name)
 
 
-def _observation(
-    table: Table, state: np.ndarray, time: int, clock: bool
-) -> Float32[np.ndarray, "episode feature"]:
-    seen = table.states[state].astype(np.float32)
-    return np.column_stack([seen, np.full(len(seen), time, np.float32)]) if clock else seen
+class _TimedActor:
+    """Actions by time and state; all episodes begin at once."""
+
+    def __init__(self, actions: Int[np.ndarray, "time state"]) -> None:
+        self._actions, self._time = actions, 0
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Do nothing: the table is the same for every episode."""
+
+    def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
+        """Look the actions up."""
+        self._time += 1
+        return self._actions[self._time - 1, observation]
+
+
+class _Summed(NamedTuple):
+    """Totals, last ending and length of each episode."""
+
+    totals: Float[np.ndarray, "episode 2"]
+    ending: Int8[np.ndarray, " episode"]
+    length: Int64[np.ndarray, " episode"]
+
+
+def _summed(steps: Iterator[Step], episodes: int) -> _Summed:
+    totals, length = np.zeros((episodes, 2)), np.zeros(episodes, np.int64)
+    ending = np.zeros(episodes, np.int8)
+    for one in steps:
+        which = one.episode[one.running]
+        for side, reward in enumerate(one.made.rewards):
+            totals[which, side] += np.atleast_1d(reward)[one.running]
+        length[which] += 1
+        ending[which] = one.made.ending[one.running]
+    assert (ending != Ending.NONE).all()
+    return _Summed(totals, ending, length)
 
 
 def _checked(answer: Any, episodes: int, n_actions: int, name: str) -> np.ndarray:
@@ -171,7 +182,7 @@ def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple
             table.mdp, optimum.probabilities(table.mdp.n_actions), horizon
         ).totals
         name = f"optimum_{vertex:02d}"
-        found.append(drive_timed(table, optimum.actions, fate, name, (low, high), exact))
+        found.append(_driven(table, _TimedActor(optimum.actions), fate, name, (low, high), exact))
     return tuple(found)
 
 
@@ -194,39 +205,14 @@ def drive_environment(
     Raises:
         UserError: If the environment or the driver fails, or an episode doesn't end.
     """
-    size = len(seeds)
-    totals, length = np.zeros((size, 2)), np.zeros(size, np.int64)
-    ending = np.zeros(size, np.int8)
-    for row, seed in enumerate(seeds.tolist()):
-        policy = driver.policy
-        if not deterministic and isinstance(policy, SoftPolicy):
-            policy = _Drawn(policy, seed)
-        for taken in steps(world.env, policy, [seed % LARGEST_SEED], deterministic):
-            totals[row] += taken.pair
-            length[row] += 1
-            ending[row] = taken.ending
-    assert (ending != Ending.NONE).all()
-    contact = np.zeros(size, np.int8)
+    policy = driver.policy
+    actor = GymActor(policy, deterministic)
+    if not deterministic and isinstance(policy, SoftPolicy):
+        actor = SoftActor(policy, size=1)
+    simulator = GymSimulator(world.env, modulus=LARGEST_SEED)
+    totals, ending, length = _summed(simulate(simulator, actor, seeds), len(seeds))
+    contact = np.zeros(len(seeds), np.int8)
     return Outcomes(driver.name, totals, ending, contact, length, driver.angles)
-
-
-class _Drawn:
-    """A soft policy in one episode, whose draws belong to the episode's seed."""
-
-    def __init__(self, policy: SoftPolicy, seed: int) -> None:
-        self._policy, self._rng = policy, np.random.default_rng([SOFT, seed])
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,  # noqa: ARG002
-        deterministic: bool = True,  # noqa: ARG002
-    ) -> tuple[np.ndarray, Any]:
-        """Draw an action."""
-        cumulative = self._policy.probabilities(observation[None]).cumsum(axis=1)[0]
-        chosen = (self._rng.random() >= cumulative).sum()
-        return np.asarray(min(chosen, len(cumulative) - 1)), state
 
 
 def drive_intersection(
