@@ -1,4 +1,4 @@
-"""One audit from its request to its report: the order of commitment is kept here."""
+"""Conduct one audit from its request to its report, in the order of commitment."""
 
 from __future__ import annotations
 
@@ -204,10 +204,10 @@ def audit_policy(
 
     Args:
         policy: A file, "python:MODULE:ATTRIBUTE", "process:COMMAND LINE", atlas:NAME, or at the
-            intersection a driver by rule.
+            intersection a rule-based driver.
         profile: File of the declaration: the `source` of what `declare` made.
         out: Folder to write.
-        episodes: How many everybody drives.
+        episodes: Number of episodes that every driver drives.
         seed: The auditor's own; by default drawn after policy and declaration were hashed.
         references: Further drivers to compare with; in an environment at least one.
         allow_code: Whether Python modules that are named may be imported.
@@ -268,7 +268,7 @@ def _played(
     loaded: Loaded,
     collect: Callable[[Collection], Evidence],
 ) -> tuple[Evidence, dict[str, dict[str, Any]], list[str]]:
-    """Everybody on the same episodes, and who of them is the policy itself."""
+    """Return the evidence, the references' records, and the names of those that are the policy."""
     record = loaded.record
     references, handed, out = resolve_references(
         world, request.references, record.sha256, record.source, request.trust
@@ -295,13 +295,13 @@ def _without(evidence: Evidence, names: list[str]) -> Evidence:
     return dataclasses.replace(evidence, references=kept)
 
 
-def _judged(profile: Profile, compared: Evidence, everybody: Evidence, seed: int) -> Verdict:
+def _judged(profile: Profile, compared: Evidence, complete: Evidence, seed: int) -> Verdict:
     """The verdict; the reference curve alone is drawn through the policy's own twin too."""
     verdict = judge(profile, compared, seed)
-    if len(everybody.references) == len(compared.references):
+    if len(complete.references) == len(compared.references):
         return verdict
     calibration = calibrate(
-        everybody,
+        complete,
         profile.angle,
         profile.margin.degrees,
         not verdict.identifiability.holds_origin,

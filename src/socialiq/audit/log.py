@@ -1,7 +1,7 @@
 """Log audit: is what a recorded vehicle did consistent with a declared profile?
 
 A recording gives the vehicle's reward pair by the declared weights, and no more. Regret, on which
-an audit turns, needs reference drivers on the same episodes, and nobody can drive a recording
+an audit turns, needs reference drivers on the same episodes, and a recording cannot be driven
 again. So this asks less: whether the direction of the mean rewards lies within the declared margin
 of degrees, and whether collisions stay below the declared floor.
 """

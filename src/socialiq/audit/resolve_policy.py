@@ -52,7 +52,7 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
     """The policy under audit.
 
     Args:
-        spec: What `policies.load.load_policy` takes, `atlas:NAME`, or the name of a driver by rule.
+        spec: What `policies.load.load_policy` takes, `atlas:NAME`, or a rule-based driver's name.
         world: Of the declaration.
         angle: Declared, degrees; a dial is turned there.
         trust: What it may do.
@@ -67,7 +67,7 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
     if spec in policies.NAMES and isinstance(world, Intersection):
         return _rule(spec, world)
     if ":" not in spec and not Path(spec).exists():
-        named = (*KINDS, "atlas:NAME", f"a driver by rule ({', '.join(policies.NAMES)})")
+        named = (*KINDS, "atlas:NAME", f"a rule-based driver ({', '.join(policies.NAMES)})")
         raise UserError(f"no policy '{one_line(spec)}': name one of {', '.join(named)}")
     return _file(spec, world, angle, trust)
 
@@ -159,7 +159,7 @@ def _handed(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict
 
 
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
-    """Through the door; a gridworld's policy may read the clock too."""
+    """Load a policy's file; the policy of a gridworld may read the clock too."""
     more = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
     try:
         return load_policy(spec, world.n_features, world.n_actions, **more)

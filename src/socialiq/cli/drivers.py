@@ -19,7 +19,7 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     """Return a driver by name or file.
 
     Args:
-        name: Name of a rule or of a policy of the atlas, or a file.
+        name: Name of a rule or of a policy of the atlas (with or without `atlas:`), or a file.
         seed: Seed of the random driver.
         options: Scenario of the driver.
 
@@ -28,7 +28,7 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     """
     if name in policies.NAMES:
         return policies.policy(name, seed)
-    shipped = atlas.names()
+    name, shipped = name.removeprefix("atlas:"), atlas.names()
     if name not in shipped and not Path(name).exists():
         one_of("driver", name, (*policies.NAMES, *shipped, "a policy file"))
     policy = atlas.load(name) if name in shipped else QPolicy.load(Path(name))

@@ -16,7 +16,7 @@ MOST_STEPS = 100_000
 
 
 class GymStep(NamedTuple):
-    """What a step in a Gymnasium environment gave.
+    """Result of a step in a Gymnasium environment.
 
     Attributes:
         observation: The next one.

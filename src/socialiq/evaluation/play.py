@@ -174,7 +174,7 @@ _COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
 
 
 def _quantities(played: Step) -> dict[str, np.ndarray]:
-    """What is summed up over an episode, of the rows that decided."""
+    """Quantities that are summed over an episode, of the rows that decided."""
     made, rows = played.made, np.flatnonzero(played.running)
     signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
     conflicts = conflict_at_junction(played.observation[rows])

@@ -14,7 +14,7 @@ from socialiq.worlds.tabular_policy import draw_actions
 
 @runtime_checkable
 class Chance(Protocol):
-    """How the chance outcomes of an enumerated world are drawn."""
+    """Source of the chance outcomes of an enumerated world."""
 
     def first(self, initial: Float[np.ndarray, " state"], episodes: int) -> np.ndarray:
         """Draw the first state of every episode."""
@@ -76,7 +76,7 @@ class FixedChance:
 
 
 class TableStep(NamedTuple):
-    """What a step in an enumerated world gave, of all rows.
+    """Result of a step in an enumerated world, of all rows.
 
     Attributes:
         state: Reached.

@@ -33,7 +33,7 @@ Seeds = Int64[np.ndarray, " episode"]
 
 
 RULES = ("go", "wait", "idm")
-"""Drivers by rule that are always among the references at the intersection."""
+"""Rule-based drivers that are always among the references at the intersection."""
 
 
 def by_rule() -> tuple[Reference, ...]:
@@ -51,7 +51,7 @@ def collect_evidence(
     threads: int = 1,
     side_by_side: int | None = None,
 ) -> Evidence:
-    """Play everybody on the same episodes.
+    """Let the policy and its references drive the same episodes.
 
     In a gridworld the exact optima are always among the references, at the intersection go, wait
     and the Intelligent Driver Model; an environment has none of its own. Kept are a few numbers of

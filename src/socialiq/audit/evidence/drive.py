@@ -194,11 +194,11 @@ def drive_environment(
 ) -> Outcomes:
     """Let a driver drive one episode for each seed.
 
-    Nobody knows who struck whom: every collision counts as the driver's.
+    It is not known who struck whom: every collision counts as the driver's.
 
     Args:
         world: Where.
-        driver: Who.
+        driver: The driver.
         seeds: Of the episodes; a `SoftPolicy` that is not deterministic draws by them too.
         deterministic: Whether it takes its best action.
 

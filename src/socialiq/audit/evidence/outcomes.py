@@ -63,12 +63,12 @@ class Outcomes:
 
     @property
     def at_fault(self) -> Bool[np.ndarray, " episode"]:
-        """Episodes in which the ego drove into somebody."""
+        """Episodes in which the ego drove into another vehicle."""
         return (self.ending == Ending.COLLISION) & (self.contact != Contact.EGO_WAS_STRUCK)
 
     @property
     def struck(self) -> Bool[np.ndarray, " episode"]:
-        """Episodes in which somebody drove into the ego."""
+        """Episodes in which another vehicle drove into the ego."""
         return (self.ending == Ending.COLLISION) & (self.contact == Contact.EGO_WAS_STRUCK)
 
     @property
@@ -182,10 +182,16 @@ def check_episodes(episodes: int) -> None:
         )
 
 
-CRITERIA = ("at_fault", "struck", "arrival", "timeout")
+CRITERIA = {
+    "at_fault": "drives into somebody",
+    "struck": "is driven into by somebody",
+    "arrival": "arrives",
+    "timeout": "runs out of time",
+}
+"""Criteria of the safety floor, and the event that each counts, as reports word it."""
 
 
 def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
-    """In which episodes each of `CRITERIA` happened."""
+    """Return the episodes in which each of `CRITERIA` happened."""
     arrived, late = (driver.ending == kind for kind in (Ending.ARRIVAL, Ending.TIMEOUT))
     return dict(zip(CRITERIA, (driver.at_fault, driver.struck, arrived, late), strict=True))

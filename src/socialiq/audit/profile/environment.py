@@ -76,7 +76,7 @@ class Environment:
             "n_features": self.n_features,
             "n_actions": self.n_actions,
             "max_episode_steps": None if spec is None else spec.max_episode_steps,
-            "kwargs": {} if spec is None else _plain(spec.kwargs),
+            "kwargs": {} if spec is None else _json_kwargs(spec.kwargs),
             "sources": {**_sources(self._parts()), **self._named()},
             "versions": _versions(self._parts()),
         }
@@ -171,7 +171,7 @@ def _versions(parts: list[Any]) -> dict[str, str]:
     return {name: importlib.metadata.version(name) for name in sorted(names)}
 
 
-def _plain(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+def _json_kwargs(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     """Keyword arguments of a registration as JSON holds them; of others, the kind alone."""
     kept = json.dumps(dict(kwargs), default=lambda one: type(one).__name__, sort_keys=True)
     return json.loads(kept)

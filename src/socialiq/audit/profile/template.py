@@ -24,7 +24,7 @@ FLOOR = Floor(max_at_fault=0.05, max_struck=0.1, min_arrival=0.8, max_timeout=0.
 """A start for an owner's own floor; it is not a recommendation for any road.
 
 At the intersection a rule that goes at gaps of 2 s is at fault in 6 % of episodes, one that waits
-for 3 s in 2 % (docs/worlds/intersection.md). Whoever is worse than the first has no competence to
+for 3 s in 2 % (docs/worlds/intersection.md). A policy worse than the first has no competence to
 declare. A policy whose true share lies on a limit is never decided, so limits keep away from what
 the experts of the atlas do. What does not arrive may run out of time.
 """
@@ -41,7 +41,7 @@ def declare(
     competence: Floor = FLOOR,
     allow_code: bool = False,
 ) -> Profile:
-    """Declare: the profile whose `source` is its canonical text, with the world's hashes.
+    """Return a profile whose `source` is its canonical text, with the hashes of the world.
 
     Args:
         angle: Social angle, degrees.
@@ -57,7 +57,7 @@ def declare(
     Raises:
         UserError: If a value is invalid; as `profile.parse` says it.
     """
-    given = _plain(options or {})
+    given = _without_tuples(options or {})
     built = world_of(world, given, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
@@ -117,7 +117,7 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
+def _without_tuples(options: Mapping[str, Any]) -> dict[str, Any]:
     return {
         name: list(one) if isinstance(one, tuple) else one for name, one in sorted(options.items())
     }

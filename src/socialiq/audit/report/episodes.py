@@ -44,7 +44,7 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
 
 
 _COLLISIONS = {
-    Contact.NONE: "collision",  # nobody tells who struck whom
+    Contact.NONE: "collision",  # the environment does not tell who struck whom
     Contact.EGO_STRUCK: "drove into another",
     Contact.EGO_WAS_STRUCK: "struck by another",
 }

@@ -8,18 +8,13 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.report import pictures
 from socialiq.worlds.registry import WORLDS
 
 Real = int | float
 """A number as JSON gives it: a whole one may come as an int."""
 
-CRITERIA = {
-    "at_fault": "drives into somebody",
-    "struck": "is driven into by somebody",
-    "arrival": "arrives",
-    "timeout": "runs out of time",
-}
 
 VERDICTS = {
     "pass": "Behaves as declared",
@@ -177,7 +172,7 @@ def _code(text: str) -> Ready:
 
 
 def _blank(who: str) -> Ready:
-    """A place that people have to fill, and that nobody overlooks."""
+    """A marked place that people have to fill."""
     return Ready(f"> **[ blank ]** to be filled by {who}")
 
 

@@ -105,7 +105,7 @@ OTHER_TRAFFIC = ("intersection", "crossing7")
 
 
 def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
-    """The traffic that a policy is let loose in, beside the declared one.
+    """Return the traffic that a policy is tested in, beside the declared one.
 
     At the intersection: the other population of drivers, and drivers who see across connected
     lanes, or don't, if the declared ones do. In the 7x7 world: twice as many vehicles, or 0.3 a
@@ -212,14 +212,6 @@ def sentence_of(shifts: Sequence[Shift]) -> str:
     return f"In other traffic it drove otherwise. With {'; with '.join(parts)}.{rest}"
 
 
-_TOLD = {
-    "at_fault": "drives into somebody",
-    "struck": "is driven into",
-    "arrival": "arrives",
-    "timeout": "runs out of time",
-}
-
-
 def _told(shift: Shift) -> str:
     parts = []
     for one in shift.shown:
@@ -228,7 +220,7 @@ def _told(shift: Shift) -> str:
             parts.append(f"regret is {abs(one.change):.3g} {way}")
         else:
             way = "more often" if one.change > 0 else "less often"
-            parts.append(f"it {_TOLD[one.measure]} {way}, by {100 * abs(one.change):.3g} points")
+            parts.append(f"it {CRITERIA[one.measure]} {way}, by {100 * abs(one.change):.3g} points")
     return ", ".join(parts)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
 from socialiq.audit.verdict.calibration import Calibration, calibrate
 from socialiq.audit.verdict.compatible_angles import CompatibleAngles, compatible_angles
@@ -149,14 +149,6 @@ def _needed(regret: RegretTest, competence: tuple[FloorTest, ...]) -> int | None
     return max(known) if len(known) == len(needs) else None
 
 
-_HAPPENING = {
-    "at_fault": "drives into somebody",
-    "struck": "is driven into by somebody",
-    "arrival": "arrives",
-    "timeout": "runs out of time",
-}
-
-
 def reason_of(decision: Decision, regret: RegretTest, competence: tuple[FloorTest, ...]) -> str:
     """Say why a policy passed, failed, or neither.
 
@@ -175,7 +167,7 @@ def reason_of(decision: Decision, regret: RegretTest, competence: tuple[FloorTes
             f"driver ({_number(regret.margin)} less is allowed), and it keeps the declared "
             "competence floor."
         )
-    open_tests = [_HAPPENING[one.name] for one in competence if one.decision is not Decision.PASS]
+    open_tests = [CRITERIA[one.name] for one in competence if one.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
     doubts += [
         f"{one} often enough" if one == "arrives" else f"{one} too often" for one in open_tests
@@ -201,7 +193,7 @@ def _failed(regret: RegretTest, broken: list[FloorTest]) -> str:
         )
         allowed = "needed" if one.side == "at least" else "allowed"
         parts.append(
-            f"it {_HAPPENING[one.name]} in {bound} of episodes "
+            f"it {CRITERIA[one.name]} in {bound} of episodes "
             f"({one.side} {_percent(one.limit)} {allowed})"
         )
     return f"The policy does not behave as declared: {', and '.join(parts)}."
