@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 from scipy.stats import ttest_ind, ttest_rel
 
 from socialiq.errors import UserError
-from socialiq.statistics.comparisons import holm, mean_contrast, paired_difference, share_contrast
+from socialiq.statistics.comparisons import (
+    cohens_d,
+    holm,
+    mean_contrast,
+    paired_difference,
+    share_contrast,
+)
 
 
 def test_holm_by_hand():
@@ -104,3 +110,19 @@ def test_newcombe_as_he_printed_it():
     assert (round(found.low, 4), round(found.high, 4)) == (0.0524, 0.3339)
     nothing = share_contrast(0, 10, 0, 20)  # his case e: -0.1611 to 0.2775
     assert (round(nothing.low, 4), round(nothing.high, 4)) == (-0.1611, 0.2775)
+
+
+def test_cohens_d_by_hand():
+    # Means 2 and 4; variances 1 and 4 with 2 degrees of freedom each pool to 2.5.
+    d = cohens_d(np.array([1.0, 2.0, 3.0]), np.array([2.0, 4.0, 6.0]))
+    assert d == pytest.approx(-2.0 / math.sqrt(2.5))
+    # Unequal sizes: squares 0.5 + 2 over 3 degrees of freedom.
+    d = cohens_d(np.array([1.0, 2.0]), np.array([0.0, 1.0, 2.0]))
+    assert d == pytest.approx(0.5 / math.sqrt(2.5 / 3))
+
+
+def test_cohens_d_of_constant_groups():
+    assert cohens_d(np.full(3, 2.0), np.full(2, 2.0)) == 0.0
+    assert cohens_d(np.full(3, 1.0), np.full(2, 2.0)) == -math.inf
+    with pytest.raises(UserError, match="at least two values"):
+        cohens_d(np.zeros(1), np.zeros(3))
