@@ -15,6 +15,7 @@ from socialiq.recordings.road.routes import APPROACH, EXIT, JUNCTION, Crossing
 from socialiq.types import Ending
 from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.core.annotator import SEEN, SNAPSHOT, run
+from socialiq.worlds.intersection.core.compile import run_in_parts
 from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
@@ -83,7 +84,8 @@ def driven(scene: Scene, track: int, way: Crossing, reading: EpisodeConfig) -> D
     seen = _vehicles(scene, track, way, rows, snapshots, options, reading)
     observation = np.zeros((len(rows), options.observed_vehicles, len(FEATURES)), np.float32)
     signals, pairs = np.zeros((len(rows), len(SIGNALS))), np.zeros((len(rows), 2))
-    run(snapshots, seen, settings_of(options), observation, signals, pairs)
+    arguments = snapshots, seen, settings_of(options), observation, signals, pairs
+    run_in_parts(run, 0, len(snapshots), *arguments)
     if endings[-1] == Ending.NONE:
         endings[-1] = Ending.TIMEOUT  # out of view
     speed = scene.speed[rows]

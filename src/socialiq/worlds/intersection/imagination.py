@@ -28,11 +28,14 @@ def imagined(
         observations: Observations, `observed_vehicles` rows of seven numbers, flat.
         entropy: Seed of each draw. The same seed and observation give the same state.
     """
-    from socialiq.worlds.intersection.core import imagine  # import Numba only when it is needed
+    # Numba is imported only when it is needed.
+    from socialiq.worlds.intersection.core import imagine
+    from socialiq.worlds.intersection.core.compile import run_in_parts
 
     rows = len(observations)
     seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))
     episodes = np.zeros(rows, EPISODE)
     vehicles = np.zeros((rows, options.capacity), VEHICLE)
-    imagine.run(seen, entropy, episodes, vehicles, settings_of(options))
+    arguments = seen, entropy, episodes, vehicles, settings_of(options)
+    run_in_parts(imagine.run, 0, rows, *arguments)
     return State(episodes, vehicles, seen, np.zeros(rows, bool))

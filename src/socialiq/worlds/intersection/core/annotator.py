@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from socialiq.worlds.intersection.core import rewards, zone
@@ -45,8 +44,8 @@ SNAPSHOT = np.dtype(
 
 def _entry(sources: int):
     @entry_point
-    def run(snapshots, vehicles, settings, observation, signals, pairs):
-        for row in numba.prange(len(snapshots)):
+    def run(snapshots, vehicles, settings, observation, signals, pairs, first, end):
+        for row in range(first, end):
             here, seen, chosen = snapshots[row], vehicles[row], settings[0]
             count, ego = here.count, here.ego
             along, lost = np.empty(count), np.empty(count)
@@ -80,4 +79,6 @@ Args:
     observation: (snapshot, vehicles seen, 7), float32, overwritten.
     signals: (snapshot, signals), overwritten; undefined for an episode's first snapshot.
     pairs: r_env and r_social, (snapshot, 2), overwritten.
+    first: First snapshot of the part to do.
+    end: End of that part.
 """

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 
 from socialiq.worlds.intersection.core import stream
@@ -147,8 +146,8 @@ def _turn(episode, vehicle, corner, kind):
 
 def _entry(sources: int):
     @entry_point
-    def run(observations, entropy, episodes, vehicles, settings):
-        for row in numba.prange(len(observations)):
+    def run(observations, entropy, episodes, vehicles, settings, first, end):
+        for row in range(first, end):
             stream.seed(episodes[row], entropy[row])
             imagine(observations[row], episodes[row], vehicles[row], settings[0])
         return sources
@@ -165,4 +164,6 @@ Args:
     episodes: EPISODE records, overwritten, (rows,).
     vehicles: VEHICLE records, overwritten, (rows, capacity).
     settings: SETTINGS record in an array of one.
+    first: First row of the part to do.
+    end: End of that part.
 """

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
-from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP
+from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.intersection.core import rewards, spawn, stream
 from socialiq.worlds.intersection.core import road_context as surroundings
 from socialiq.worlds.intersection.core.collisions import collide
-from socialiq.worlds.intersection.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.intersection.core.compile import (
+    entry_point,
+    fingerprint,
+    kernel,
+    run_in_parts,
+)
 from socialiq.worlds.intersection.core.ego import choose, control, route_coordinate
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.traffic import drive, move
@@ -59,7 +61,7 @@ def reset(episode, vehicles, settings):
 
 
 @kernel
-def decide(episode, vehicles, action, settings, before, after, present, trace):
+def decide(episode, vehicles, action, settings, before, after, present, trace, row):
     """Run the sub-steps of one decision and write snapshots before and after them."""
     _copy(vehicles, episode.vehicles, before)
     episode.time += settings.decision
@@ -67,7 +69,7 @@ def decide(episode, vehicles, action, settings, before, after, present, trace):
     for frame in range(settings.frames):
         sub_step(episode, vehicles, settings)
         if len(trace):
-            _copy(vehicles, episode.vehicles, trace[frame])
+            _copy(vehicles, episode.vehicles, trace[row, frame])
     _copy(vehicles, episode.vehicles, after)
     present[0], present[1] = episode.vehicles, episode.ego
 
@@ -76,6 +78,14 @@ def decide(episode, vehicles, action, settings, before, after, present, trace):
 def _copy(vehicles, count, target):
     for slot in range(count):
         target[slot] = vehicles[slot]
+
+
+@kernel
+def _copy_rows(source, target):
+    # An assignment of whole arrays compiles NumPy's broadcasting and its messages, for seconds.
+    for row in range(source.shape[0]):
+        for column in range(source.shape[1]):
+            target[row, column] = source[row, column]
 
 
 @kernel
@@ -111,11 +121,10 @@ def _one(buffers, row, command, action, settings):
     ending = _NOTHING
     if command in (DECIDE, DECIDE_AND_RESET):
         before, after, present = buffers.before[row], buffers.after[row], buffers.present[row]
-        trace = buffers.trace[row] if len(buffers.trace) else buffers.trace[:0].reshape(0, 0)
-        decide(episode, vehicles, action, settings, before, after, present, trace)
+        decide(episode, vehicles, action, settings, before, after, present, buffers.trace, row)
     if command != RESET:
         ending = annotate(buffers, row, settings)
-        buffers.observation[row] = buffers.reached[row]
+        _copy_rows(buffers.reached[row], buffers.observation[row])
     if command in (DECIDE, DECIDE_AND_RESET):
         spawn.clear(episode, vehicles)
         probability = settings.spawn_probability
@@ -128,8 +137,8 @@ def _one(buffers, row, command, action, settings):
 
 def _entry(sources: int):
     @entry_point
-    def run(buffers, commands, entropy, seeded, actions, settings):
-        for row in numba.prange(len(commands)):
+    def run(buffers, commands, entropy, seeded, actions, settings, first, end):
+        for row in range(first, end):
             if seeded[row]:
                 stream.seed(buffers.episodes[row], entropy[row])
             _one(buffers, row, commands[row], actions[row], settings[0])
@@ -148,17 +157,15 @@ Args:
     seeded: Whether to begin the stream from that seed, bool.
     actions: The ego's actions, int64.
     settings: SETTINGS record in an array of one.
+    first: First episode of the part to do.
+    end: End of that part.
 """
 
 
-def on_threads(threads: int, *arguments: Any) -> None:
-    """Call `run` with a number of threads, then restore Numba's previous setting."""
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(threads)
-    except ValueError as error:
-        raise UserError(f"{threads} threads are more than there are: {error}") from error
-    try:
-        run(*arguments)
-    finally:
-        numba.set_num_threads(before)
+def on_threads(threads: int, buffers: Buffers, commands: Any, *arguments: Any) -> None:
+    """Call `run` for all episodes on so many threads.
+
+    Raises:
+        UserError: If the machine has fewer.
+    """
+    run_in_parts(run, threads, len(commands), buffers, commands, *arguments)
