@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import config
 
 from socialiq.errors import UserError
 
@@ -53,7 +54,7 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
     Raises:
         UserError: If there are fewer threads.
     """
-    available = numba.config.NUMBA_NUM_THREADS  # pyright: ignore[reportPrivateImportUsage]
+    available = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     if threads > available:
         raise UserError(f"{threads} threads are more than there are: {available}")
     parts = min(threads or available, max(rows, 1))
