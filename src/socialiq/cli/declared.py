@@ -65,6 +65,9 @@ def options(module: str, name: str) -> list[str] | None:
 def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
     """Return the options of the dataclasses in an annotation; none for plain types."""
     made: list[str] = []
+    optional = _optional(module, annotation)
+    if optional is not None:
+        return optional
     for name in _names(annotation):
         if name in _PLAIN:
             continue
@@ -74,6 +77,17 @@ def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
             return None
         made += below
     return made
+
+
+def _optional(module: str, annotation: ast.expr) -> list[str] | None:
+    """Return the options of `optional(Config, "left out", ...)`, or None for anything else."""
+    for node in ast.walk(annotation):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "optional":
+            config, *leave_out = node.args
+            below = options(*_defined(module, ast.unparse(config))) or []
+            left_out = {ast.literal_eval(one).replace("_", "-") for one in leave_out}
+            return [one.rpartition(".")[2] for one in below if one not in left_out]
+    return None
 
 
 def _names(annotation: ast.expr) -> Iterator[str]:

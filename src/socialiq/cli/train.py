@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import gymnasium
 import tyro
 
+from socialiq.cli.options import optional, overridden
 from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display, to_all
 from socialiq.demonstrations import files
@@ -22,9 +24,16 @@ from socialiq.evaluation.exact import exact_monitor
 from socialiq.experiments.results import as_csv, versions
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
+from socialiq.learners.extensions import (
+    checked_divergence,
+    checked_learner,
+    checked_prior,
+    load,
+)
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.presets import PRESETS
-from socialiq.learners.iq_learn.train import Trained, check_fit, train
+from socialiq.learners.iq_learn.train import check_fit, train
+from socialiq.learners.kernel import Trained
 from socialiq.learners.ranges import check_seeds
 from socialiq.learners.state import Runs
 from socialiq.learners.tensorboard import EventFiles
@@ -38,6 +47,12 @@ from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 CHUNK = 500
+
+# Every field of the configs is an option, but for those that a grid or the world decides.
+StaticOptions = tyro.conf.OmitArgPrefixes[optional(StaticConfig, "online")]
+NumberOptions = tyro.conf.OmitArgPrefixes[
+    optional(Hyperparameters, "angle", "strength", "seed", "dataset")
+]
 
 
 @dataclass(frozen=True)
@@ -55,7 +70,8 @@ class Train:
     """World of the learner: crossing5, crossing7, or an environment (a Gymnasium id, MODULE:ID
     or MODULE:FUNCTION); none trains offline."""
     allow_code: bool = False
-    """Import the environment's module: its author's code runs with your rights."""
+    """Import the environment's module, or files of --prior, --divergence, --loss, --learner: their
+    author's code runs with your rights."""
     angle: tuple[float, ...] = (0.0,)
     """Target angles in degrees."""
     strength: tuple[float, ...] = ()
@@ -72,48 +88,26 @@ class Train:
     json: bool = False
     """Print one JSON object."""
 
-    prior: str | None = None
-    """none (the baseline), reward, bellman_shift, reweighting, shifted_chi2."""
-    target_kind: str | None = None
-    """Reading of "cumulative": running, to_go, trajectory, instantaneous; or advantage,
-    advantage_fitted."""
-    divergence: str | None = None
-    """chi2, kl, reverse_kl, hellinger, js."""
-    value_term: str | None = None
-    """value (needs a world), value_expert, v0."""
-    chi2_on: str | None = None
-    """expert or mixture."""
-    next_value: str | None = None
-    """V(s') by a target network (target) or by the network with gradient (online)."""
-    hidden: tuple[int, ...] | None = None
-    """Widths of the hidden layers."""
-    activation: str | None = None
-    """relu or elu."""
-    batch_size: int | None = None
-    """Transitions per batch."""
-    updates: int | None = None
-    """Gradient steps."""
-    timeout: str | None = None
-    """V(s') after a timeout: zero (terminal, as in the thesis), bootstrap or absorbing."""
-    prior_weight: float | None = None
-    """w, the weight of the social prior."""
-    temperature: float | None = None
-    """τ."""
-    discount: float | None = None
-    """γ."""
-    chi2_alpha: float | None = None
-    """α_χ."""
-    learning_rate: float | None = None
-    """Of Adam."""
-    polyak: float | None = None
-    """τ_target."""
+    loss: str = ""
+    """FILE.py:NAME, a loss of your own in the place of the objective; --prior and --divergence
+    take one in the same way."""
+    learner: str = ""
+    """FILE.py:NAME, a learner of your own; it trains offline, with the options that it has."""
+    static: StaticOptions = field(default_factory=StaticOptions)  # pyright: ignore[reportInvalidTypeForm]
+    """Choices that shape the program."""
+    hyperparameters: NumberOptions = field(  # pyright: ignore[reportInvalidTypeForm]
+        default_factory=NumberOptions
+    )
+    """Numbers of the runs."""
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         data = files.load(self.data)
-        static, hyperparameters = self.settings()
-        simulator, before_chunk = self.surroundings(static, hyperparameters, data)
-        check_fit(static, hyperparameters, [data], simulator, before_chunk is not None)
+        own = self.own_code()
+        static, hyperparameters = self.settings(own)
+        simulator, before_chunk = self.experience(static, hyperparameters, data)
+        if "learner" not in own:
+            check_fit(static, hyperparameters, [data], simulator, before_chunk is not None)
         with ExitStack() as stack:
             events = self.event_files(hyperparameters, stack)
             checkpoint = self.folder() / "checkpoint.safetensors"
@@ -131,6 +125,7 @@ class Train:
                 ),
                 CHUNK,
                 before_chunk,
+                **own,
             )
         runs = self.write(trained, data)
         checkpoint.unlink(missing_ok=True)
@@ -142,32 +137,53 @@ class Train:
             complain(failure)
         return 1 if trained.failures else 0
 
-    def settings(self) -> tuple[StaticConfig, list[Hyperparameters]]:
-        """The preset with the options laid over it."""
+    def own_code(self) -> dict[str, Any]:
+        """Import and try the user's own prior, divergence, loss and learner, where they are named.
+
+        Raises:
+            UserError: If the code may not run, is not found, or fails.
+        """
+        places = {"loss": self.loss, "learner": self.learner}
+        for part in ("prior", "divergence"):
+            named = getattr(self.static, part) or ""
+            places[part] = named if ":" in named or named.endswith(".py") else ""
+        checks = {"prior": checked_prior, "divergence": checked_divergence}
+        checks["learner"] = checked_learner
+        found: dict[str, Any] = {}
+        for part, place in places.items():
+            if place:
+                code = load(place, f"--{part}", self.allow_code)
+                found[part] = checks[part](code) if part in checks else code
+        if "learner" in found and (len(found) > 1 or self.world):
+            raise UserError("--learner takes no --world, --prior, --divergence or --loss")
+        return found
+
+    def settings(self, own: dict[str, Any]) -> tuple[Any, list[Any]]:
+        """Return the preset with the options laid over it, and the grid of runs."""
         one_of("preset", self.preset, tuple(PRESETS))
         check_seeds(self.seed)
-        static, base = PRESETS[self.preset]
-        static = dataclasses.replace(static, online=bool(self.world), **self._given(StaticConfig))
-        if self.timeout is not None:
-            endings = dataclasses.replace(static.endings, timeout=self.timeout)
-            static = dataclasses.replace(static, endings=endings)
-        base = dataclasses.replace(base, **self._given(Hyperparameters))
-        hyperparameters = [
-            dataclasses.replace(base, angle=angle, strength=strength, seed=seed)
-            for angle in self.angle
-            for strength in self.strength or (base.strength,)
-            for seed in self.seed
+        ours = {part: None for part in ("prior", "divergence") if part in own}
+        given = dataclasses.replace(self.static, **ours)
+        if "learner" in own:
+            static = overridden(own["learner"].StaticConfig(), given)
+            base = own["learner"].Hyperparameters()
+        else:
+            static, base = PRESETS[self.preset]
+            static = overridden(static, given, online=bool(self.world))
+        base = overridden(base, self.hyperparameters)
+        names = {one.name for one in dataclasses.fields(base)}
+        grids = {"angle": self.angle, "strength": self.strength, "seed": self.seed}
+        for name in grids.keys() - names:
+            if grids[name] not in ((), (0.0,), (0,)):
+                raise UserError(f"this learner has no '{name}': leave --{name} out")
+        kept = {name: values for name, values in grids.items() if values and name in names}
+        runs = [
+            dataclasses.replace(base, **dict(zip(kept, values, strict=True)))
+            for values in itertools.product(*kept.values())
         ]
-        return static, hyperparameters
+        return static, runs
 
-    def _given(self, kind: type) -> dict[str, Any]:
-        """Options of this command that override fields of a settings class."""
-        own = {"angle", "strength", "seed"}
-        names = {field.name for field in dataclasses.fields(kind)} - own
-        given = {name: getattr(self, name, None) for name in names}
-        return {name: value for name, value in given.items() if value is not None}
-
-    def surroundings(
+    def experience(
         self, static: StaticConfig, hyperparameters: list[Hyperparameters], data: Demonstrations
     ) -> tuple[GridWorld | None, Callable[[Runs, int], Runs] | None]:
         """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
@@ -196,7 +212,8 @@ class Train:
         if self.tensorboard is None:
             return []
         names = [
-            f"angle_{n.angle:g}_strength_{n.strength:g}_seed_{n.seed}" for n in hyperparameters
+            "_".join(f"{name}_{value:g}" for name, value in _label(one).items())
+            for one in hyperparameters
         ]
         return [stack.enter_context(EventFiles(self.tensorboard, names))]
 
@@ -219,8 +236,7 @@ class Train:
                 for name in trained.history.values
                 if name in ("greedy_angle", "greedy_arrival", "loss")
             }
-            described = {"angle": hyperparameters.angle, "strength": hyperparameters.strength}
-            described |= {"seed": hyperparameters.seed, "file": name, "sha256": sha256}
+            described = _label(hyperparameters) | {"file": name, "sha256": sha256}
             names = {"angle": "angle_hat"}
             runs.append(described | {names.get(k, k): float(v) for k, v in last.items()})
         write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
@@ -237,8 +253,14 @@ class Train:
             "failures": trained.failures,
             "policies": runs,
         }
-        write_json(self.out / "run.json", rounded(record))
+        write_json(self.out / "run.json", rounded(record | trained.learner.functions()))
         return runs
+
+
+def _label(hyperparameters: Any) -> Row:
+    """Return what a run differs in from the others of its grid."""
+    names = [name for name in ("angle", "strength", "seed") if hasattr(hyperparameters, name)]
+    return {name: getattr(hyperparameters, name) for name in names}
 
 
 def _monitor(simulator: GridWorld | None, hyperparameters: list[Hyperparameters]) -> Any:
@@ -252,8 +274,10 @@ def _history_rows(trained: Trained) -> list[Row]:
     """One row for each recorded update and run."""
     history = trained.history
     arrays = {name: history.array(name) for name in history.values}
+    names = {"angle": "angle_target"}
     return [
-        {"updates": updates, "angle_target": one.angle, "strength": one.strength, "seed": one.seed}
+        {"updates": updates}
+        | {names.get(name, name): value for name, value in _label(one).items()}
         | {name: rounded(float(array[chunk, run])) for name, array in arrays.items()}
         for chunk, updates in enumerate(history.updates)
         for run, one in enumerate(trained.hyperparameters)

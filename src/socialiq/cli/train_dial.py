@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
 
+from socialiq.cli.options import optional, overridden
 from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display, to_all
 from socialiq.demonstrations import files
@@ -23,7 +24,8 @@ from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Look
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
 from socialiq.learners.dial.presets import PRESETS
-from socialiq.learners.dial.train import Trained, train
+from socialiq.learners.dial.train import train
+from socialiq.learners.kernel import Trained
 from socialiq.learners.ranges import check_seeds
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.storage import new_folder, write_atomically, write_json
@@ -31,6 +33,10 @@ from socialiq.studies.dial.budgets import CHUNK, exact_regret
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.registry import make_grid
+
+# Every field of the configs is an option, but for those that the world or the seeds decide.
+StaticOptions = tyro.conf.OmitArgPrefixes[optional(StaticConfig, "one_hot", "demonstrators")]
+NumberOptions = tyro.conf.OmitArgPrefixes[optional(Hyperparameters, "seed", "dataset")]
 
 
 @dataclass(frozen=True)
@@ -56,8 +62,6 @@ class TrainDial:
     budget: float | None = None
     """With --angle: follow the demonstrations, but for a regret of at most this much at the angle,
     in units of reward; the strength that takes is found while training."""
-    updates: int | None = None
-    """Gradient steps; by default the preset's."""
     resume: bool = False
     """Go on with a run that was stopped."""
     tensorboard: Path | None = None
@@ -66,6 +70,13 @@ class TrainDial:
     json: bool = False
     """Print one JSON object."""
 
+    static: StaticOptions = field(default_factory=StaticOptions)  # pyright: ignore[reportInvalidTypeForm]
+    """Choices that shape the program; by default the preset's."""
+    hyperparameters: NumberOptions = field(  # pyright: ignore[reportInvalidTypeForm]
+        default_factory=NumberOptions
+    )
+    """Numbers of the runs; by default the preset's."""
+
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         one_of("preset", self.preset, tuple(PRESETS))
@@ -73,13 +84,12 @@ class TrainDial:
         chosen = PRESETS[self.preset]
         plain = make_grid(self.world)
         world = plain.with_clock() if chosen.clock else plain
-        static = dataclasses.replace(
-            self.narrowed(chosen.structure),
-            one_hot=seen(world),
-            updates=self.updates or chosen.structure.updates,
-            redraw_times=world.horizon if chosen.structure.redraw_times else 0,
-        )
-        hyperparameters = [dataclasses.replace(chosen.numbers, seed=seed) for seed in self.seed]
+        structure = self.narrowed(chosen.structure)
+        redraw_times = world.horizon if structure.redraw_times else 0
+        static = dataclasses.replace(structure, one_hot=seen(world), redraw_times=redraw_times)
+        static = overridden(static, self.static)
+        numbers = overridden(chosen.numbers, self.hyperparameters)
+        hyperparameters = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         budget = self.dual_ascent(static, hyperparameters)
         data = self.demonstrations(static.demonstrations)
         simulator = world if static.online else None

@@ -17,16 +17,82 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.errors import UserError
+from socialiq.errors import UserError, one_of
+from socialiq.foreign import FAILURES, failure
 from socialiq.learners import fit
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import ExpertTable
+from socialiq.learners.ranges import (
+    check_above_zero,
+    check_counts,
+    check_discount,
+    check_not_negative,
+    check_rate,
+    check_seed,
+    check_widths,
+)
 from socialiq.learners.state import History, HyperparameterArrays, TrainState, stack
-from socialiq.nn.q_network import QNetwork, network_of
+from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import CHOICES
+from socialiq.social.angle import check_angle
 from socialiq.types import Transitions
 
 Terms = dict[str, Float[Array, ""]]
+
+
+@dataclass(frozen=True)
+class StaticConfig:
+    """Choices that shape the program of a learner that needs no others."""
+
+    hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers."""
+    activation: str = "relu"
+    """Between the layers."""
+    view: str = "flat"
+    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
+    batch_size: int = 64
+    """Transitions per batch."""
+    updates: int = 6000
+    """Gradient steps of a run."""
+
+    def __post_init__(self) -> None:
+        """Refuse names and sizes that make no run."""
+        one_of("activation", self.activation, tuple(ACTIVATIONS))
+        one_of("view", self.view, tuple(CHOICES))
+        check_counts(self, ("batch_size", "updates"))
+        check_widths(self.hidden)
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Numbers of one run of a learner that needs no others."""
+
+    angle: float = 0.0
+    """α in degrees."""
+    strength: float = 1.0
+    """λ."""
+    temperature: float = 1.0
+    """τ of the soft policy."""
+    discount: float = 0.99
+    """γ."""
+    learning_rate: float = 3e-4
+    """Of Adam."""
+    polyak: float = 0.005
+    """Share of the network mixed into its target network at each update."""
+    seed: int = 0
+    """Of the network and the sampling."""
+    dataset: int = 0
+    """Which of the given sets of demonstrations this run learns from."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        check_angle(self.angle)
+        check_not_negative(self, ("strength", "dataset"))
+        check_above_zero(self, ("temperature", "learning_rate"))
+        check_discount(self.discount)
+        check_rate(self, ("polyak",))
+        check_seed(self.seed)
 
 
 @dataclass(frozen=True)
@@ -79,6 +145,10 @@ class Learner(eqx.Module):
     sizes: tuple[int, int] = eqx.field(static=True)
     table: ExpertTable | None = None
 
+    StaticConfig: ClassVar[type] = StaticConfig
+    """Dataclass of `static`."""
+    Hyperparameters: ClassVar[type] = Hyperparameters
+    """Dataclass of a run's numbers."""
     name: ClassVar[str] = "learner"
     """Of the record of a trained policy."""
     has_target: ClassVar[bool] = True
@@ -198,6 +268,8 @@ class Learner(eqx.Module):
         callbacks = callbacks or Callbacks()
         names = callbacks.run_names or tuple(self.run_name(one) for one in hyperparameters)
         arrays = stack(hyperparameters)
+        if self.functions():
+            _check_own(self, arrays[0])
         settings = (self.name, self.static, *hyperparameters, chunk, world, self.functions())
         runs, history = fit.fit(
             self,
@@ -211,6 +283,24 @@ class Learner(eqx.Module):
         failures = fit.failure_lines(runs, fit.term_names(self, arrays, runs), names)
         kept = self.kept(runs.carry)
         return Trained(self, tuple(hyperparameters), runs.state, kept, history, failures)
+
+
+def _check_own(learner: Learner, hyperparameters: HyperparameterArrays) -> None:
+    """Refuse code of the user's own that fails, or whose terms are not named scalars."""
+    what = ", ".join(f"'{one['name']}'" for one in learner.functions().values())
+    try:
+        terms = jax.eval_shape(
+            lambda one: learner.update(one, *learner.initialise(one))[2], hyperparameters
+        )
+    except UserError:
+        raise
+    except FAILURES as error:
+        raise failure(what, error) from error
+    if not isinstance(terms, dict) or "loss" not in terms:
+        raise UserError(f"{what} must return (loss, terms), with 'loss' among the named terms")
+    for name, term in terms.items():
+        if getattr(term, "shape", None) != ():
+            raise UserError(f"{what}: term '{name}' must be a scalar: take the mean over the rows")
 
 
 def check_datasets(hyperparameters: Sequence[Any], datasets: Sequence[Transitions]) -> None:

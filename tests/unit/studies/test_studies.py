@@ -33,6 +33,7 @@ TINY = {
         "target_kinds": ("instantaneous",),
     },
     "alternatives": {"seeds": (0,), "updates": 10, "episodes_each": 3, "strengths": (1.0,)},
+    "penalties": {"seeds": (0,), "updates": 10, "episodes_each": 3, "strengths": (1.0,)},
     "theory": {
         "seeds": (0,),
         "updates": 20,

@@ -38,18 +38,18 @@ DIVERGENCES: dict[str, Divergence] = {
 }
 
 
-def phi(name: str, reward: Any) -> Any:
+def phi(name: str | Divergence, reward: Any) -> Any:
     """φ(r̂), continued by its tangent below the floor."""
-    divergence = DIVERGENCES[name]
+    divergence = DIVERGENCES[name] if isinstance(name, str) else name
     if divergence.floor is None:
         return divergence.phi(reward)
     inside = jnp.maximum(reward, divergence.floor)
     return divergence.phi(inside) + divergence.slope(inside) * (reward - inside)
 
 
-def phi_slope(name: str, reward: Any) -> Any:
+def phi_slope(name: str | Divergence, reward: Any) -> Any:
     """φ'(r̂): the weight of an expert transition in term 1 of Eq 2.7."""
-    divergence = DIVERGENCES[name]
+    divergence = DIVERGENCES[name] if isinstance(name, str) else name
     if divergence.floor is None:
         return divergence.slope(reward)
     return divergence.slope(jnp.maximum(reward, divergence.floor))

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from socialiq.learners.iq_learn.divergences import phi_slope
+from socialiq.learners.iq_learn.divergences import Divergence, phi_slope
 from socialiq.types import Ending
 
 Scalar = Float[Array, ""]
@@ -62,7 +62,7 @@ def implicit_reward(
     return q_taken - discount * continuation
 
 
-def expert_term(divergence: str, expert_reward: Float[Array, " batch"]) -> Scalar:
+def expert_term(divergence: str | Divergence, expert_reward: Float[Array, " batch"]) -> Scalar:
     """-E_E[φ'(r̂) r̂], term 1 of Eq 2.7.
 
     φ' is a constant weight here, so the gradient is that of -E_E[φ(r̂)], the objective of the

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,11 +12,31 @@ from jaxtyping import Array, Float
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses, priors
 from socialiq.learners.iq_learn.config import StaticConfig
+from socialiq.learners.iq_learn.divergences import Divergence
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score
 
 Scalar = Float[Array, ""]
+
+
+class UserFunctions(NamedTuple):
+    """Functions of the user's own in the place of ours; None keeps ours.
+
+    Attributes:
+        prior: (reward, target, strength) -> scalar, in the place of L_reg (Eq 4.4); `reward` is r̂
+            and `target` R(α) of each demonstrated transition of a batch.
+        divergence: In the place of the divergence of term 1.
+        loss: (network, target_network, batches, hyperparameters, static) -> (loss, terms), in the
+            place of `objective`.
+    """
+
+    prior: Callable[..., Any] | None = None
+    divergence: Divergence | None = None
+    loss: Callable[..., Any] | None = None
+
+
+OURS = UserFunctions()
 
 
 class Batches(NamedTuple):
@@ -38,11 +59,12 @@ def objective(
     batches: Batches,
     hyperparameters: HyperparameterArrays,
     static: StaticConfig,
+    own: UserFunctions = OURS,
 ) -> tuple[Scalar, dict[str, Scalar]]:
-    """The loss and its terms by name.
+    """Return the loss and its terms by name.
 
     Terms: `expert`, `value`, `chi2` are terms 1 to 3 of Eq 2.7, `prior` is w L_reg; `max_q` and
-    `expert_reward` (mean r̂ on demonstrations) are for display.
+    `expert_reward` (mean r̂ on demonstrations) are recorded only.
     """
     batch = batches.expert
     if batches.replay is not None:
@@ -57,10 +79,10 @@ def objective(
     target = score(hyperparameters.weights, batch.target)
 
     terms = {
-        "expert": _expert_term(reward[:size], target[:size], hyperparameters, static),
+        "expert": _expert_term(reward[:size], target[:size], hyperparameters, static, own),
         "value": _value_term(network, value, follows, batches.initial, hyperparameters, static),
     }
-    terms |= _quadratic_terms(reward, target, hyperparameters, static)
+    terms |= _quadratic_terms(reward, target, hyperparameters, static, own)
     total = jnp.sum(jnp.stack(list(terms.values())))
     seen = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": jnp.mean(reward[:size])}
     return total, terms | seen | {"loss": total}
@@ -88,11 +110,15 @@ def _continuation(
 
 
 def _expert_term(
-    reward: Array, target: Array, hyperparameters: HyperparameterArrays, static: StaticConfig
+    reward: Array,
+    target: Array,
+    hyperparameters: HyperparameterArrays,
+    static: StaticConfig,
+    own: UserFunctions,
 ) -> Scalar:
     if static.prior == "bellman_shift":
         reward = priors.bellman_shift(reward, target, hyperparameters.strength)
-    return losses.expert_term(static.divergence, reward)
+    return losses.expert_term(own.divergence or static.divergence, reward)
 
 
 def _value_term(
@@ -111,7 +137,11 @@ def _value_term(
 
 
 def _quadratic_terms(
-    reward: Array, target: Array, hyperparameters: HyperparameterArrays, static: StaticConfig
+    reward: Array,
+    target: Array,
+    hyperparameters: HyperparameterArrays,
+    static: StaticConfig,
+    own: UserFunctions,
 ) -> dict[str, Scalar]:
     """Term 3 (only with χ²) and the social prior."""
     rows = slice(None) if static.chi2_on == "mixture" else slice(static.batch_size)
@@ -122,12 +152,13 @@ def _quadratic_terms(
         )
         return {"prior": hyperparameters.prior_weight * shifted}
     terms = {}
-    if static.divergence == "chi2":
+    if static.divergence == "chi2" and own.divergence is None:
         bounded = reward[rows]
         if static.prior == "bellman_shift" and static.shift_term_3:
             bounded = priors.bellman_shift(bounded, target[rows], hyperparameters.strength)
         terms["chi2"] = losses.chi2_term(bounded, hyperparameters.chi2_alpha)
     if static.prior == "reward":
-        gap = priors.social_prior(reward[expert], target[expert], hyperparameters.strength)
+        prior = own.prior or priors.social_prior
+        gap = prior(reward[expert], target[expert], hyperparameters.strength)
         terms["prior"] = hyperparameters.prior_weight * gap
     return terms

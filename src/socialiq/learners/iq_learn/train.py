@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -14,11 +14,13 @@ from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.expert_table import Batch, ExpertTable
+from socialiq.learners.extensions import checked_divergence, checked_learner, checked_prior
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.iq_learn import priors
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.objective import Batches, objective
-from socialiq.learners.kernel import Learner, Terms, Trained
+from socialiq.learners.iq_learn.divergences import Divergence
+from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
+from socialiq.learners.kernel import Learner, Terms, Trained, check_datasets, described
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.types import Ending, Simulator, Transitions
 
@@ -46,9 +48,11 @@ class IQLearn(Learner):
 
     Attributes:
         simulator: The world to act in; None offline, or when experience is collected outside JAX.
+        own: Functions of the user's own in the place of ours.
     """
 
     simulator: Simulator | None = eqx.field(static=True, default=None)
+    own: UserFunctions = eqx.field(static=True, default=OURS)
 
     name: ClassVar[str] = "iq_learn"
 
@@ -93,7 +97,13 @@ class IQLearn(Learner):
         self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
     ) -> tuple[Float[Array, ""], Terms]:
         """L_IQ + w L_reg (Eq 4.5)."""
-        return objective(network, target_network, batch, hyperparameters, self.static)
+        given = (network, target_network, batch, hyperparameters, self.static)
+        return self.own.loss(*given) if self.own.loss else objective(*given, self.own)
+
+    def functions(self) -> dict[str, Any]:
+        """Return the functions of the user's own by their part: name and SHA-256."""
+        given = {part: one for part, one in self.own._asdict().items() if one is not None}
+        return super().functions() | {f"own_{part}": described(one) for part, one in given.items()}
 
     def run_name(self, hyperparameters: Hyperparameters) -> str:
         """Return the name of a run in messages."""
@@ -109,6 +119,11 @@ def train(
     callbacks: Callbacks | None = None,
     chunk: int = 500,
     before_chunk: BeforeChunk | None = None,
+    *,
+    prior: Callable[..., Any] | None = None,
+    divergence: Callable[..., Any] | Divergence | None = None,
+    loss: Callable[..., Any] | None = None,
+    learner: type[Learner] | None = None,
 ) -> Trained:
     """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
@@ -120,19 +135,36 @@ def train(
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks.
         before_chunk: Adds experience from outside JAX (`learners.collect`).
+        prior: The user's own in the place of L_reg: (reward, target, strength) -> scalar.
+        divergence: The user's own: φ of rewards, or a `Divergence`.
+        loss: The user's own in the place of the whole objective (`UserFunctions`).
+        learner: The user's own in the place of IQ-Learn; offline, with its own settings.
 
     Raises:
-        UserError: If settings, data and world don't fit together.
+        UserError: If settings, data and world don't fit together, or code of the user's own fails.
         Stopped: On Ctrl-C.
     """
+    if learner is not None:
+        if any(one is not None for one in (simulator, before_chunk, prior, divergence, loss)):
+            raise UserError("a learner of one's own takes no world, prior, divergence or loss")
+        check_datasets(hyperparameters, datasets)
+        own_learner = checked_learner(learner).of(static, datasets)
+        return own_learner.train(hyperparameters, callbacks, chunk)
+    if prior is not None and static.prior != "reward":
+        raise UserError("a prior of one's own replaces prior 'reward': leave the setting at that")
     check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
+    own = UserFunctions(
+        checked_prior(prior) if prior else None,
+        checked_divergence(divergence) if divergence else None,
+        loss,
+    )
     # Without a prior no returns are needed, and some data have none.
     kind = "instantaneous" if static.prior == "none" else static.target_kind
     table = ExpertTable.of(datasets, kind, static.social_discount)
     sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    learner = IQLearn(static, sizes, table, simulator)
+    iq_learn = IQLearn(static, sizes, table, simulator, own)
     world = simulator.description if simulator else "offline or collected"
-    return learner.train(hyperparameters, callbacks, chunk, before_chunk, world)
+    return iq_learn.train(hyperparameters, callbacks, chunk, before_chunk, world)
 
 
 def _act(
