@@ -318,7 +318,8 @@ def described(function: Any) -> dict[str, str]:
     try:
         source = inspect.getsource(function)
     except (OSError, TypeError):  # typed at a prompt, or an object
-        source = repr(getattr(function, "__code__", type(function)).co_code)
+        code = getattr(function, "__code__", None)
+        source = repr((code.co_code, code.co_consts) if code else type(function))
     name = getattr(function, "__qualname__", type(function).__qualname__)
     return {"name": name, "sha256": hashlib.sha256(source.encode()).hexdigest()}
 

@@ -152,9 +152,8 @@ def test_a_prior_of_ones_own_needs_the_setting_it_replaces(data) -> None:
 
 def test_what_is_named_is_imported_only_where_code_may_run(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
-    file.write_text(
-        "import jax.numpy as jnp\ndef l1(r, t, s):\n    return jnp.mean(abs(r - s * t))"
-    )
+    lines = ["import jax.numpy as jnp", "def l1(r, t, s):", "    return jnp.mean(abs(r - s * t))"]
+    file.write_text("\n".join(lines))
     place = f"{file}:l1"
     assert checked_prior(load(place, "--prior", True))(jnp.ones(2), jnp.ones(2), 1.0) == 0.0
     broken = tmp_path / "broken.py"

@@ -102,7 +102,8 @@ class IQLearn(Learner):
 
     def functions(self) -> dict[str, Any]:
         """Return the functions of the user's own by their part: name and SHA-256."""
-        given = {part: one for part, one in self.own._asdict().items() if one is not None}
+        own = self.own._replace(divergence=self.own.divergence and self.own.divergence.phi)
+        given = {part: one for part, one in own._asdict().items() if one is not None}
         return super().functions() | {f"own_{part}": described(one) for part, one in given.items()}
 
     def run_name(self, hyperparameters: Hyperparameters) -> str:
