@@ -20,6 +20,7 @@ STUDIES = {
     "grid": "grid",
     "lambda-sweep": "lambda_sweep",
     "alternatives": "alternatives",
+    "penalties": "penalties",
     "dial": "dial",
     "competence": "competence",
     "intersection-world": "intersection_world",

@@ -143,6 +143,18 @@ def check_alternatives(tables, summary):
         assert place["1"]["regret"] == row["regret"] >= -1e-6  # one seed
 
 
+def check_penalties(tables, summary):
+    assert len(tables["policies"]) == 3 * 3 * 2  # penalties, angles, action selections
+    gaps = {(row["penalty"], row["target_angle"]): row for row in tables["deviations"]}
+    assert len(gaps) == 9
+    for row in gaps.values():
+        assert 0 <= row["matched"] <= 1
+        assert row["median"] <= row["largest"] and row["mean"] <= row["largest"]
+    for name in ("quadratic", "l1", "kl"):
+        mean = sum(gaps[name, angle]["median"] for angle in (0.0, 45.0, 90.0)) / 3
+        assert summary[name]["1"]["deviation"]["median"] == pytest.approx(mean, abs=1e-5)
+
+
 def check_theory(tables, _summary):
     for row in tables["rewards"]:
         assert row["solved"] == pytest.approx(row["closed"], abs=1e-5)

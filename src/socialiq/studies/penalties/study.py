@@ -20,15 +20,8 @@ from scipy.special import logsumexp
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments.gridworld_runs import (
-    Ground,
-    StageCallback,
-    grid_of,
-    pooled,
-    rows_of,
-    silent,
-)
-from socialiq.experiments.results import Results
+from socialiq.experiments.gridworld_runs import Ground, grid_of, pooled, rows_of
+from socialiq.experiments.study import Context, Findings, StageCallback
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
@@ -37,7 +30,6 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score, weights
 from socialiq.types import Ending, Row
 
-STUDY = "penalties"
 KEYS = ("penalty", "strength", "target_angle", "readout")
 STRUCTURE = presets.GRID
 CLOSE = 0.05
@@ -60,7 +52,7 @@ PENALTIES: dict[str, Callable[..., Any] | None] = {"quadratic": None, "l1": l1, 
 
 @dataclass(frozen=True)
 class Config:
-    """What the study runs; the defaults are the committed results."""
+    """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
     """Training seeds, each with a data set of its own."""
@@ -72,23 +64,17 @@ class Config:
     """Gradient steps."""
 
 
-def run(config: Config | None = None, on_stage: StageCallback = silent) -> Results:
-    """Train each penalty at every angle, strength and seed; evaluate exactly.
-
-    Args:
-        config: What to run.
-        on_stage: Shows progress.
-    """
-    config = config or Config()
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Train each penalty at every angle, strength and seed; evaluate exactly."""
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     rows, gaps = [], []
     for name in PENALTIES:
-        found = _trained(ground, config, name, datasets, on_stage)
+        found = _trained(ground, config, name, datasets, context.on_stage)
         rows += found[0]
         gaps += found[1]
     tables = {"policies": rows, "pooled": pooled(rows, KEYS), "deviations": gaps}
-    return Results.of(STUDY, config, tables, _summary(tables))
+    return Findings(tables, _summary(tables))
 
 
 def _trained(
