@@ -1,7 +1,7 @@
 """The part that all learners share: a learner is a config, a loss with named terms, and an action.
 
 `Learner` is trained by Adam with a target network, many runs in one compiled program
-(`learners.fit`). A learner of one's own is a subclass with a `loss` (docs/extend.md).
+(`learners.fit`). A learner of your own is a subclass with a `loss` (docs/extend.md).
 """
 
 from __future__ import annotations

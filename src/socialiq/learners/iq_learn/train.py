@@ -113,8 +113,8 @@ class IQLearn(Learner):
 
 
 def train(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
+    static: Any,
+    hyperparameters: Sequence[Any],
     datasets: Sequence[Transitions],
     simulator: Simulator | None = None,
     callbacks: Callbacks | None = None,
@@ -129,8 +129,8 @@ def train(
     """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
     Args:
-        static: Shared by all runs.
-        hyperparameters: One entry for each run.
+        static: Shared by all runs: a `StaticConfig`, or the config of `learner`.
+        hyperparameters: One entry for each run: `Hyperparameters`, or those of `learner`.
         datasets: Sets of demonstrations; `Hyperparameters.dataset` picks the set of each run.
         simulator: The world to act in; None offline, or when `before_chunk` fills the replay.
         callbacks: Progress, monitor, checkpoint.
@@ -147,12 +147,12 @@ def train(
     """
     if learner is not None:
         if any(one is not None for one in (simulator, before_chunk, prior, divergence, loss)):
-            raise UserError("a learner of one's own takes no world, prior, divergence or loss")
+            raise UserError("a learner of your own takes no world, prior, divergence or loss")
         check_datasets(hyperparameters, datasets)
         own_learner = checked_learner(learner).of(static, datasets)
         return own_learner.train(hyperparameters, callbacks, chunk)
     if prior is not None and static.prior != "reward":
-        raise UserError("a prior of one's own replaces prior 'reward': leave the setting at that")
+        raise UserError("a prior of your own replaces prior 'reward': leave the setting at that")
     check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)
     own = UserFunctions(
         checked_prior(prior) if prior else None,
