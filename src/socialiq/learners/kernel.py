@@ -50,7 +50,7 @@ class StaticConfig:
     activation: str = "relu"
     """Between the layers."""
     view: str = "flat"
-    """How the network sees the vehicles of the intersection; a name of `nn.view.CHOICES`."""
+    """Encoding of the vehicles of the intersection for the network; a name of `nn.view.CHOICES`."""
     batch_size: int = 64
     """Transitions per batch."""
     updates: int = 6000
@@ -83,7 +83,7 @@ class Hyperparameters:
     seed: int = 0
     """Of the network and the sampling."""
     dataset: int = 0
-    """Which of the given sets of demonstrations this run learns from."""
+    """Index of the set of demonstrations that this run learns from."""
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""

@@ -120,7 +120,7 @@ def _target(structure: StaticConfig, numbers: Hyperparameters, data: Demonstrati
 
 
 def _of_deviations(gap: np.ndarray, numbers: Hyperparameters, data: Demonstrations) -> Row:
-    """How far r̂ is from λR(α), and whether the distance is of a few transitions."""
+    """Return the distances of r̂ from λR(α), and how unevenly transitions share them."""
     target = _target(STRUCTURE, numbers, data)
     scale, size = float(np.abs(target).max()), np.abs(gap)
     level = gap - gap.mean()
