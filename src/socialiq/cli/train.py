@@ -184,7 +184,7 @@ class Train:
         return static, runs
 
     def experience(
-        self, static: StaticConfig, hyperparameters: list[Hyperparameters], data: Demonstrations
+        self, static: Any, hyperparameters: list[Any], data: Demonstrations
     ) -> tuple[GridWorld | None, Callable[[Runs, int], Runs] | None]:
         """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
         if not self.world:
@@ -205,9 +205,7 @@ class Train:
 
         return None, acting_in(make, static, hyperparameters, CHUNK)
 
-    def event_files(
-        self, hyperparameters: list[Hyperparameters], stack: ExitStack
-    ) -> list[EventFiles]:
+    def event_files(self, hyperparameters: list[Any], stack: ExitStack) -> list[EventFiles]:
         """Event files of all runs, if they are asked for; closed with the stack."""
         if self.tensorboard is None:
             return []
@@ -263,7 +261,7 @@ def _label(hyperparameters: Any) -> Row:
     return {name: getattr(hyperparameters, name) for name in names}
 
 
-def _monitor(simulator: GridWorld | None, hyperparameters: list[Hyperparameters]) -> Any:
+def _monitor(simulator: GridWorld | None, hyperparameters: list[Any]) -> Any:
     if simulator is None:
         return None
     part = tabulate(simulator).reachable_part()
