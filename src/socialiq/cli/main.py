@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import re
 import sys
 from typing import Any
@@ -94,7 +95,8 @@ def _options_of(kind: Any, program: str, words: list[str], description: str | No
     except SystemExit as stop:
         if not stop.code:
             raise
-    known = option_names(lambda: parsed(["--help"]))
+    leading = list(itertools.takewhile(lambda word: not word.startswith("-"), words))
+    known = option_names(lambda: parsed([*leading, "--help"]))
     raise unknown_option(program, words, known) or UserError(one_line(complaint.getvalue()))
 
 
