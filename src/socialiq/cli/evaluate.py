@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,11 +12,14 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import driver_of, gridworld_of
+from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, episodes_in_parts
 from socialiq.cli.output import print_json, print_table
+from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.play import Episodes, episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
+from socialiq.experiments.engine import Engine, work_folder
 from socialiq.experiments.intersection.rows import Played, policy_row
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.load import load_policy
@@ -63,6 +66,10 @@ class Evaluate:
     """Number of episodes to roll out; 0 evaluates exactly, which only gridworlds allow."""
     seed: int = 0
     """Seed of the rollouts and the bootstrap."""
+    engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
+    work: Path | None = None
+    """Folder of the parts that are finished, with --processes or --cluster; by default a temporary
+    folder."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
     json: bool = False
@@ -91,6 +98,7 @@ class Evaluate:
     def measured(self) -> list[dict[str, Any]]:
         """Return a row for each policy."""
         refuse_recording(self.world)
+        self._check_engine()
         if self.world == "intersection":
             return [self.intersection(str(path)) for path in self.policies]
         if self.world not in GRIDWORLDS:
@@ -107,13 +115,33 @@ class Evaluate:
     def intersection(self, name: str) -> dict[str, Any]:
         """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
         self._check_episodes()
-        driver, batch = driver_of(name, self.seed), Batch(Options(), min(self.episodes, 512))
-        seeds = np.arange(self.seed, self.seed + self.episodes)
         readout = "soft" if self.soft else "greedy"
-        episodes = episodes_of(batch, driver, seeds, deterministic=not self.soft)
+        episodes = self._split(name) if self.engine.given else self._played(name)
         row = policy_row(Played(name, readout, episodes))
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         return method | {key: value for key, value in row.items() if key not in ("policy",)}
+
+    def _played(self, name: str) -> Episodes:
+        """Play the episodes in this process."""
+        batch = Batch(Options(), min(self.episodes, SIDE_BY_SIDE))
+        seeds = np.arange(self.seed, self.seed + self.episodes)
+        return episodes_of(batch, driver_of(name, self.seed), seeds, deterministic=not self.soft)
+
+    def _split(self, name: str) -> Episodes:
+        """Play the episodes in parts, where the engine says."""
+        seeds = range(self.seed, self.seed + self.episodes)
+        with work_folder(self.work) as work, Display() as display:
+            return episodes_in_parts(name, seeds, self.soft, self.engine, work, display.stage)
+
+    def _check_engine(self) -> None:
+        if self.engine.given and self.world != "intersection":
+            raise UserError(
+                f"episodes of {self.world} are not split: leave out --processes and --cluster"
+            )
+        if self.engine.cluster is not None and self.work is None:
+            raise UserError("a cluster needs a folder that all its workers see: add --work FOLDER")
+        if self.work is not None and not self.engine.given:
+            raise UserError("--work is of --processes or --cluster: add one, or leave it out")
 
     def gridworld(self) -> Measure:
         """Return exact or sampled metrics, with regret against the exact optimum."""
