@@ -12,7 +12,7 @@ from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
-from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.gridworld_runs import Ground, with_clock
 from socialiq.experiments.intersection.demonstration_sets import Recording, atlas_demonstrations
 from socialiq.experiments.intersection.jobs import BATCH, LAST, Evaluation
 from socialiq.experiments.study import run
@@ -28,7 +28,6 @@ from socialiq.studies.compare_priors.config import EPISODES_EACH, Config
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
 from socialiq.studies.competence import bench
-from socialiq.studies.dial import config as dial
 from socialiq.studies.intersection_ahead import study as ahead
 from socialiq.studies.intersection_world import study as intersection_world
 from socialiq.studies.theory import cases
@@ -324,7 +323,7 @@ def test_the_ceiling_of_the_demonstrations_is_the_same(committed, support):
         if (row["support"], row["seed"]) == (support, 30)
     ]
     angles = [angle for angle, _ in theirs]
-    ground = dial.with_clock(Ground.of("crossing7"), True)
+    ground = with_clock(Ground.of("crossing7"), True)
     (data,) = trajectory_datasets(ground.table, [30], committed["dial"].config["episodes_each"])
     ceiling = support_ceiling(data, ground.part, timed=support == "timed")
     again = ceiling_regrets(ceiling, ground.optimum, angles)

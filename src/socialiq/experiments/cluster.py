@@ -6,10 +6,10 @@ import logging
 import os
 import tempfile
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import dask.config
 from distributed import Client, LocalCluster
@@ -19,6 +19,8 @@ from socialiq.experiments.engine import job_environment
 
 _CONNECT_SECONDS = 10.0
 _WORKERS_SECONDS = 30.0
+Made = TypeVar("Made")
+
 _SILENT = logging.CRITICAL + 1
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": 1_000_000,  # `jobs.do` counts the tries of a job
@@ -51,6 +53,20 @@ def client_of(cluster: str | None, processes: int, work: Path) -> Iterator[Clien
                 yield client
 
 
+def _started(kind: Callable[..., Made], *arguments: Any, **options: Any) -> Made:
+    """Make a client or a cluster; try twice.
+
+    Dask asserts that its event loop runs within 10 s, which a busy machine can miss.
+
+    Raises:
+        UserError: If it was missed twice.
+    """
+    for _ in range(2):
+        with suppress(AssertionError):
+            return kind(*arguments, **options)
+    raise UserError("Dask's event loop did not start: the machine is too busy; try again later")
+
+
 @contextmanager
 def _remote(cluster: str) -> Iterator[Client]:
     file = Path(cluster)
@@ -58,7 +74,7 @@ def _remote(cluster: str) -> Iterator[Client]:
         {"scheduler_file": str(file)} if file.is_file() else {"address": cluster}
     )
     try:
-        client = Client(**where, timeout=_CONNECT_SECONDS, set_as_default=False)
+        client = _started(Client, **where, timeout=_CONNECT_SECONDS, set_as_default=False)
     except (OSError, TimeoutError, ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"no Dask scheduler answers at {cluster}: start `dask scheduler`, or name its "
@@ -83,7 +99,8 @@ def _local(processes: int, work: Path) -> Iterator[Client]:
         try:
             with (
                 dask.config.set(settings),
-                LocalCluster(
+                _started(
+                    LocalCluster,
                     n_workers=processes,
                     threads_per_worker=1,
                     host="127.0.0.1",
@@ -96,7 +113,7 @@ def _local(processes: int, work: Path) -> Iterator[Client]:
                     local_directory=scratch,
                     preload="socialiq.experiments.worker",
                 ) as cluster,
-                Client(cluster, set_as_default=False) as client,
+                _started(Client, cluster, set_as_default=False) as client,
             ):
                 yield client
         finally:

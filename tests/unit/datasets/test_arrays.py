@@ -107,7 +107,7 @@ def test_images_are_flattened_only_where_that_is_said():
         ({"reward": REWARD[:3]}, "column r_env has 3 rows"),
         ({"reward": REWARD * np.nan}, "column r_env, row 0: not finite"),
         ({"seen": {"a": SEEN}}, "observation is a dict"),
-        ({"seen": [[1.0], [1.0, 2.0], [0.0], [0.0], [0.0]]}, "no array of numbers"),
+        ({"seen": [[1.0], [1.0, 2.0], [0.0], [0.0], [0.0]]}, "not an array of numbers"),
         ({"seen": np.array(["a"] * 5)}, "an array of numbers"),
         ({"seen": np.array([object()] * 5)}, "observation is object"),
         ({"seen": SEEN * 1e300}, "column observation, row 1: not finite"),

@@ -165,6 +165,24 @@ def test_a_cluster_that_does_not_answer_is_told(quick, monkeypatch, tmp_path, gi
         run_jobs(jobs_of(quick), tmp_path / "work", silent, cluster=given)
 
 
+def test_an_event_loop_that_starts_late_is_started_again():
+    tries = []
+
+    def late(answer: str) -> str:
+        tries.append(answer)
+        assert len(tries) > 1
+        return answer
+
+    assert cluster_module._started(late, "client") == "client"
+    assert len(tries) == 2
+
+    def never() -> None:
+        raise AssertionError
+
+    with pytest.raises(UserError, match=r"did not start: the machine is too busy"):
+        cluster_module._started(never)
+
+
 def test_a_folder_that_is_not_shared_and_another_version_are_told(monkeypatch, tmp_path):
     monkeypatch.setattr(worker_module, "_SHARED_SECONDS", 0.0)
     described = worker_module.describe()
