@@ -13,7 +13,11 @@ from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
 from socialiq.experiments.gridworld_runs import Ground, with_clock
-from socialiq.experiments.intersection.demonstration_sets import Recording, atlas_demonstrations
+from socialiq.experiments.intersection.demonstration_sets import (
+    RECORDED_EPISODES,
+    Recording,
+    atlas_demonstrations,
+)
 from socialiq.experiments.intersection.jobs import BATCH, LAST, Evaluation
 from socialiq.experiments.study import run
 from socialiq.nn.dial_policy import DialPolicy
@@ -274,7 +278,7 @@ def test_clones_of_the_altruist_are_worth_as_much(committed, batch, tmp_path):
     pools, out = tmp_path / "pools", tmp_path / "clone"
     pools.mkdir()
     out.mkdir()
-    recording = atlas_demonstrations(priors.STUDY.pool_episodes)
+    recording = atlas_demonstrations(RECORDED_EPISODES)
     recording.work(recording.config, pools, {}, lambda _: None)
     train, given = priors.LEARNERS["clone_of_mode"](Config(), BY_NAME["clone_of_mode"], run)
     train(given, out, {"pools": pools}, lambda _: None)
