@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,7 +51,11 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
         UserError: If the file is missing, empty or too large, its header is wrong, or a cell
             cannot be read; the line names the file's line and the column.
     """
-    rows = csv.reader(_lines(path))
+    with closing(_lines(path)) as lines:  # an error leaves no file open
+        return _columns(csv.reader(lines), path)
+
+
+def _columns(rows: Any, path: Path) -> dict[str, np.ndarray]:
     try:
         names = [name.strip() for name in next(rows, [])]
         if not names:
@@ -101,7 +106,7 @@ def _cells(column: np.ndarray) -> list[Any]:
     return column.tolist()
 
 
-def _lines(path: Path) -> Iterator[str]:
+def _lines(path: Path) -> Generator[str, None, None]:
     try:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
             raise UserError(f"{path} is larger than {MOST_BYTES:,} bytes: split it")
