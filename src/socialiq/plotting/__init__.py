@@ -1,1 +1,1 @@
-"""Plotting shared by all figures: style, ring of angles, bands over seeds."""
+"""Style and drawing helpers of all figures."""

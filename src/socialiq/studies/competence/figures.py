@@ -5,7 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
-from socialiq.plotting.over_seeds import band, of
+from socialiq.experiments.tables import matching
+from socialiq.plotting.rows import band
 from socialiq.plotting.style import COLORS, figure, plain
 from socialiq.studies.competence.study import best_strengths
 
@@ -29,7 +30,7 @@ def _scores(results: Results) -> Figure:
     axes = drawn.subplots()
     strengths = best_strengths(results.tables["pooled"])
     for method, (color, mark) in _LOOKS.items():
-        rows = of(
+        rows = matching(
             results.tables["scores"], method=method, strength=strengths[method], readout="greedy"
         )
         named = f" (best λ: {strengths[method]:g})" if strengths[method] != "" else ""
@@ -49,7 +50,7 @@ def _angles(results: Results) -> Figure:
     for mode in dict.fromkeys(row["mode"] for row in rows):
         color = COLORS[mode]
         for seed in sorted({row["seed"] for row in rows}):
-            path = of(rows, mode=mode, seed=seed)
+            path = matching(rows, mode=mode, seed=seed)
             axes.plot(
                 [row["round"] for row in path],
                 [row["mean"] for row in path],

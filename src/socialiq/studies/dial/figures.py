@@ -5,7 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
-from socialiq.plotting.over_seeds import band, of, spread
+from socialiq.experiments.tables import matching
+from socialiq.plotting.rows import band, spread
 from socialiq.plotting.style import figure, plain
 
 _LOOKS = {
@@ -28,7 +29,7 @@ def draw(results: Results) -> dict[str, Figure]:
 
 
 def _runs(results: Results) -> list[str]:
-    return [name for name in _LOOKS if of(results.tables["dials"], run=name)]
+    return [name for name in _LOOKS if matching(results.tables["dials"], run=name)]
 
 
 def _regret(results: Results) -> Figure:
@@ -37,10 +38,10 @@ def _regret(results: Results) -> Figure:
     axes = drawn.subplots()
     for name in _runs(results):
         color, mark = _LOOKS[name]
-        rows = of(results.tables["angles"], run=name, readout="greedy")
+        rows = matching(results.tables["angles"], run=name, readout="greedy")
         band(axes, rows, "angle", "regret", color=color, marker=mark, label=name)
     for support, name in _CEILINGS.items():
-        rows = of(results.tables.get("ceilings", []), support=support)
+        rows = matching(results.tables.get("ceilings", []), support=support)
         if rows:
             angles, mean, _, _ = spread(rows, "angle", "regret")
             color = _LOOKS[name][0]
@@ -68,7 +69,7 @@ def _turning(results: Results) -> Figure:
     )
     for name in [run for run in _runs(results) if run in ("online", "offline")]:
         color, mark = _LOOKS[name]
-        rows = of(results.tables["angles"], run=name, readout="greedy")
+        rows = matching(results.tables["angles"], run=name, readout="greedy")
         axes.plot(
             [row["r_env"] for row in rows],
             [row["r_social"] for row in rows],
@@ -92,7 +93,7 @@ def _mixtures(results: Results) -> Figure:
     left, right = drawn.subplots(1, 2)
     for name in _runs(results):
         color, mark = _LOOKS[name]
-        rows = of(results.tables["settings"], run=name)
+        rows = matching(results.tables["settings"], run=name)
         angles, mean, low, _ = spread(rows, "wanted", "share_of_radius")
         left.plot(angles, 100 * mean, color=color, marker=mark, markersize=4, label=name)
         left.plot(angles, 100 * low, ":", color=color)
@@ -121,8 +122,8 @@ def _budgets(results: Results) -> Figure:
     budgets = sorted({row["budget"] for row in results.tables["budgets"]})
     for place, budget in enumerate(budgets):
         color = f"C{place}"
-        for row in of(results.tables["budgets"], budget=budget):
-            path = of(results.tables["budget_path"], budget=budget, seed=row["seed"])
+        for row in matching(results.tables["budgets"], budget=budget):
+            path = matching(results.tables["budget_path"], budget=budget, seed=row["seed"])
             updates, regrets = ([look[key] for look in path] for key in ("updates", "regret"))
             left.plot(updates, regrets, color=color, linewidth=0.9, alpha=0.7)
             right.plot(row["regret_soft"], row["log_likelihood"], "o", color=color)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
-from socialiq.plotting.over_seeds import band, of
+from socialiq.experiments.tables import matching
+from socialiq.plotting.rows import band
 from socialiq.plotting.style import figure, plain
 
 _LOOKS = {"dial": ("#2166ac", "o", "one dial"), "agents": ("#c23b22", "^", "an agent each")}
@@ -28,7 +29,7 @@ def _tradeoff(results: Results) -> Figure:
     axes = drawn.subplots()
     for family, (color, mark, label) in _LOOKS.items():
         for place, seed in enumerate(results.config["seeds"]):
-            rows = of(results.tables["policies"], family=family, seed=seed)
+            rows = matching(results.tables["policies"], family=family, seed=seed)
             axes.plot(
                 [row["r_env"] for row in rows],
                 [row["r_social"] for row in rows],
@@ -52,7 +53,7 @@ def _regret(results: Results) -> Figure:
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
     for family, (color, mark, label) in _LOOKS.items():
-        rows = of(results.tables["policies"], family=family)
+        rows = matching(results.tables["policies"], family=family)
         band(axes, rows, "asked", "regret", color=color, marker=mark, label=label)
     axes.set(xlabel="angle asked for, degrees", ylabel="regret against the best of all")
     axes.set_title("Mean over seeds, band from least to largest", fontsize=10)
@@ -65,7 +66,7 @@ def _turning(results: Results) -> Figure:
     """Endings of the dial's episodes at each angle."""
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
-    rows = of(results.tables["policies"], family="dial")
+    rows = matching(results.tables["policies"], family="dial")
     for name, color in _RATES.items():
         band(axes, rows, "asked", name, 100.0, color=color, marker="o", label=name)
     axes.set(xlabel="angle asked for, degrees", ylabel="episodes, %", ylim=(0, 100))

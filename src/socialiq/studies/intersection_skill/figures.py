@@ -5,7 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
-from socialiq.plotting.over_seeds import band, of
+from socialiq.experiments.tables import matching
+from socialiq.plotting.rows import band
 from socialiq.plotting.style import figure, plain
 
 _LOOKS = {
@@ -59,9 +60,9 @@ def _parts(results: Results) -> Figure:
 
 def _draw(axes: object, results: Results, name: str) -> None:
     for method, (color, mark) in _LOOKS.items():
-        rows = of(results.tables["scores"], method=method)
+        rows = matching(results.tables["scores"], method=method)
         if method in _ONE_EACH:
-            rows = of(rows, demonstrated=1)
+            rows = matching(rows, demonstrated=1)
         if rows:
             style = "none" if method in _ONE_EACH else "-"
             band(axes, rows, "angle", name, color=color, marker=mark, label=method, linestyle=style)
@@ -79,7 +80,7 @@ def _learning(results: Results) -> Figure:
     }
     curves = results.tables["curves"]
     for name in dict.fromkeys(row["run"] for row in curves):
-        rows = of(curves, run=name)
+        rows = matching(curves, run=name)
         updates, totals = ([row[key] for row in rows] for key in ("updates", "total"))
         axes.plot(updates, totals, color=colors[name.split("/")[0]][0], linewidth=0.9, alpha=0.7)
     axes.set(xlabel="updates", ylabel="R(α) + c h, mean of 0°, 45°, 90°")

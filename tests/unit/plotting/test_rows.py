@@ -1,8 +1,8 @@
-"""Rows over seeds, by hand."""
+"""Rows over training seeds, and lines, with numbers computed by hand."""
 
 import numpy as np
 
-from socialiq.plotting.over_seeds import band, of, spread
+from socialiq.plotting.rows import band, line, spread
 from socialiq.plotting.style import figure
 
 ROWS = [
@@ -11,22 +11,23 @@ ROWS = [
 ]
 
 
-def test_rows_are_kept_by_value():
-    assert of(ROWS, angle=0.0, seed=1) == [{"angle": 0.0, "seed": 1, "share": 0.3}]
-    assert of(ROWS, angle=45.0) == []
-
-
-def test_mean_least_and_largest_stand_in_order_of_the_places():
+def test_mean_least_and_largest_are_in_order_of_the_places():
     places, mean, low, high = spread(ROWS, "angle", "share")
     np.testing.assert_allclose(
         [places, mean, low, high], [[0, 90], [0.2, 0.5], [0.1, 0.5], [0.3, 0.5]]
     )
 
 
-def test_a_band_is_drawn_in_percent():
+def test_a_band_is_drawn_in_percent() -> None:
     axes = figure(3.0, 2.0).subplots()
     band(axes, ROWS, "angle", "share", 100.0, color="black", marker="o", label="shares")
-    (line,) = axes.lines
-    np.testing.assert_allclose(line.get_xydata(), [[0, 20], [90, 50]])
+    (drawn,) = axes.lines
+    np.testing.assert_allclose(np.asarray(drawn.get_xydata()), [[0, 20], [90, 50]])
     (filled,) = axes.collections
     np.testing.assert_allclose(filled.get_datalim(axes.transData).extents, [0, 10, 90, 50])
+
+
+def test_a_line_keeps_the_order_of_the_rows():
+    axes = figure(3.0, 2.0).subplots()
+    line(axes, ROWS[:2], "angle", "share", color="black")
+    np.testing.assert_allclose(np.asarray(axes.lines[0].get_xydata()), [[90, 0.5], [0, 0.1]])
