@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import shutil
 import textwrap
@@ -13,25 +14,25 @@ COMMANDS = {
     "demo": "demo:Demo",
     "solve": "solve:Solve",
     "front": "solve:Front",
-    "predict-lambda": "predict:PredictLambda",
+    "predict-lambda": "solve:PredictLambda",
     "render": "render:Render",
     "collect": "collect:Collect",
     "train": "train:Train",
     "train-dial": "train_dial:TrainDial",
     "sweep": "sweep:Sweep",
     "dial": "dial:Dial",
-    "turn": "dial:Turn",
+    "turn": "export:Turn",
     "evaluate": "evaluate:Evaluate",
     "export": "export:Export",
     "reproduce": "studies:Reproduce",
     "compare": "studies:Compare",
     "claims": "claims:Claims",
-    "conformance": "conformance:Conformance",
+    "conformance": "bench:Conformance",
     "bench": "bench:Bench",
     "profile new": "profile:New",
     "profile check": "profile:Check",
     "audit": "audit:Audit",
-    "audit verify": "verify:Verify",
+    "audit verify": "audit:Verify",
     "data from-arrays": "data:FromArrays",
     "data to-arrays": "data:ToArrays",
     "data from-trajectories": "data:FromTrajectories",
@@ -103,23 +104,32 @@ def help_page(group: str = "") -> str:
 
 
 def every_command() -> Any:
-    """Return one type for the parser that holds all commands; it imports every module.
+    """Return one type for the parser that holds all commands, for shell completion.
 
-    Only shell completion needs it. `audit verify` is left out, because the parser has no command
-    that takes an argument of its own and has commands below it.
+    It imports every module. A command with words below it (`audit verify`) gets a field for them.
     """
     import tyro
 
-    def together(names: list[str]) -> Any:
+    def together(first: str) -> Any:
+        """Return the union of the commands below the first words."""
         union: Any = None
-        for name in names:
-            word = tyro.conf.subcommand(name.split()[-1])
-            member = Annotated[command_class(name), word]
-            union = member if union is None else union | member
+        for name in COMMANDS:
+            group, _, last = name.rpartition(" ")
+            if group == first:
+                kind = command_class(name)
+                if any(one.startswith(f"{name} ") for one in COMMANDS):
+                    below, named = (
+                        [("below", together(name) | None, None)],
+                        {"__doc__": kind.__doc__},
+                    )
+                    kind = dataclasses.make_dataclass(
+                        kind.__name__, below, bases=(kind,), namespace=named, frozen=True
+                    )
+                member = Annotated[kind, tyro.conf.subcommand(last)]
+                union = member if union is None else union | member
         return union
 
-    whole = together([name for name in COMMANDS if " " not in name])
+    whole = together("")
     for group in GROUPS:
-        below = together([name for name in COMMANDS if name.startswith(f"{group} ")])
-        whole = whole | Annotated[below, tyro.conf.subcommand(group)]
+        whole = whole | Annotated[together(group), tyro.conf.subcommand(group)]
     return whole

@@ -1,4 +1,4 @@
-"""`dial` and `turn`: evaluation of a trained dial, and its policy at one angle."""
+"""`dial`: evaluation of a trained dial."""
 
 from __future__ import annotations
 
@@ -154,32 +154,3 @@ def _mixed_by_episodes(found: DialRollouts, angle: float, seed: int) -> Row:
     values = (angles[one.first], angles[one.second], one.share, one.radius)
     values += (shown.angle, shown.low, shown.high)
     return dict(zip(names, values, strict=True))
-
-
-@dataclass(frozen=True)
-class Turn:
-    """Write a dial's policy at one angle, as an ordinary policy file.
-
-    Example: socialiq turn run/dial_0.safetensors --angle 30 --out prosocial.safetensors
-    """
-
-    dial: Annotated[Path, tyro.conf.Positional]
-    """Dial file, of `socialiq train-dial`."""
-    angle: float
-    """Social angle in degrees."""
-    out: Path
-    """Policy file to write."""
-    json: bool = False
-    """Print one JSON object."""
-
-    def run(self) -> int:
-        """Turn and write."""
-        if self.out.exists():
-            raise UserError(f"{self.out} exists already: name a new file")
-        sha256 = DialPolicy.load(self.dial).at(self.angle).save(self.out)
-        found = {"out": str(self.out), "angle": self.angle, "sha256": sha256}
-        if self.json:
-            print_json(found)
-        else:
-            print_table([found])
-        return 0

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import driver_of, gridworld_of
-from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, episodes_in_parts
+from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
@@ -68,8 +69,8 @@ class Evaluate:
     """Seed of the rollouts and the bootstrap."""
     engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
     work: Path | None = None
-    """Folder of the parts that are finished, with --processes or --cluster; by default a temporary
-    folder."""
+    """Folder of the parts that are finished, with --processes or --cluster, which split episodes of
+    the intersection or of an environment by seed; by default a temporary folder."""
     allow_code: bool = False
     """Import the modules that are named: their authors' code runs with your rights."""
     json: bool = False
@@ -124,17 +125,25 @@ class Evaluate:
     def _played(self, name: str) -> Episodes:
         """Play the episodes in this process."""
         batch = Batch(Options(), min(self.episodes, SIDE_BY_SIDE))
-        seeds = np.arange(self.seed, self.seed + self.episodes)
+        seeds = np.array(self._seeds)
         return episodes_of(batch, driver_of(name, self.seed), seeds, deterministic=not self.soft)
 
     def _split(self, name: str) -> Episodes:
         """Play the episodes in parts, where the engine says."""
-        seeds = range(self.seed, self.seed + self.episodes)
+        with self._parts() as parts:
+            return parts.episodes(name, self._seeds, self.soft)
+
+    @property
+    def _seeds(self) -> range:
+        return range(self.seed, self.seed + self.episodes)
+
+    @contextmanager
+    def _parts(self) -> Iterator[Parts]:
         with work_folder(self.work) as work, Display() as display:
-            return episodes_in_parts(name, seeds, self.soft, self.engine, work, display.stage)
+            yield Parts(self.engine, work, display.stage)
 
     def _check_engine(self) -> None:
-        if self.engine.given and self.world != "intersection":
+        if self.engine.given and self.world in GRIDWORLDS:
             raise UserError(
                 f"episodes of {self.world} are not split: leave out --processes and --cluster"
             )
@@ -167,12 +176,18 @@ class Evaluate:
         """Return sampled metrics in a Gymnasium environment."""
         self._check_episodes()
         env, rows = make_environment(self.world, allow_code=self.allow_code), []
-        for path in self.policies:
-            more = {"angle": self.angle, "allow_code": self.allow_code}
-            with load_policy(str(path), *sizes(env), **more) as loaded:
-                rollout = rollout_env(
-                    env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft
-                )
+        for path in map(str, self.policies):
+            if self.engine.given:
+                with self._parts() as parts:
+                    rollout = parts.rollout(
+                        self.world, path, self._seeds, self.soft, self.angle, self.allow_code
+                    )
+            else:
+                more = {"angle": self.angle, "allow_code": self.allow_code}
+                with load_policy(path, *sizes(env), **more) as loaded:
+                    rollout = rollout_env(
+                        env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft
+                    )
             rows.append(self.sampled(rollout))
         return rows
 

@@ -1,4 +1,4 @@
-"""`export`: a policy for other programs, or a card that describes it."""
+"""`export` and `turn`: a policy for other programs, its card, and a dial's policy at one angle."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.card import model_card
 from socialiq.policies.export_torch import to_safetensors
 from socialiq.policies.native import read_dial, read_policy
 from socialiq.policies.onnx.export import to_onnx
 from socialiq.storage import kind_of, read_json, write_atomically
+from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 
 FORMATS = ("onnx", "torch", "card")
@@ -58,11 +60,7 @@ class Export:
         write_atomically(self.out, content)
         found = {"out": str(self.out), "format": self.format, "bytes": len(content)}
         found |= {"sha256": hashlib.sha256(content).hexdigest()}
-        if self.json:
-            print_json(found)
-        else:
-            print_table([found])
-        return 0
+        return _print_written(found, self.json)
 
     def read(self) -> tuple[QPolicy, dict[str, Any]]:
         """Return the policy, and further records of its training."""
@@ -127,3 +125,37 @@ def _run_of(path: Path, policy: QPolicy) -> dict[str, Any]:
     listed = found.get("policies")
     hashes = [one.get("sha256") for one in listed or () if isinstance(one, dict)]
     return {**found, "made_by": "socialiq train"} if policy.sha256 in hashes else {}
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Write a dial's policy at one angle, as an ordinary policy file.
+
+    Example: socialiq turn run/dial_0.safetensors --angle 30 --out prosocial.safetensors
+    """
+
+    dial: Annotated[Path, tyro.conf.Positional]
+    """Dial file, of `socialiq train-dial`."""
+    angle: float
+    """Social angle in degrees."""
+    out: Path
+    """Policy file to write."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Turn and write."""
+        if self.out.exists():
+            raise UserError(f"{self.out} exists already: name a new file")
+        sha256 = DialPolicy.load(self.dial).at(self.angle).save(self.out)
+        found = {"out": str(self.out), "angle": self.angle, "sha256": sha256}
+        return _print_written(found, self.json)
+
+
+def _print_written(found: Row, as_json: bool) -> int:
+    """Print what was written; return the exit status."""
+    if as_json:
+        print_json(found)
+    else:
+        print_table([found])
+    return 0

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import itertools
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-import gymnasium
 import tyro
 
 from socialiq.cli.options import optional, overridden
-from socialiq.cli.output import complain, print_json, print_table
-from socialiq.cli.progress import Display, to_all
+from socialiq.cli.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
-from socialiq.experiments.results import as_csv, versions
-from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
 from socialiq.learners.extensions import (
     checked_divergence,
@@ -36,17 +30,12 @@ from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.ranges import check_seeds
 from socialiq.learners.state import Runs
-from socialiq.learners.tensorboard import EventFiles
 from socialiq.recordings.recording import refuse_recording
-from socialiq.storage import new_folder, write_atomically, write_json
-from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.environment import make_environment, sizes
+from socialiq.worlds.environment import environment_maker
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
-
-CHUNK = 500
 
 # Every field of the configs is an option, but for those that a grid or the world decides.
 StaticOptions = tyro.conf.OmitArgPrefixes[optional(StaticConfig, "online")]
@@ -108,34 +97,19 @@ class Train:
         simulator, before_chunk = self.experience(static, hyperparameters, data)
         if "learner" not in own:
             check_fit(static, hyperparameters, [data], simulator, before_chunk is not None)
-        with ExitStack() as stack:
-            events = self.event_files(hyperparameters, stack)
-            checkpoint = self.folder() / "checkpoint.safetensors"
-            told = [stack.enter_context(Display()).stage("training"), *events]
+        folder = RunFolder(self.out, "policy", self.resume, self.tensorboard)
+        labels = [_label(one) for one in hyperparameters]
+        with folder.callbacks(labels, _monitor(simulator, hyperparameters)) as callbacks:
             trained = train(
-                static,
-                hyperparameters,
-                [data],
-                simulator,
-                Callbacks(
-                    on_report=to_all(told),
-                    monitor=_monitor(simulator, hyperparameters),
-                    checkpoint=checkpoint,
-                    resume=self.resume,
-                ),
-                CHUNK,
-                before_chunk,
-                **own,
+                static, hyperparameters, [data], simulator, callbacks, CHUNK, before_chunk, **own
             )
-        runs = self.write(trained, data)
-        checkpoint.unlink(missing_ok=True)
-        if self.json:
-            print_json({"out": str(self.out), "policies": runs})
-        else:
-            print_table([{k: v for k, v in run.items() if k != "sha256"} for run in runs])
-        for failure in trained.failures:
-            complain(failure)
-        return 1 if trained.failures else 0
+        policies = _policies(folder, trained)
+        columns = {"angle": "angle_target"}
+        labels = [{columns.get(name, name): v for name, v in one.items()} for one in labels]
+        described = described_file(self.data) | {"transitions": data.n_transitions}
+        record = {"world": self.world, "data": described} | trained.learner.functions()
+        folder.finish(trained, labels, policies, record)
+        return folder.report(trained, policies, self.json)
 
     def own_code(self) -> dict[str, Any]:
         """Import and try the user's own prior, divergence, loss and learner, where they are named.
@@ -193,66 +167,9 @@ class Train:
         if self.world in GRIDWORLDS:
             return make_grid(self.world), None
 
-        def make() -> gymnasium.Env[Any, Any]:
-            env = make_environment(self.world, allow_code=self.allow_code)
-            given, wanted = (data.n_features, data.n_actions), sizes(env)
-            if given != wanted:
-                raise UserError(
-                    f"the demonstrations have {given[0]} features and {given[1]} actions, "
-                    f"the world has {wanted[0]} and {wanted[1]}: they belong to another world"
-                )
-            return env
-
+        given = (data.n_features, data.n_actions)
+        make = environment_maker(self.world, given, self.allow_code)
         return None, acting_in(make, static, hyperparameters, CHUNK)
-
-    def event_files(self, hyperparameters: list[Any], stack: ExitStack) -> list[EventFiles]:
-        """Event files of all runs, if they are asked for; closed with the stack."""
-        if self.tensorboard is None:
-            return []
-        names = [
-            "_".join(f"{name}_{value:g}" for name, value in _label(one).items())
-            for one in hyperparameters
-        ]
-        return [stack.enter_context(EventFiles(self.tensorboard, names))]
-
-    def folder(self) -> Path:
-        """The output folder: a new one, or that of a stopped run."""
-        if not self.resume:
-            return new_folder(self.out)
-        if (self.out / "run.json").exists():
-            raise UserError(f"{self.out} holds a finished run: there is nothing to resume")
-        return self.out
-
-    def write(self, trained: Trained, data: Demonstrations) -> list[Row]:
-        """Policies, metrics and the record of the run."""
-        runs = []
-        for run, hyperparameters in enumerate(trained.hyperparameters):
-            name = f"policy_{run}.safetensors"
-            sha256 = trained.policy(run).save(self.out / name)
-            last = {
-                name.removeprefix("greedy_"): trained.history.array(name)[-1, run]
-                for name in trained.history.values
-                if name in ("greedy_angle", "greedy_arrival", "loss")
-            }
-            described = _label(hyperparameters) | {"file": name, "sha256": sha256}
-            names = {"angle": "angle_hat"}
-            runs.append(described | {names.get(k, k): float(v) for k, v in last.items()})
-        write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
-        record = {
-            "structure": dataclasses.asdict(trained.static),
-            "numbers": [dataclasses.asdict(one) for one in trained.hyperparameters],
-            "world": self.world,
-            "data": {
-                "file": str(self.data),
-                "sha256": hashlib.sha256(self.data.read_bytes()).hexdigest(),
-                "transitions": data.n_transitions,
-            },
-            "versions": versions(),
-            "failures": trained.failures,
-            "policies": runs,
-        }
-        write_json(self.out / "run.json", rounded(record | trained.learner.functions()))
-        return runs
 
 
 def _label(hyperparameters: Any) -> Row:
@@ -268,15 +185,15 @@ def _monitor(simulator: GridWorld | None, hyperparameters: list[Any]) -> Any:
     return exact_monitor(part, [one.temperature for one in hyperparameters])
 
 
-def _history_rows(trained: Trained) -> list[Row]:
-    """One row for each recorded update and run."""
-    history = trained.history
-    arrays = {name: history.array(name) for name in history.values}
-    names = {"angle": "angle_target"}
+def _policies(folder: RunFolder, trained: Trained) -> list[Row]:
+    """Write the policies; return what each differs in, its file and its last measurements."""
+    arrays = {name: trained.history.array(name) for name in trained.history.values}
+    columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
     return [
-        {"updates": updates}
-        | {names.get(name, name): value for name, value in _label(one).items()}
-        | {name: rounded(float(array[chunk, run])) for name, array in arrays.items()}
-        for chunk, updates in enumerate(history.updates)
-        for run, one in enumerate(trained.hyperparameters)
+        _label(hyperparameters)
+        | saved
+        | {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
+        for run, (hyperparameters, saved) in enumerate(
+            zip(trained.hyperparameters, folder.save_policies(trained), strict=True)
+        )
     ]

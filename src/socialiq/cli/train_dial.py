@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,24 +11,19 @@ import numpy as np
 import tyro
 
 from socialiq.cli.options import optional, overridden
-from socialiq.cli.output import complain, print_json, print_table
-from socialiq.cli.progress import Display, to_all
+from socialiq.cli.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
-from socialiq.experiments.results import as_csv, versions
-from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Look
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
 from socialiq.learners.dial.presets import PRESETS
 from socialiq.learners.dial.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.ranges import check_seeds
-from socialiq.learners.tensorboard import EventFiles
-from socialiq.storage import new_folder, write_atomically, write_json
-from socialiq.studies.dial.budgets import CHUNK, exact_regret
-from socialiq.to_json import rounded
+from socialiq.studies.dial.budgets import CHUNK as BUDGET_CHUNK
+from socialiq.studies.dial.budgets import exact_regret
 from socialiq.types import Row
 from socialiq.worlds.registry import make_grid
 
@@ -95,15 +88,9 @@ class TrainDial:
         simulator = world if static.online else None
         sizes = (world.n_features, world.n_actions)
         check_fit(static, hyperparameters, data, simulator, sizes, collects=False)
-        with ExitStack() as stack:
-            names = [f"seed_{one.seed}" for one in hyperparameters]
-            events = [EventFiles(self.tensorboard, names)] if self.tensorboard else []
-            told = [stack.enter_context(one) for one in events]
-            checkpoint = self.folder() / "checkpoint.safetensors"
-            show = stack.enter_context(Display()).stage("training")
-            callbacks = Callbacks(
-                on_report=to_all([show, *told]), checkpoint=checkpoint, resume=self.resume
-            )
+        folder = RunFolder(self.out, "dial", self.resume, self.tensorboard)
+        labels = [{"seed": one.seed} for one in hyperparameters]
+        with folder.callbacks(labels) as callbacks:
             trained = train(
                 static,
                 hyperparameters,
@@ -111,18 +98,19 @@ class TrainDial:
                 simulator,
                 sizes,
                 callbacks,
-                chunk=CHUNK if budget else 500,
+                chunk=BUDGET_CHUNK if budget else CHUNK,
                 budget=budget,
             )
-        runs = self.write(trained, budget)
-        checkpoint.unlink(missing_ok=True)
-        if self.json:
-            print_json({"out": str(self.out), "dials": runs})
-        else:
-            print_table(runs)
-        for failure in trained.failures:
-            complain(failure)
-        return 1 if trained.failures else 0
+        dials = _dials(folder, trained, budget)
+        record = {
+            "preset": self.preset,
+            "world": self.world,
+            "data": self.data and described_file(self.data),
+            "budget": self.budget,
+            "budget_path": [_look_row(look) for look in budget.path] if budget else [],
+        }
+        folder.finish(trained, labels, dials, record)
+        return folder.report(trained, dials, self.json)
 
     def demonstrations(self, wanted: bool) -> list[Demonstrations]:
         """The data of a run that learns from data.
@@ -161,68 +149,29 @@ class TrainDial:
         """
         if self.budget is None:
             return None
-        if static.updates <= CHUNK:
-            raise UserError(f"a budget is looked at every {CHUNK} updates: train for more")
+        if static.updates <= BUDGET_CHUNK:
+            raise UserError(f"a budget is checked every {BUDGET_CHUNK} updates: train for more")
         budgets = np.full(len(hyperparameters), self.budget)
         plain, clock = make_grid(self.world), PRESETS[self.preset].clock
         ground = with_clock(Ground.of(plain.name), clock)
         return Budget(exact_regret(ground, static, hyperparameters), budgets)
 
-    def folder(self) -> Path:
-        """The output folder: a new one, or that of a stopped run."""
-        if not self.resume:
-            return new_folder(self.out)
-        if (self.out / "run.json").exists():
-            raise UserError(f"{self.out} holds a finished run: there is nothing to resume")
-        return self.out
 
-    def write(self, trained: Trained, budget: Budget | None) -> list[dict[str, Any]]:
-        """Dials and the record of the run."""
-        runs = []
-        for run, hyperparameters in enumerate(trained.hyperparameters):
-            name = f"dial_{run}.safetensors"
-            sha256 = trained.policy(run).save(self.out / name)
-            loss = float(np.asarray(trained.history.array("loss"))[-1, run])
-            runs.append(
-                {"file": name, "seed": hyperparameters.seed, "loss": loss, "sha256": sha256}
-            )
-            if budget is not None:
-                regret = float(budget.path[-1].regret[run])
-                runs[-1] |= {"multiplier": float(trained.kept[run]), "regret": regret}
-        write_atomically(self.out / "metrics.csv", as_csv(_history_rows(trained)))
-        record = {
-            "preset": self.preset,
-            "structure": dataclasses.asdict(trained.static),
-            "numbers": [dataclasses.asdict(one) for one in trained.hyperparameters],
-            "world": self.world,
-            "data": self.data
-            and {
-                "file": str(self.data),
-                "sha256": hashlib.sha256(self.data.read_bytes()).hexdigest(),
-            },
-            "budget": self.budget,
-            "budget_path": [look_row(look) for look in budget.path] if budget else [],
-            "versions": versions(),
-            "failures": trained.failures,
-            "dials": runs,
-        }
-        write_json(self.out / "run.json", rounded(record))
-        return runs
+def _dials(folder: RunFolder, trained: Trained, budget: Budget | None) -> list[Row]:
+    """Write the dials; return each one's file, seed, last loss and outcome of the budget."""
+    losses = np.asarray(trained.history.array("loss"))[-1]
+    dials = []
+    for run, saved in enumerate(folder.save_policies(trained)):
+        seed = trained.hyperparameters[run].seed
+        loss, sha256 = float(losses[run]), saved["sha256"]
+        dials.append({"file": saved["file"], "seed": seed, "loss": loss, "sha256": sha256})
+        if budget is not None:
+            regret = float(budget.path[-1].regret[run])
+            dials[-1] |= {"multiplier": float(trained.kept[run]), "regret": regret}
+    return dials
 
 
-def _history_rows(trained: Trained) -> list[Row]:
-    """One row for each recorded update and run."""
-    history = trained.history
-    arrays = {name: np.asarray(history.array(name)) for name in history.values}
-    return [
-        {"updates": updates, "seed": one.seed}
-        | {name: rounded(float(array[chunk, run])) for name, array in arrays.items()}
-        for chunk, updates in enumerate(history.updates)
-        for run, one in enumerate(trained.hyperparameters)
-    ]
-
-
-def look_row(look: Look) -> dict[str, Any]:
+def _look_row(look: Look) -> dict[str, Any]:
     """One step of dual ascent, of all runs."""
     return {
         "updates": look.updates,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from socialiq.audit.resolve_policy import Trust, resolve_policy, resolve_referen
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
 from socialiq.evaluation.play import SoftPolicy
-from socialiq.experiments.engine import Engine, available_cores, run_jobs
+from socialiq.experiments.engine import Engine, run_jobs
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.study import StageCallback
 from socialiq.policies.process.load import Limits
@@ -29,7 +28,6 @@ from socialiq.worlds.intersection.world import Intersection
 
 _KIND, _VERSION, _FILE = "audit-part", 1, "part.safetensors"
 _COLUMNS = ("totals", "ending", "contact", "length")
-_PART = 1000  # episodes of a part on a cluster, where the number of processes may change
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def collector(
 
     def collect(collection: Collection) -> Evidence:
         _check(collection)
-        count = parts or _parts(engine, len(collection.seeds))
+        count = parts or engine.parts(len(collection.seeds))
         jobs = jobs_of(collection, count)
         run_jobs(jobs, work, on_stage, engine.processes, engine.cluster)
         return _joined(collection, [_read(work / job.name) for job in jobs])
@@ -94,12 +92,6 @@ def _check(collection: Collection) -> None:
     )
     if collection.request.soft and not draws_by_seed:
         raise UserError("this policy draws its actions in order: leave out --soft, or --processes")
-
-
-def _parts(engine: Engine, episodes: int) -> int:
-    if engine.cluster is None:
-        return min(engine.processes or available_cores(), episodes)
-    return math.ceil(episodes / _PART)
 
 
 def jobs_of(collection: Collection, parts: int) -> list[Job]:

@@ -6,6 +6,7 @@ runs, and gives it to another process if its own dies.
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import tempfile
@@ -26,6 +27,7 @@ from socialiq.worlds.intersection.reference.conformance import PORTABLE
 if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` need not wait for
     from distributed import Client, Future
 
+_EPISODES_OF_A_PART = 1000
 _PATIENCE = 60.0  # s for a run to save its state after Ctrl-C
 
 STOPPED = "stopped: what is finished is kept; give the same command to go on"
@@ -52,6 +54,15 @@ class Engine:
     def given(self) -> bool:
         """Whether a place was asked for."""
         return bool(self.processes) or self.cluster is not None
+
+    def parts(self, episodes: int) -> int:
+        """Return in how many jobs episodes are played: one for each process.
+
+        On a cluster, whose number of processes may change, one for each 1,000 episodes.
+        """
+        if self.cluster is not None:
+            return math.ceil(episodes / _EPISODES_OF_A_PART)
+        return min(self.processes or available_cores(), episodes)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gymnasium
@@ -62,6 +62,29 @@ def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
     seen, actions = env.observation_space, env.action_space
     assert isinstance(seen, spaces.Box) and isinstance(actions, spaces.Discrete)
     return int(seen.shape[0]), int(actions.n)
+
+
+def environment_maker(
+    name: str, demonstrated: tuple[int, int], allow_code: bool
+) -> Callable[[], gymnasium.Env[Any, Any]]:
+    """Return a function that makes an environment to learn in, and checks that its data fit.
+
+    Args:
+        name: As of `make_environment`.
+        demonstrated: Numbers of features and of actions of the demonstrations.
+        allow_code: As of `make_environment`.
+    """
+
+    def make() -> gymnasium.Env[Any, Any]:
+        env = make_environment(name, allow_code=allow_code)
+        if sizes(env) != demonstrated:
+            raise UserError(
+                "the demonstrations have {} features and {} actions, the world has {} and {}: "
+                "they belong to another world".format(*demonstrated, *sizes(env))
+            )
+        return env
+
+    return make
 
 
 def paired(env: gymnasium.Env[Any, Any]) -> RewardPairWrapper | None:

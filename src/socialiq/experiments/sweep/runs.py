@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 from socialiq.demonstrations import files
@@ -30,7 +29,7 @@ from socialiq.learners.state import Runs
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import read_json, write_json
 from socialiq.types import Row
-from socialiq.worlds.environment import make_environment, sizes
+from socialiq.worlds.environment import environment_maker
 from socialiq.worlds.registry import GRIDWORLDS
 
 CHUNK = 500
@@ -113,17 +112,8 @@ def _exact(ground: Ground, policy: QPolicy, angle: float) -> list[Row]:
 
 def _collector(config: RunsConfig, data: Demonstrations) -> Callable[[Runs, int], Runs]:
     """Bring in the experience of an environment outside JAX."""
-
-    def make() -> gymnasium.Env[Any, Any]:
-        env = make_environment(config.world, allow_code=config.allow_code)
-        given, wanted = (data.n_features, data.n_actions), sizes(env)
-        if given != wanted:
-            raise UserError(
-                f"{config.name} has {given[0]} features and {given[1]} actions, {config.world} "
-                f"has {wanted[0]} and {wanted[1]}: they belong to different worlds"
-            )
-        return env
-
+    given = (data.n_features, data.n_actions)
+    make = environment_maker(config.world, given, config.allow_code)
     return acting_in(make, config.static, config.hyperparameters, CHUNK)
 
 
