@@ -27,7 +27,7 @@ COMMANDS = {
     "reproduce": "studies:Reproduce",
     "compare": "studies:Compare",
     "claims": "claims:Claims",
-    "conformance": "bench:Conformance",
+    "conformance": "conformance:Conformance",
     "bench": "bench:Bench",
     "profile new": "profile:New",
     "profile check": "profile:Check",

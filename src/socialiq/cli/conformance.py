@@ -1,0 +1,94 @@
+"""`conformance`: comparison of the compiled intersection with highway-env."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from socialiq.cli.drivers import driver_of
+from socialiq.cli.output import print_table
+from socialiq.cli.progress import Display
+from socialiq.errors import UserError
+from socialiq.learners.callbacks import Clock
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.reference.conformance import PORTABLE
+
+_DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
+
+
+@dataclass(frozen=True)
+class Conformance:
+    """Compare the compiled intersection with the real highway-env, decision by decision.
+
+    Exit status 1 if they differ.
+
+    Example: socialiq conformance --episodes 40 --seed 7 --population thesis
+    """
+
+    episodes: int = 20
+    """Episodes to compare."""
+    driver: str = ""
+    """Driver: a rule, a policy of the atlas or a policy file; by default go, idle, wait and
+    random in turn."""
+    seed: int = 0
+    """Seed of the first episode; the others follow."""
+    population: str = "highway_env"
+    """Other drivers: highway_env or thesis."""
+    connected: bool = False
+    """Drivers look beyond the end of their lane, as in intersection-v2."""
+    default_numpy: bool = False
+    """Use NumPy's AVX-512 routines, with which highway-env itself differs by an ulp. Tolerates
+    deviations, but no discrete difference."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Compare, in a process with portable arithmetic unless told otherwise."""
+        if self.seed < 0:
+            raise UserError(f"seed must be at least 0, got {self.seed}")
+        if self.episodes < 1:
+            raise UserError(f"episodes must be at least 1, got {self.episodes}")
+        options = Options(population=self.population, connected_lanes=self.connected)
+        if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
+            return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
+        found = self.compare(options)
+        if self.json:
+            print(json.dumps(found))  # to the last bit, unlike other commands, which round
+        else:
+            rows = [{"compared": name, "value": str(value)} for name, value in found.items()]
+            print_table(rows)
+        forgiven = {"episodes", "steps"} | (_DEVIATIONS if self.default_numpy else set())
+        return int(any(value > 0 for name, value in found.items() if name not in forgiven))
+
+    def _again(self) -> list[str]:
+        command = [sys.executable, "-m", "socialiq", "conformance"]
+        command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
+        command += ["--population", self.population]
+        command += ["--driver", self.driver] if self.driver else []
+        flags = {"--connected": self.connected, "--json": self.json}
+        return command + [flag for flag, wanted in flags.items() if wanted]
+
+    def compare(self, options: Options) -> dict[str, float]:
+        """Return totals and largest deviations over the episodes."""
+        from socialiq.worlds.intersection.reference.conformance import compare
+
+        rows = []
+        driver = driver_of(self.driver, self.seed, options) if self.driver else None
+        with Display() as display:
+            report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)
+            for episode in compare(options, self.episodes, self.seed, driver):
+                rows.append(episode)
+                told = clock.report(len(rows), {}, {}, ())
+                report(told._replace(unit="episodes"))
+        columns = {name: [getattr(row, name) for row in rows] for name in rows[0]._fields}
+        return {
+            "episodes": len(rows),
+            "steps": int(np.sum(columns["steps"])),
+            "discrete_differences": int(np.sum(columns["discrete_differences"])),
+            **{name: float(np.max(columns[name])) for name in sorted(_DEVIATIONS)},
+        }
