@@ -13,6 +13,7 @@ from pyarrow import parquet
 
 from socialiq.cli.main import main
 from socialiq.datasets.step_files import read_steps, write_steps
+from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
@@ -53,6 +54,22 @@ def test_other_programs_read_it(table, tmp_path):
     assert found.column("observation_5").to_numpy().tobytes() == table.observation[:, 5].tobytes()
     assert found.schema.field("action").type == pyarrow.int32()
     assert json.loads(found.schema.metadata[b"socialiq"])["mode_names"] == list(MODES)
+
+
+def test_trajectories_are_read_as_from_csv(tmp_path):
+    columns = {
+        "obs_0": [0.0, 1.0, 5.0],
+        "acts": [1, 0, 1],
+        "r_env": [1.0, 2.0, 3.0],
+        "r_social": [0.5, 0.0, 0.0],
+        "next_obs_0": [1.0, 2.0, 6.0],
+        "terminal": [False, True, False],
+        "trajectory": [3, 3, 5],
+    }
+    parquet.write_table(pyarrow.table(columns), tmp_path / "x.parquet")
+    table = read_trajectories(tmp_path / "x.parquet", n_actions=2)
+    assert table.observation[:, 0].tolist() == [0, 1, 5] and table.ending.tolist() == [0, 4, 0]
+    assert table.episode.tolist() == [0, 0, 1] and table.rewards.social.tolist() == [0.5, 0, 0]
 
 
 def test_the_commands_go_both_ways(table, tmp_path, capsys):
@@ -126,7 +143,7 @@ def test_extension_types_are_refused(tmp_path):
 
 
 def test_damage_and_bombs(table, tmp_path, monkeypatch):
-    from socialiq.datasets import parquet_steps
+    from socialiq.datasets import step_tables
 
     path = tmp_path / "x.parquet"
     write_steps(path, table)
@@ -138,7 +155,7 @@ def test_damage_and_bombs(table, tmp_path, monkeypatch):
     many = pyarrow.table({name: pyarrow.repeat(column[0], 10**5) for name, column in GOOD.items()})
     parquet.write_table(many, path)
     assert path.stat().st_size < 20_000
-    monkeypatch.setattr(parquet_steps, "MOST_NUMBERS", 10**5)
+    monkeypatch.setattr(step_tables, "MOST_NUMBERS", 10**5)
     with pytest.raises(UserError, match="claims more than 100,000 numbers"):
         read_steps(path, n_actions=2)
 

@@ -12,16 +12,12 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.datasets.minari_read import read_minari
 from socialiq.datasets.minari_write import id_of, write_minari
-from socialiq.datasets.npz import read_npz
-from socialiq.datasets.step_files import format_of, read_steps, source_of, write_steps
-from socialiq.datasets.trajectories import of_condensed
+from socialiq.datasets.step_files import format_of, read_steps, write_steps
+from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.social.angle import check_angle
-
-TRAJECTORIES = ("obs", "acts", "rews", "terminal", "indices")
-"""Arrays of an archive of trajectories; all must be there."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +83,16 @@ class ToArrays:
 
 @dataclass(frozen=True)
 class FromTrajectories:
-    """Read trajectories of the imitation library's .npz archive; its pickled infos are not read.
+    """Read trajectories under the imitation library's names, from .npz, .csv or .parquet.
+
+    Pickled infos of an archive are not read.
 
     Example: socialiq data from-trajectories rollouts.npz --n-actions 3 --out mine.safetensors
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """NumPy archive (.npz) with obs, acts, rews, terminal, indices."""
+    """Archive (.npz) with obs, acts, rews, terminal, indices; or a table (.csv, .parquet) with
+    obs_0, ..., acts, next_obs_0, ..., rews, terminal, trajectory."""
     out: Path
     """Demonstrations file to write; must not exist."""
     n_actions: int
@@ -113,14 +112,13 @@ class FromTrajectories:
         """Read, check, write, print the counts."""
 
         def read() -> Demonstrations:
-            return of_condensed(
-                read_npz(self.file, TRAJECTORIES),
+            return read_trajectories(
+                self.file,
                 n_actions=self.n_actions,
                 mode=self.mode,
                 social=self.social,
                 time_limit=self.time_limit,
                 flatten=self.flatten,
-                source=source_of(self.file),
             )
 
         return save_new(self.out, read, self.json)

@@ -1,4 +1,4 @@
-"""Demonstrations as flat columns, one row for each transition, as CSV and Parquet hold them.
+"""Flat columns of CSV and Parquet files: one row for each step, one column for each number.
 
 A vector takes one column for each feature: `observation_0`, `observation_1`, ... (docs/files.md).
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -18,122 +18,139 @@ from socialiq.foreign import one_line
 Kind = Literal["number", "integer", "flag"]
 """Content of a column's cells."""
 
-VECTORS = ("observation", "next_observation")
-"""Columns of one number for each feature, NAME_0, NAME_1, ..."""
 
-SCALARS: dict[str, Kind] = {
-    "action": "integer",
-    "reward": "number",
-    "r_env": "number",
-    "r_social": "number",
-    "terminated": "flag",
-    "truncated": "flag",
-    "ending": "integer",
-    "mode": "integer",
-    "episode": "integer",
-    "step": "integer",
-}
-"""All other columns."""
+class Layout(NamedTuple):
+    """Columns of a kind of file.
 
-_FEATURE = re.compile(rf"({'|'.join(VECTORS)})_(0|[1-9][0-9]{{0,8}})")
-
-
-def kind_of(name: str) -> Kind | None:
-    """Return what the cells of a column hold, or None for an unknown column."""
-    return "number" if _FEATURE.fullmatch(name) else SCALARS.get(name)
-
-
-def check_names(names: Sequence[str], source: str) -> None:
-    """Refuse a header that is not that of a table of steps.
-
-    Args:
-        names: The columns of the file.
-        source: The file's name in messages.
-
-    Raises:
-        UserError: If a column is unknown, twice there or missing; the line names it.
+    Attributes:
+        vectors: Columns of one number for each feature, NAME_0, NAME_1, ...: of the observation
+            and of the next one.
+        scalars: All other columns; among them `r_env` and `r_social`.
+        reward: The column instead of these two, for a reward of one number a step.
+        required: Columns that a file must have beside a reward.
     """
-    for name in names:
-        if kind_of(name) is None:
-            known = ", ".join((*(f"{vector}_0, ..." for vector in VECTORS), *SCALARS))
+
+    vectors: tuple[str, str]
+    scalars: Mapping[str, Kind]
+    reward: str
+    required: tuple[str, ...]
+
+    def kind_of(self, name: str) -> Kind | None:
+        """Return what the cells of a column hold, or None for an unknown column."""
+        return "number" if self._feature(name) else self.scalars.get(name)
+
+    def check_names(self, names: Sequence[str], source: str) -> None:
+        """Refuse a header that is not that of this layout.
+
+        Args:
+            names: The columns of the file.
+            source: The file's name in messages.
+
+        Raises:
+            UserError: If a column is unknown, twice there or missing; the line names it.
+        """
+        for name in names:
+            if self.kind_of(name) is None:
+                known = ", ".join((*(f"{vector}_0, ..." for vector in self.vectors), *self.scalars))
+                raise UserError(
+                    f"{source} has an unknown column '{one_line(name, 60)}': remove or rename it; "
+                    f"known are {known}"
+                )
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise UserError(f"{source} has two columns {twice}: leave one")
+        self._check_features(names, source)
+        alone = self.reward in names
+        missing = [name for name in self.required if name not in names]
+        missing += [name for name in ("r_env", "r_social") if name not in names and not alone]
+        if missing:
             raise UserError(
-                f"{source} has an unknown column '{one_line(name, 60)}': remove or rename it; "
-                f"known are {known}"
+                f"{source} has no column {', '.join(missing)}: add it; a reward of one number a "
+                f"step is a column {self.reward}, instead of r_env and r_social"
             )
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise UserError(f"{source} has two columns {twice}: leave one")
-    _check_features(names, source)
-    missing = [name for name in ("observation_0", "action") if name not in names]
-    missing += [name for name in ("r_env", "r_social") if name not in names and not _lone(names)]
-    if missing:
-        raise UserError(
-            f"{source} has no column {', '.join(missing)}: add it; a reward of one number a step "
-            "is a column reward, instead of r_env and r_social"
-        )
-    if _lone(names) and ("r_env" in names or "r_social" in names):
-        raise UserError(f"{source} has reward beside r_env and r_social: leave one or the other")
-
-
-def _lone(names: Sequence[str]) -> bool:
-    return "reward" in names
-
-
-def _check_features(names: Sequence[str], source: str) -> None:
-    sizes = {vector: _features(names, vector) for vector in VECTORS}
-    for vector, numbers in sizes.items():
-        gap = next((place for place, number in enumerate(numbers) if place != number), None)
-        if gap is not None:
+        if alone and ("r_env" in names or "r_social" in names):
             raise UserError(
-                f"{source} has {vector}_{numbers[-1]} but no column {vector}_{gap}: number the "
-                "features 0, 1, 2, ..."
+                f"{source} has {self.reward} beside r_env and r_social: leave one or the other"
             )
-    observed, following = (len(sizes[vector]) for vector in VECTORS)
-    if following and observed != following:
-        raise UserError(
-            f"{source} has {observed} columns observation_0, ... and {following} columns "
-            "next_observation_0, ...: give both as many"
-        )
 
+    def arrays_of(self, columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.ndarray]:
+        """Return arrays by name, with vectors and the reward pair in one array each.
 
-def _features(names: Sequence[str], vector: str) -> list[int]:
-    """The numbers of the features that have a column, in rising order."""
-    found = (_FEATURE.fullmatch(name) for name in names)
-    return sorted(int(one[2]) for one in found if one and one[1] == vector)
+        Args:
+            columns: One-dimensional arrays under the names of a file.
+            source: The file's name in messages.
 
+        Raises:
+            UserError: If a header is wrong, or a number is not finite; the line names column and
+                row.
+        """
+        self.check_names(list(columns), source)
+        for name, column in columns.items():
+            if column.dtype.kind == "f" and not (finite := np.isfinite(column)).all():
+                raise UserError(
+                    f"{source}: column {name}, row {int(np.argmin(finite))}: not finite: leave out "
+                    "the episode, or correct its recording"
+                )
+        arrays = {name: column for name, column in columns.items() if name in self.scalars}
+        for vector in self.vectors:
+            if size := len(self._features(list(columns), vector)):
+                arrays[vector] = np.stack([columns[f"{vector}_{one}"] for one in range(size)], 1)
+        if self.reward not in columns:
+            pair = arrays.pop("r_env"), arrays.pop("r_social")
+            arrays[self.reward] = np.stack(pair, axis=1)
+        return arrays
 
-def arrays_of(columns: Mapping[str, np.ndarray], source: str) -> dict[str, np.ndarray]:
-    """Return the arguments of `arrays.of_steps` from checked columns.
+    def _feature(self, name: str) -> re.Match[str] | None:
+        return re.fullmatch(rf"({'|'.join(self.vectors)})_(0|[1-9][0-9]{{0,8}})", name)
 
-    Args:
-        columns: One-dimensional arrays under the names of a file.
-        source: The file's name in messages.
+    def _features(self, names: Sequence[str], vector: str) -> list[int]:
+        """Return the numbers of the features that have a column, in rising order."""
+        found = (self._feature(name) for name in names)
+        return sorted(int(one[2]) for one in found if one and one[1] == vector)
 
-    Raises:
-        UserError: If a header is wrong, or a number is not finite; the line names column and row.
-    """
-    names = list(columns)
-    check_names(names, source)
-    for name, column in columns.items():
-        if column.dtype.kind == "f" and not (finite := np.isfinite(column)).all():
+    def _check_features(self, names: Sequence[str], source: str) -> None:
+        sizes = {vector: self._features(names, vector) for vector in self.vectors}
+        for vector, numbers in sizes.items():
+            gap = next((place for place, number in enumerate(numbers) if place != number), None)
+            if gap is not None:
+                raise UserError(
+                    f"{source} has {vector}_{numbers[-1]} but no column {vector}_{gap}: number the "
+                    "features 0, 1, 2, ..."
+                )
+        observed, following = (len(sizes[vector]) for vector in self.vectors)
+        if following and observed != following:
+            now, after = self.vectors
             raise UserError(
-                f"{source}: column {name}, row {int(np.argmin(finite))}: not finite: leave out the "
-                "episode, or correct its recording"
+                f"{source} has {observed} columns {now}_0, ... and {following} columns "
+                f"{after}_0, ...: give both as many"
             )
-    arrays = {name: column for name, column in columns.items() if name in SCALARS}
-    for vector in VECTORS:
-        if size := len(_features(names, vector)):
-            arrays[vector] = np.stack([columns[f"{vector}_{place}"] for place in range(size)], 1)
-    if not _lone(names):
-        arrays["reward"] = np.stack([arrays.pop("r_env"), arrays.pop("r_social")], axis=1)
-    return arrays
+
+
+STEPS = Layout(
+    vectors=("observation", "next_observation"),
+    scalars={
+        "action": "integer",
+        "reward": "number",
+        "r_env": "number",
+        "r_social": "number",
+        "terminated": "flag",
+        "truncated": "flag",
+        "ending": "integer",
+        "mode": "integer",
+        "episode": "integer",
+        "step": "integer",
+    },
+    reward="reward",
+    required=("observation_0", "action"),
+)
+"""Demonstrations, under the names of `arrays.of_steps`."""
 
 
 def columns_of(table: Demonstrations) -> dict[str, np.ndarray]:
-    """Return every column of a table under its flat name, in a file's order."""
+    """Return every column of a table under its name in `STEPS`, in a file's order."""
     found: dict[str, Any] = {}
     for name, array in table.arrays().items():
-        if name in VECTORS:
+        if name in STEPS.vectors:
             found |= {f"{name}_{place}": column for place, column in enumerate(array.T)}
         else:
             found[name] = array

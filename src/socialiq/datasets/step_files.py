@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from socialiq.datasets.arrays import of_steps
-from socialiq.datasets.csv_steps import csv_of, read_csv
 from socialiq.datasets.npz import npz_of, read_npz
-from socialiq.datasets.parquet_steps import parquet_of, read_parquet
-from socialiq.datasets.step_columns import VECTORS, arrays_of, columns_of
+from socialiq.datasets.step_columns import STEPS, columns_of
+from socialiq.datasets.step_tables import csv_of, parquet_of, read_csv, read_parquet
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -136,10 +135,11 @@ def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
         header = arrays.pop(HEADER, None)
         return arrays, None if header is None else header.tobytes()
     columns, header = (read_csv(path), None) if kind == ".csv" else read_parquet(path, HEADER)
-    arrays = arrays_of(columns, str(path))
-    if VECTORS[1] not in arrays:
+    arrays = STEPS.arrays_of(columns, str(path))
+    following = STEPS.vectors[1]
+    if following not in arrays:
         raise UserError(
-            f"{path} has no column {VECTORS[1]}_0, ...: what follows an episode's last step is in "
+            f"{path} has no column {following}_0, ...: what follows an episode's last step is in "
             "no other column"
         )
     return arrays, header

@@ -10,12 +10,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from socialiq.datasets.arrays import features_of, of_steps, pair_of, whole_of
+from socialiq.datasets.npz import read_npz
+from socialiq.datasets.step_columns import Layout
+from socialiq.datasets.step_files import format_of, source_of
+from socialiq.datasets.step_tables import read_csv, read_parquet
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
@@ -76,6 +81,86 @@ def of_trajectories(
         n_actions=n_actions,
         source=source or {"made_by": "of_trajectories"},
     )
+
+
+def read_trajectories(
+    path: Path,
+    *,
+    n_actions: int,
+    mode: str = "demonstrator",
+    social: str = "",
+    time_limit: int = 0,
+    flatten: bool = False,
+) -> Demonstrations:
+    """Read a file of trajectories: `imitation`'s archive (.npz), or one row for each step.
+
+    Args:
+        path: .npz with the arrays of `of_condensed`; or .csv or .parquet with the columns of
+            `ROWS`: `trajectory` numbers the trajectories, `terminal` is set in the last row of one
+            that has an end.
+        n_actions: Number of actions of the world.
+        mode: Name of the demonstrator.
+        social: As of `of_trajectories`.
+        time_limit: As of `of_trajectories`.
+        flatten: As of `of_trajectories`.
+
+    Raises:
+        UserError: If the file is missing or damaged, or an array or column is missing or wrong.
+    """
+    kind, more = format_of(path), {"social": social, "time_limit": time_limit, "flatten": flatten}
+    source = source_of(path) if path.is_file() else {}
+    if kind == ".npz":
+        arrays = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
+        return of_condensed(arrays, n_actions=n_actions, mode=mode, source=source, **more)
+    columns = read_csv(path, ROWS) if kind == ".csv" else read_parquet(path, layout=ROWS)[0]
+    try:
+        parts = _by_trajectory(ROWS.arrays_of(columns, str(path)))
+        return of_trajectories(parts, n_actions=n_actions, modes=mode, source=source, **more)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+
+
+ROWS = Layout(
+    vectors=("obs", "next_obs"),
+    scalars={
+        "acts": "integer",
+        "rews": "number",
+        "r_env": "number",
+        "r_social": "number",
+        "terminal": "flag",
+        "trajectory": "integer",
+    },
+    reward="rews",
+    required=("obs_0", "acts", "next_obs_0", "terminal", "trajectory"),
+)
+"""Columns of a table of trajectories, under the names of `imitation`."""
+
+
+def _by_trajectory(rows: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    """Return the trajectories of a table, whose rows must follow each other."""
+    number, terminal = rows["trajectory"], rows["terminal"]
+    cuts = np.flatnonzero(np.diff(number)) + 1
+    if len(np.unique(number)) != len(cuts) + 1:
+        raise UserError("the rows of a trajectory are not adjacent: sort by trajectory")
+    inner = np.setdiff1d(np.arange(1, len(number)), cuts)
+    wrong = inner[(rows["next_obs"][inner - 1] != rows["obs"][inner]).any(axis=1)]
+    if len(wrong):
+        raise UserError(
+            f"row {wrong[0]} does not begin where the row before it ends: its obs must be the "
+            "next_obs of that row"
+        )
+    if terminal[inner - 1].any():
+        raise UserError("terminal is set before a trajectory's last row: set it in the last alone")
+    edges = [0, *cuts.tolist(), len(number)]
+    return [
+        {
+            "obs": np.concatenate([rows["obs"][begin:end], rows["next_obs"][end - 1 : end]]),
+            "acts": rows["acts"][begin:end],
+            "rews": rows["rews"][begin:end],
+            "terminal": terminal[end - 1],
+        }
+        for begin, end in itertools.pairwise(edges)
+    ]
 
 
 def of_condensed(

@@ -60,6 +60,50 @@ def test_trajectories_become_a_file(tmp_path, capsys):
     assert table.rewards.env.tolist() == [1, 2, 3] and not table.rewards.social.any()
 
 
+TABLE = [  # the same steps as TRAJECTORIES
+    "obs_0,acts,rews,next_obs_0,terminal,trajectory",
+    "0,1,1,1,false,0",
+    "1,0,2,2,true,0",
+    "5,1,3,6,true,4",
+]
+
+
+def from_table(tmp_path, lines):
+    (tmp_path / "in.csv").write_text("\n".join(lines) + "\n")
+    words = ["data", "from-trajectories", str(tmp_path / "in.csv"), "--n-actions", "2"]
+    out = tmp_path / "table.safetensors"
+    return main([*words, "--social", "none", "--time-limit", "2", "--out", str(out)]), out
+
+
+def test_trajectories_as_a_table_are_those_of_the_archive(tmp_path):
+    options = ("--social", "none", "--time-limit", "2")
+    _, archive = run(tmp_path, "from-trajectories", TRAJECTORIES, *options)
+    status, out = from_table(tmp_path, TABLE)
+    assert status == 0
+    one, other = files.load(archive).arrays(), files.load(out).arrays()
+    assert all(np.array_equal(column, other[name]) for name, column in one.items())
+    assert files.load(out).source["file"] == "in.csv"
+
+
+@pytest.mark.parametrize(
+    ("row", "line", "mend"),
+    [
+        (0, "obs_0,acts,rews,next_obs_0,terminal", "no column trajectory"),
+        (0, "obs_0,acts,reward,next_obs_0,terminal,trajectory", "unknown column 'reward'"),
+        (2, "3,0,2,2,true,0", "row 1 does not begin where the row before it ends"),
+        (1, "0,1,1,1,true,0", "terminal is set before a trajectory's last row"),
+        (1, "0,1,1,1,false,4", "rows of a trajectory are not adjacent"),
+        (3, "5,1.5,3,6,true,4", "column acts is '1.5', not an integer"),
+        (3, "5,2,3,6,true,4", "row 2"),
+    ],
+)
+def test_a_wrong_table_of_trajectories_is_one_line(tmp_path, capsys, row, line, mend):
+    lines = [line if place == row else one for place, one in enumerate(TABLE)]
+    status, out = from_table(tmp_path, lines)
+    error = capsys.readouterr().err
+    assert status == 2 and mend in error and error.count("\n") == 1 and not out.exists()
+
+
 @pytest.mark.parametrize(
     ("command", "changed", "mend"),
     [
