@@ -1,6 +1,7 @@
 """`data from-arrays`, `to-arrays` and `from-trajectories`: plain arrays in and out."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,8 +128,9 @@ def test_what_is_missing_is_one_line(tmp_path, capsys, command, changed, mend):
 
 @pytest.fixture
 def saved(tmp_path):
+    columns: dict[str, Any] = {name: array for name, array in STEPS.items() if name != "infos"}
     table = of_steps(
-        **{name: array for name, array in STEPS.items() if name != "infos"},
+        **columns,
         n_actions=2,
         mode_names=("bold", "patient"),
         source={"made_by": "a test"},
