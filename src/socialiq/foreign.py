@@ -1,4 +1,4 @@
-"""Text and code from outside the project: printed safely, imported, and blamed in one line."""
+"""Text and code from outside the project: printed safely, imported, named in error messages."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from socialiq.errors import UserError
 
@@ -20,10 +21,10 @@ def imported(place: str) -> ModuleType:
 
     Args:
         place: A name that Python can import, or the path of a file that ends in .py; a file runs
-            anew only if it has changed.
+            again only if it has changed.
 
     Raises:
-        UserError: If there is no such file. Whatever else the code raises passes.
+        UserError: If there is no such file. Other exceptions of the code are passed on.
     """
     if not place.endswith(".py"):
         return importlib.import_module(place)
@@ -51,12 +52,32 @@ def _run(path: Path) -> ModuleType:
     return module
 
 
+def optional(module: str, extra: str, needed_by: str) -> Any:
+    """Import a module of a library that an optional extra of this package installs.
+
+    Args:
+        module: Its name, for instance "onnx.helper".
+        extra: Name of the extra.
+        needed_by: Name of the feature, the first words of the error message.
+
+    Raises:
+        UserError: If the library is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        library = module.partition(".")[0]
+        raise UserError(
+            f"{needed_by}: {library} is not installed; run pip install 'socialiq[{extra}]'"
+        ) from error
+
+
 def failure(source: str, error: BaseException) -> UserError:
     """Return an exception of foreign code as a `UserError` of one line that names its source.
 
     Args:
-        source: How messages call the code.
-        error: What it raised.
+        source: Name of the code in messages.
+        error: The exception.
     """
     return UserError(
         f"{source} raised {type(error).__name__}: {one_line(str(error))}; correct its code"

@@ -7,13 +7,14 @@ Nothing here can execute what it reads.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.resources
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -225,6 +226,43 @@ def part_beside(folder: Path) -> Path:
         return Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     except OSError as error:
         raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
+
+
+@contextlib.contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder to fill; it replaces `folder` on success, and is removed on failure.
+
+    Raises:
+        UserError: If it can't be made or moved; the old folder is then as it was.
+    """
+    part = part_beside(folder)
+    try:
+        yield part
+        part.chmod(0o755)
+        swap_folder(part, folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def check_output_folder(folder: Path, replace: bool) -> bool:
+    """Refuse an output folder that can't be written, before any work is done.
+
+    Returns:
+        Whether the folder has content, which may be replaced.
+
+    Raises:
+        UserError: If it has content and may not be replaced, is not a folder, or can't be made.
+    """
+    if not folder.parent.is_dir():
+        new_folder(folder.parent)
+    part_beside(folder).rmdir()  # whether it can be written there
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise UserError(f"{folder} is not a folder: name another --out")
+    if not folder.exists() or not any(folder.iterdir()):
+        return False
+    if not replace:
+        raise UserError(f"{folder} exists already: name a new folder, or add --replace")
+    return True
 
 
 def swap_folder(part: Path, folder: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from socialiq.recordings import files
 from socialiq.recordings.readers.column_map import read_map
 from socialiq.recordings.readers.commonroad import MOST_STATES
 from socialiq.recordings.readers.import_file import FORMATS, import_file
-from socialiq.storage import part_beside, swap_folder, write_atomically
+from socialiq.storage import whole_folder, write_atomically
 
 
 @dataclass(frozen=True)
@@ -50,13 +49,9 @@ class Import:
             raise UserError("--columns goes with csv, and csv needs it: name a column map")
         if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
             raise UserError(f"{self.out} exists already: name a new folder, or remove it first")
-        part = part_beside(self.out)
-        try:
+        with whole_folder(self.out) as part:
             found = self._import(part)
             write_atomically(part / "refused.csv", _refused_csv(found))
-            swap_folder(part, self.out)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
         self._print(found)
         return 0
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.foreign import one_line
+from socialiq.foreign import one_line, optional
 
 MOST_NUMBERS = 2**28
 """Largest number of elements that are read from one file: 1 GiB as float32."""
@@ -29,13 +29,7 @@ def library() -> ModuleType:
     Raises:
         UserError: If it is not installed.
     """
-    try:
-        import h5py  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise UserError(
-            "Minari data need h5py, which is not installed: pip install 'socialiq[minari]'"
-        ) from error
-    return h5py
+    return optional("h5py", "minari", "Minari data")
 
 
 class Reader:

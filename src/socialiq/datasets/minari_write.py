@@ -8,7 +8,6 @@ What else a table has that Minari hasn't stands in `infos["socialiq"]` and in th
 from __future__ import annotations
 
 import re
-import shutil
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,9 +19,9 @@ from socialiq.datasets.minari_read import DATA_FOLDER, OURS, PAIR_NAMES
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.foreign import one_line
+from socialiq.foreign import one_line, optional
 from socialiq.social.angle import check_angle, exact_weights, score
-from socialiq.storage import part_beside, swap_folder
+from socialiq.storage import whole_folder
 
 
 def write_minari(
@@ -52,26 +51,15 @@ def write_minari(
     if folder.exists():
         raise UserError(f"{folder} exists already: name a new folder, or remove it first")
     name = _checked_id(minari, dataset_id or id_of(folder))
-    part = part_beside(folder)
-    try:
+    with whole_folder(folder) as part:
         _write(minari, demonstrations, part.resolve() / DATA_FOLDER, name, angle)
-        part.chmod(0o755)
-        swap_folder(part, folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return folder / DATA_FOLDER
 
 
 def _minari() -> ModuleType:
     library()
-    try:
-        import minari  # pyright: ignore[reportMissingImports]
-        import minari.dataset.minari_storage  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise UserError(
-            "Minari data sets need minari, which is not installed: pip install 'socialiq[minari]'"
-        ) from error
-    return minari
+    optional("minari.dataset.minari_storage", "minari", "Minari data sets")
+    return optional("minari", "minari", "Minari data sets")
 
 
 def _check_connected(table: Demonstrations) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from socialiq.datasets.step_columns import STEPS, Kind, Layout
 from socialiq.errors import UserError
-from socialiq.foreign import one_line
+from socialiq.foreign import one_line, optional
 
 MOST_BYTES = 2 * 1024**3
 """Largest size of a file, bytes; in memory a cell takes at most 8 bytes."""
@@ -150,13 +150,7 @@ def _library() -> ModuleType:
     Raises:
         UserError: If it is not installed.
     """
-    try:
-        import pyarrow.parquet  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise UserError(
-            "Parquet needs pyarrow, which is not installed: pip install 'socialiq[parquet]'"
-        ) from error
-    return pyarrow.parquet
+    return optional("pyarrow.parquet", "parquet", "Parquet files")
 
 
 def read_parquet(

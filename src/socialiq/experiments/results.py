@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import io
 import platform
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,11 +14,10 @@ from typing import Any
 from socialiq import provenance
 from socialiq.errors import UserError
 from socialiq.storage import (
-    new_folder,
-    part_beside,
+    check_output_folder,
     read_json,
     shipped,
-    swap_folder,
+    whole_folder,
     write_atomically,
     write_json,
 )
@@ -82,8 +80,7 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         UserError: If the folder exists and may not be replaced, or can't be written.
     """
     check_target(folder, replace)
-    part = part_beside(folder)
-    try:
+    with whole_folder(folder) as part:
         head = {"study": results.study, "versions": results.versions, "config": results.config}
         write_json(part / "config.json", head)
         write_json(part / "summary.json", results.summary)
@@ -94,10 +91,6 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         for name, content in results.files.items():
             (part / name).parent.mkdir(exist_ok=True)
             write_atomically(part / name, content)
-        part.chmod(0o755)
-        swap_folder(part, folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
 def check_target(folder: Path, replace: bool) -> None:
@@ -107,14 +100,7 @@ def check_target(folder: Path, replace: bool) -> None:
         UserError: If it exists with something in it and may not be replaced, would replace
             something that is no results folder, or can't be made there.
     """
-    if not folder.parent.is_dir():
-        new_folder(folder.parent)
-    part_beside(folder).rmdir()  # whether it can be written there
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
-        return
-    if not replace:
-        raise UserError(f"{folder} exists already: name a new folder, or add --replace")
-    if not (folder / "summary.json").is_file():
+    if check_output_folder(folder, replace) and not (folder / "summary.json").is_file():
         raise UserError(f"{folder} is not a results folder: it is not replaced; name another")
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.foreign import optional
 from socialiq.learners.callbacks import Report
 
 
@@ -33,7 +34,8 @@ class EventFiles:
     """
 
     def __init__(self, folder: Path, run_names: Sequence[str]) -> None:
-        writer = _writer()
+        module = "tensorboard.summary.writer.event_file_writer"
+        writer = optional(module, "tensorboard", "event files").EventFileWriter
         try:
             self._writers = [writer(str(folder / name)) for name in run_names]
         except OSError as error:
@@ -65,16 +67,3 @@ class EventFiles:
             summary = Summary(value=values)
             writer.add_event(Event(wall_time=time.time(), step=report.done, summary=summary))
             writer.flush()
-
-
-def _writer() -> Any:
-    try:
-        from tensorboard.summary.writer.event_file_writer import (  # pyright: ignore[reportMissingImports]
-            EventFileWriter,
-        )
-    except ImportError as error:
-        raise UserError(
-            "event files need tensorboard, which is not installed: "
-            "pip install 'socialiq[tensorboard]'"
-        ) from error
-    return EventFileWriter

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
-from socialiq.errors import UserError
+from socialiq.foreign import optional
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import View
 
@@ -24,14 +24,9 @@ def as_torch_module(policy: QPolicy) -> Any:
     Raises:
         UserError: If PyTorch is not installed.
     """
-    try:
-        import torch  # pyright: ignore[reportMissingImports]
+    torch = optional("torch", "torch", "PyTorch modules")
+    from socialiq.policies.torch_network import QModule
 
-        from socialiq.policies.torch_network import QModule
-    except ImportError as error:
-        raise UserError(
-            "a torch module needs torch, which is not installed: pip install 'socialiq[torch]'"
-        ) from error
     module = QModule(policy)
     module.load_state_dict(
         {name: torch.from_numpy(array.copy()) for name, array in state_dict(policy).items()}

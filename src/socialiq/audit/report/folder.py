@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
 from socialiq.audit.report.episodes import evidence_csv
 from socialiq.audit.report.views import Ready, html, markdown
 from socialiq.errors import UserError
-from socialiq.storage import new_folder, part_beside, swap_folder, write_atomically
+from socialiq.storage import check_output_folder, whole_folder, write_atomically
 
 MANIFEST = "MANIFEST.sha256"
 
@@ -129,19 +128,9 @@ def check_target(folder: Path, replace: bool) -> None:
         UserError: If it has something in it and may not be replaced, holds something other than a
             report, or can't be made.
     """
-    if not folder.parent.is_dir():
-        new_folder(folder.parent)
-    part_beside(folder).rmdir()  # whether it can be written there
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UserError(f"{folder} is no folder: name another --out")
-    if not folder.exists() or not any(folder.iterdir()):
-        return
-    if not replace:
-        raise UserError(f"{folder} exists already: name a new folder, or add --replace")
-    strange = _strange(folder)
-    if strange:
+    if check_output_folder(folder, replace) and (unlisted := _unlisted(folder)):
         raise UserError(
-            f"{folder} holds {strange}, which no audit wrote: it is not replaced; name another"
+            f"{folder} holds {unlisted}, which no audit wrote: it is not replaced; name another"
         )
 
 
@@ -157,19 +146,14 @@ def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> Non
         UserError: As `check_target`; what was there stays then.
     """
     check_target(folder, replace)
-    part = part_beside(folder)
-    try:
+    with whole_folder(folder) as part:
         for name, content in files.items():
             (part / name).parent.mkdir(parents=True, exist_ok=True)
             write_atomically(part / name, content)
-        part.chmod(0o755)
-        swap_folder(part, folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
-def _strange(folder: Path) -> str:
-    """A file that its manifest doesn't list, so that nothing of the user's is lost; or ""."""
+def _unlisted(folder: Path) -> str:
+    """Return a file that the manifest doesn't list, which may be the user's, or ""."""
     written = {MANIFEST}
     if (folder / MANIFEST).is_file():
         text = (folder / MANIFEST).read_text(errors="replace")

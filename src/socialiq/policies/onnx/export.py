@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq.foreign import optional
 from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import ROW, View
@@ -40,7 +39,7 @@ def to_onnx(policy: QPolicy) -> bytes:
     Raises:
         UserError: If the extra `onnx` is not installed.
     """
-    onnx = _library()
+    onnx = optional("onnx", "onnx", "ONNX files")
     graph = _Graph(onnx)
     value = graph.seen(policy)
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
@@ -52,19 +51,7 @@ def to_onnx(policy: QPolicy) -> bytes:
     return _model(onnx, graph, policy)
 
 
-def _library() -> ModuleType:
-    try:
-        import onnx  # pyright: ignore[reportMissingImports]
-        import onnx.helper  # pyright: ignore[reportMissingImports]
-        import onnx.numpy_helper  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise UserError(
-            "ONNX files need onnx, which is not installed: pip install 'socialiq[onnx]'"
-        ) from error
-    return onnx
-
-
-def _model(onnx: ModuleType, graph: _Graph, policy: QPolicy) -> bytes:
+def _model(onnx: Any, graph: _Graph, policy: QPolicy) -> bytes:
     helper, kinds = onnx.helper, onnx.TensorProto
     seen = helper.make_tensor_value_info(INPUT, kinds.FLOAT, ["batch", policy.n_features])
     made = [
@@ -94,7 +81,7 @@ def _model(onnx: ModuleType, graph: _Graph, policy: QPolicy) -> bytes:
 class _Graph:
     """Nodes and constants of a graph, added from the observation onwards."""
 
-    def __init__(self, onnx: ModuleType) -> None:
+    def __init__(self, onnx: Any) -> None:
         self._onnx = onnx
         self.nodes: list[Any] = []
         self.constants: dict[str, np.ndarray] = {}

@@ -7,14 +7,13 @@ model, serialised again, never the file itself.
 from __future__ import annotations
 
 import math
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
 
 from socialiq.errors import UserError
-from socialiq.foreign import one_line
+from socialiq.foreign import one_line, optional
 from socialiq.policies.interface import BatchPolicy, Interface
 from socialiq.policies.onnx.fields import check_fields
 from socialiq.policies.onnx.graph import (
@@ -55,7 +54,9 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         UserError: If the extra `onnx` is not installed; if the file is damaged, does more than the
             rules of `onnx.graph` allow, or is made for another world.
     """
-    onnx, onnxruntime = _libraries()
+    onnx, onnxruntime = (
+        optional(name, "onnx", "ONNX policies") for name in ("onnx", "onnxruntime")
+    )
     check_fields(content, source)
     try:
         model = onnx.ModelProto.FromString(content)
@@ -79,19 +80,7 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
     return BatchPolicy(source, interface, runner.actions if whole else runner.best), details
 
 
-def _libraries() -> tuple[ModuleType, ModuleType]:
-    try:
-        import onnx  # pyright: ignore[reportMissingImports]
-        import onnxruntime  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise UserError(
-            "ONNX policies need onnx and onnxruntime, which are not installed: "
-            "pip install 'socialiq[onnx]'"
-        ) from error
-    return onnx, onnxruntime
-
-
-def _checked(onnx: ModuleType, model: Any) -> tuple[Shape, Shape, list[str]]:
+def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     """Return the shapes of input and output for one observation, and the operators used.
 
     Everything that was not checked is removed from the model, and all outputs but one.
@@ -139,7 +128,7 @@ def _check_domain(domain: str) -> None:
         raise GraphFault(f"uses operators of the domain {one_line(domain, 40)!r}")
 
 
-def _add(onnx: ModuleType, values: Values, node: Any) -> None:
+def _add(onnx: Any, values: Values, node: Any) -> None:
     """Check a node of the graph and define its value."""
     _check_domain(node.domain)
     attributes = {one.name: onnx.helper.get_attribute_value(one) for one in node.attribute}
@@ -153,7 +142,7 @@ def _add(onnx: ModuleType, values: Values, node: Any) -> None:
     values.add_constant(node.output[0], _array(onnx, attributes["value"]))
 
 
-def _array(onnx: ModuleType, tensor: Any) -> np.ndarray:
+def _array(onnx: Any, tensor: Any) -> np.ndarray:
     """Return a constant's numbers; its shape is checked before they are unpacked."""
     kinds = (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64, onnx.TensorProto.INT32)
     dims = tuple(tensor.dims)
@@ -164,7 +153,7 @@ def _array(onnx: ModuleType, tensor: Any) -> np.ndarray:
     return onnx.numpy_helper.to_array(tensor)
 
 
-def _input_shape(onnx: ModuleType, value: Any) -> Shape:
+def _input_shape(onnx: Any, value: Any) -> Shape:
     kind = value.type.tensor_type
     dims = list(kind.shape.dim)
     if kind.elem_type != onnx.TensorProto.FLOAT or not 2 <= len(dims) <= 4:
@@ -177,7 +166,7 @@ def _input_shape(onnx: ModuleType, value: Any) -> Shape:
     return shape
 
 
-def _session(onnxruntime: ModuleType, model: Any, source: str) -> Any:
+def _session(onnxruntime: Any, model: Any, source: str) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4  # what is wrong comes as an exception

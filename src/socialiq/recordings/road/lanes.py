@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from socialiq.errors import UserError
+from socialiq.foreign import optional
 from socialiq.recordings.road.network import Lanelet, RoadNetwork
 
 
@@ -137,8 +138,4 @@ def _junctions(
 
 
 def _shapely() -> Any:
-    try:
-        import shapely
-    except ImportError as error:
-        raise UserError("conflict areas need Shapely: pip install 'socialiq[data]'") from error
-    return shapely
+    return optional("shapely", "data", "conflict areas")

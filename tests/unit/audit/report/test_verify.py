@@ -139,7 +139,7 @@ def test_a_folder_is_replaced_only_if_asked_and_only_if_it_is_a_report(folder, f
     assert (folder / "diary.txt").read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["audit"]
     (tmp_path / "file").write_text("x")
-    with pytest.raises(UserError, match="is no folder"):
+    with pytest.raises(UserError, match="is not a folder"):
         check_target(tmp_path / "file", replace=True)
 
 
