@@ -63,10 +63,11 @@ def optional(module: str, extra: str, needed_by: str) -> Any:
     Raises:
         UserError: If the library is not installed.
     """
+    library = module.partition(".")[0]
     try:
+        importlib.import_module(library)
         return importlib.import_module(module)
     except ImportError as error:
-        library = module.partition(".")[0]
         raise UserError(
             f"{needed_by}: {library} is not installed; run pip install 'socialiq[{extra}]'"
         ) from error

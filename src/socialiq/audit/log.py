@@ -15,7 +15,7 @@ import numpy as np
 
 from socialiq.audit.evidence.outcomes import Outcomes
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.annotate import Driven
@@ -126,12 +126,7 @@ def judge_log(profile: Profile, driven: Sequence[Driven]) -> LogVerdict:
     region = direction_interval(rows, 1.0 - error) if len(rows) >= LEAST else None
     wider = direction_interval(rows, 1.0 - error / 2) if len(rows) >= LEAST else None
     direction = _direction(profile.angle, profile.margin.degrees, region, wider)
-    decisions = {direction, *(one.decision for one in competence)}
-    decision = Decision.INCONCLUSIVE
-    if Decision.FAIL in decisions:
-        decision = Decision.FAIL
-    elif decisions == {Decision.PASS}:
-        decision = Decision.PASS
+    decision = joint_decision([direction, *(one.decision for one in competence)])
     env, social = rows.mean(axis=0).tolist()
     shown = Shown(angle_of(env, social), *region) if region is not None else None
     return LogVerdict(

@@ -7,7 +7,7 @@ import hashlib
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.collect import RULES
 from socialiq.audit.evidence.outcomes import Reference
@@ -40,8 +40,8 @@ class Trust:
     """Permissions of a policy under audit.
 
     Attributes:
-        allow_code: Import a Python module.
-        limits: What a process may take.
+        allow_code: Whether a Python module may be imported.
+        limits: Time and memory of a process.
     """
 
     allow_code: bool = False
@@ -49,13 +49,13 @@ class Trust:
 
 
 def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
-    """The policy under audit.
+    """Load the policy under audit.
 
     Args:
-        spec: What `policies.load.load_policy` takes, `atlas:NAME`, or a rule-based driver's name.
-        world: Of the declaration.
-        angle: Declared, degrees; a dial is turned there.
-        trust: What it may do.
+        spec: As for `policies.load.load_policy`, `atlas:NAME`, or a rule-based driver's name.
+        world: World of the declaration.
+        angle: Declared angle in degrees, at which a dial is set.
+        trust: Permissions.
 
     Raises:
         UserError: If it can't be read, or doesn't fit the world.
@@ -72,42 +72,45 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
     return _file(spec, world, angle, trust)
 
 
+class References(NamedTuple):
+    """Reference drivers besides those of `collect_evidence`.
+
+    Attributes:
+        drivers: The drivers.
+        records: Their records by name.
+        itself: Names of all references that are the policy under audit itself.
+    """
+
+    drivers: list[Reference]
+    records: dict[str, dict[str, Any]]
+    itself: list[str]
+
+
 def resolve_references(
-    world: World,
-    handed: Sequence[str | Path],
-    policy_sha256: str,
-    policy_source: str = "",
-    trust: Trust | None = None,
-) -> tuple[list[Reference], dict[str, dict[str, Any]], list[str]]:
-    """Drivers to compare with, beside those that an audit always has.
+    world: World, named: Sequence[str | Path], policy: Record, trust: Trust
+) -> References:
+    """Load the drivers to compare with.
 
     Args:
-        world: Of the declaration.
-        handed: Further policies: files, of which a dial gives one for every 15 degrees from 0 to
-            90, or "python:MODULE:ATTRIBUTE".
-        policy_sha256: Of the policy under audit.
-        policy_source: What it was loaded from.
-        trust: What drivers may do.
-
-    Returns:
-        References, their records by name, and the names of those that are the policy itself.
+        world: World of the episodes.
+        named: The user's references: files, of which a dial gives one for every 15 degrees from 0
+            to 90, or "python:MODULE:ATTRIBUTE".
+        policy: Record of the policy under audit.
+        trust: Permissions of Python modules.
     """
-    found = [*(_shipped(world) if isinstance(world, Intersection) else [])]
-    for spec in handed:
-        found += _handed(str(spec), world, trust or Trust())
-    itself = [one.name for one, record in found if _same(record, policy_sha256, policy_source)]
-    return [one for one, _ in found], {one.name: record for one, record in found}, itself
-
-
-def rules_that_are_the_policy(policy_sha256: str, world: World) -> list[str]:
-    """Name of the audit's standard driver that is the policy itself."""
-    if not isinstance(world, Intersection):
-        return []
-    return [name for name in RULES if _rule_sha256(name) == policy_sha256]
+    found = _shipped(world) if isinstance(world, Intersection) else []
+    rules = RULES if isinstance(world, Intersection) else ()
+    for spec in named:
+        found += _named(str(spec), world, trust)
+    itself = [name for name in rules if _rule_sha256(name) == policy.sha256]
+    itself += [one.name for one, record in found if _same(record, policy)]
+    return References(
+        [one for one, _ in found], {one.name: record for one, record in found}, itself
+    )
 
 
 def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
-    """Gap rules, and the experts of the atlas where it came along and they fit the world."""
+    """Return gap rules, and the experts of the atlas if they are installed and fit the world."""
     found = []
     for name in GAPS:
         one = _rule(name, world)
@@ -116,9 +119,9 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
         name = f"{family}_{mode}"
         if name in atlas.names() and _fits(name, world):
             one = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
-            # The reference curve is of one family, the better one.
-            shown = angle if family == "set" else None
-            found.append((Reference(name, one.policy, shown), one.record.as_json()))
+            # The calibration curve is of one family, the better one.
+            on_curve = angle if family == "set" else None
+            found.append((Reference(name, one.policy, on_curve), one.record.as_json()))
     return found
 
 
@@ -127,19 +130,20 @@ def _fits(name: str, world: World) -> bool:
     return (policy.n_features, policy.n_actions) == (world.n_features, world.n_actions)
 
 
-def _same(record: dict[str, Any], sha256: str, source: str) -> bool:
+def _same(record: dict[str, Any], policy: Record) -> bool:
     """Whether a reference is the policy itself; a Python module may hold several drivers."""
-    return record["sha256"] == sha256 and (record["kind"] != "python" or record["source"] == source)
+    several = record["kind"] == "python"
+    return record["sha256"] == policy.sha256 and (not several or record["source"] == policy.source)
 
 
-def _handed(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict[str, Any]]]:
+def _named(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict[str, Any]]]:
     if spec.startswith("python:"):
         one = _file(spec, world, 0.0, trust)
         return [(Reference(spec.rpartition(":")[2], one.policy), one.record.as_json())]
     path = Path(spec)
     if ":" in spec:
         raise UserError(
-            f"{one_line(spec)} is no file: a reference is a policy's file, or "
+            f"{one_line(spec)} is not a file: a reference is a policy's file, or "
             "python:MODULE:ATTRIBUTE"
         )
     if kind_of(path) != "dial":
@@ -151,7 +155,7 @@ def _handed(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict
         if dial.low <= angle <= dial.high:
             one = _file(str(path), world, angle, Trust())
             name = f"{one_line(path.stem)} at {angle:g}"
-            # One file, several drivers: the angle belongs to who it is.
+            # One file, several drivers: the hash covers the angle too.
             sha256 = hashlib.sha256(f"{one.record.sha256}@{angle:g}".encode()).hexdigest()
             record = {**one.record.as_json(), "sha256": sha256}
             found.append((Reference(name, one.policy, angle), record))
@@ -159,7 +163,7 @@ def _handed(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict
 
 
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
-    """Load a policy's file; the policy of a gridworld may read the clock too."""
+    """Load a policy's file; in a gridworld its input may have the time as a further feature."""
     more = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
     try:
         return load_policy(spec, world.n_features, world.n_actions, **more)

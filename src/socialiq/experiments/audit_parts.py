@@ -13,7 +13,7 @@ from socialiq.audit.conduct import Collection, Request
 from socialiq.audit.evidence.collect import SIDE_BY_SIDE
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.reader import load
-from socialiq.audit.resolve_policy import Trust, resolve_policy, resolve_references
+from socialiq.audit.resolve_policy import Trust, resolve_policy
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
 from socialiq.evaluation.play import SoftPolicy
@@ -152,11 +152,8 @@ def play_part(
         found = (loaded.record.sha256, profile.sha256)
         if found != (config.sha256, config.profile_sha256):
             raise UserError("policy or declaration have changed since the audit began")
-        references, _handed, _out = resolve_references(
-            place, config.references, loaded.record.sha256, loaded.record.source, trust
-        )
         seeds = np.array(config.seeds, np.int64)
-        collection = Collection(request, profile, config.traffic, place, seeds, loaded, references)
+        collection = Collection.of(request, profile, config.traffic, place, seeds, loaded)
         evidence = collection.collect(config.side_by_side)
     _write(evidence, folder)
 

@@ -8,17 +8,19 @@ from socialiq.audit.resolve_policy import (
     Trust,
     resolve_policy,
     resolve_references,
-    rules_that_are_the_policy,
 )
 from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.policies.interface import Interface
+from socialiq.policies.record import Record
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make
 
 CROSSING, JUNCTION = make("crossing7"), Intersection(Options())
-NOBODY = "00" * 32
+OTHER = Record("table", "other", "00" * 32, "its bytes", Interface(5, 3), False)
+"""Record of a policy that is no reference."""
 
 
 def dial(folder, features=CROSSING.n_features, high=90.0):
@@ -33,7 +35,7 @@ def named(references):
 
 
 def test_the_junction_has_gap_rules_and_experts():
-    found, records, itself = resolve_references(JUNCTION, [], NOBODY)
+    found, records, itself = resolve_references(JUNCTION, [], OTHER, Trust())
     gaps, modes = ["gap_2s", "gap_3s", "gap_4s"], ["egoistic", "prosocial", "altruistic"]
     experts = [f"{family}_{mode}" for family in ("expert", "set") for mode in modes]
     assert named(found) == gaps + experts
@@ -44,22 +46,22 @@ def test_the_junction_has_gap_rules_and_experts():
 def test_an_expert_of_the_atlas_knows_its_twin():
     one = resolve_policy("atlas:expert_egoistic", JUNCTION, 0.0, Trust())
     assert one.record.source == "atlas:expert_egoistic"
-    _, _, itself = resolve_references(JUNCTION, [], one.record.sha256)
+    _, _, itself = resolve_references(JUNCTION, [], one.record, Trust())
     assert itself == ["expert_egoistic"]
 
 
 def test_a_rule_knows_its_twin():
     waits = resolve_policy("wait", JUNCTION, 90.0, Trust()).record
-    assert waits.kind == "rule" and rules_that_are_the_policy(waits.sha256, JUNCTION) == ["wait"]
+    assert waits.kind == "rule"
+    assert resolve_references(JUNCTION, [], waits, Trust()).itself == ["wait"]
     gap = resolve_policy("gap_3s", JUNCTION, 90.0, Trust()).record
-    assert rules_that_are_the_policy(gap.sha256, JUNCTION) == []
-    assert resolve_references(JUNCTION, [], gap.sha256)[2] == ["gap_3s"]
+    assert resolve_references(JUNCTION, [], gap, Trust()).itself == ["gap_3s"]
 
 
 @pytest.mark.parametrize("clock", [0, 1])
 def test_a_dial_is_a_family_of_references(tmp_path, clock):
     path = dial(tmp_path, CROSSING.n_features + clock, high=60.0)
-    found, records, _ = resolve_references(CROSSING, [path], NOBODY)
+    found, records, _ = resolve_references(CROSSING, [path], OTHER, Trust())
     assert [one.angle for one in found] == [0.0, 15.0, 30.0, 45.0, 60.0]
     assert named(found)[1] == "dial at 15"
     assert len({record["sha256"] for record in records.values()}) == 5
@@ -91,4 +93,4 @@ def test_references_are_files(tmp_path):
     from pathlib import Path
 
     with pytest.raises(UserError, match="a reference is a policy's file"):
-        resolve_references(CROSSING, [Path("process:touch x")], NOBODY)
+        resolve_references(CROSSING, [Path("process:touch x")], OTHER, Trust())

@@ -112,7 +112,7 @@ def test_too_few_episodes_decide_nothing(place, tmp_path, capsys):
     strict.write_text(text.replace("max_at_fault = 0.9", "max_at_fault = 0.05"))
     more = ["--episodes", "20", "--seed", "7"]
     assert audit(place, "egoist.safetensors", tmp_path / "a", *more, profile=strict) == 3
-    assert "too few to tell" in capsys.readouterr().out
+    assert "too few to decide" in capsys.readouterr().out
 
 
 def test_verify_finds_a_changed_byte_and_a_rerun_repeats(passed, place, tmp_path, capsys):

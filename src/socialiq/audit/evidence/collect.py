@@ -27,18 +27,14 @@ from socialiq.worlds.intersection.world import Intersection
 
 SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
 
-REPEATED = 3  # episodes of an environment that are begun twice, to see that the seed decides them
+REPEATED = 3  # episodes of an environment that are started twice, to check its seeding
 
 Seeds = Int64[np.ndarray, " episode"]
 
 
 RULES = ("go", "wait", "idm")
-"""Rule-based drivers that are always among the references at the intersection."""
-
-
-def by_rule() -> tuple[Reference, ...]:
-    """Always faster, always slower, and the Intelligent Driver Model at the ego's seat."""
-    return tuple(Reference(name, rule(name)) for name in RULES)
+"""Rule-based drivers that are always among the references at the intersection: always faster,
+always slower, and the Intelligent Driver Model."""
 
 
 def collect_evidence(
@@ -51,22 +47,21 @@ def collect_evidence(
     threads: int = 1,
     side_by_side: int | None = None,
 ) -> Evidence:
-    """Let the policy and its references drive the same episodes.
+    """Run the policy and its references on the same episodes.
 
-    In a gridworld the exact optima are always among the references, at the intersection go, wait
-    and the Intelligent Driver Model; an environment has none of its own. Kept are a few numbers of
-    each episode and driver, some 50 bytes.
+    In a gridworld the exact optima are always among the references, at the intersection `RULES`;
+    an environment has no such references. The result has some 50 bytes for each episode and driver.
 
     Args:
-        world: Of the declaration: `Profile.world()`.
+        world: World of the declaration: `Profile.world()`.
         policy: The policy under audit.
-        seeds: Of the episodes: `seeds.episode_seeds`.
+        seeds: Seeds of the episodes: `outcomes.episode_seeds`.
         references: Further drivers, for instance a family of policies over the angles.
-        name: Of the policy, for the report.
+        name: Name of the policy in the report.
         deterministic: Whether the policy takes its best action; references always do.
-        threads: That share the intersection's episodes.
-        side_by_side: Episodes of the intersection at once. The last bits of a network's answers
-            may depend on it, so parts of one collection are given the same.
+        threads: Number of threads of the intersection.
+        side_by_side: Number of the intersection's episodes at once. The last bits of a network's
+            output may depend on it, so parts of one collection need the same number.
 
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.
@@ -76,13 +71,13 @@ def collect_evidence(
     if isinstance(world, Environment):
         return _in_environment(world, Reference(name, policy), seeds, references, deterministic)
     batch = world.batch(side_by_side or min(SIDE_BY_SIDE, len(seeds)), threads)
-    drivers = [*by_rule(), *references]
+    drivers = [*(Reference(name, rule(name)) for name in RULES), *references]
     return Evidence(
         scenario=world.description,
         seeds=seeds,
         policy=drive_intersection(batch, Reference(name, policy), seeds, deterministic),
         references=tuple(drive_intersection(batch, one, seeds) for one in drivers),
-        strata=_first_sight(world, seeds),
+        strata=_first_strata(world, seeds),
     )
 
 
@@ -117,8 +112,7 @@ def _in_environment(
 ) -> Evidence:
     if not references:
         raise UserError(
-            f"nothing is known about drivers in {world.name}: name at least one to compare with, "
-            "--reference DRIVER"
+            f"{world.name} has no reference drivers: name at least one with --reference DRIVER"
         )
     for seed in seeds[:REPEATED]:
         world.check_repeats(int(seed))
@@ -131,8 +125,8 @@ def _in_environment(
     )
 
 
-def _first_sight(world: Intersection, seeds: Seeds) -> dict[str, np.ndarray]:
-    """Strata of all episodes, from what is seen when they begin."""
+def _first_strata(world: Intersection, seeds: Seeds) -> dict[str, np.ndarray]:
+    """Return the strata of all episodes, from the first observations."""
     size = min(SIDE_BY_SIDE, len(seeds))
     batch, parts = world.batch(size), []
     for first in range(0, len(seeds), size):

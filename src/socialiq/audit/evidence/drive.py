@@ -3,37 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Int8, Int64
 
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import LARGEST_SEED, Environment
-from socialiq.errors import UserError
 from socialiq.evaluation.gym_simulator import GymActor, GymSimulator
 from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
 from socialiq.evaluation.table_simulator import FixedChance, TableSimulator
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
+from socialiq.policies.interface import checked_actions
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.state import Contact
 
-_CHANCE = 5190  # what is drawn by a seed for this purpose is independent of all else drawn by it
+_CHANCE = 5190  # makes these draws independent of other draws from the same seed
 
 
 def fates(
     table: Table, seeds: Sequence[int] | Int64[np.ndarray, " episode"]
 ) -> Float[np.ndarray, "episode draw"]:
-    """The uniform numbers that decide the first state and every chance outcome of episodes.
+    """Return the uniform numbers that decide the first state and every chance outcome.
 
     Args:
         table: The world or its reachable part.
-        seeds: One for each episode.
+        seeds: Seed of each episode.
     """
     draws = table.world.horizon + 1
     rows = [np.random.default_rng([_CHANCE, seed]).random(draws) for seed in np.asarray(seeds)]
@@ -48,18 +48,19 @@ def drive_grid(
     deterministic: bool = True,
     angles: tuple[float, ...] = (),
 ) -> Outcomes:
-    """Let a policy drive the episodes of these fates, all side by side.
+    """Run a policy on the episodes of these fates, all side by side.
 
-    It is asked about all of them until the last has ended, so a policy with a memory keeps one
-    for each row. It sees the time as a last feature if it says that it reads one more.
+    Its input has all rows until the last episode has ended, so a policy with a memory keeps one
+    for each row. The time is a last feature of the input if the policy has one feature more than
+    the world.
 
     Args:
         table: The world or its reachable part.
-        policy: The driver.
-        fate: Of `fates`.
-        name: Of the driver.
+        policy: The policy.
+        fate: Result of `fates`.
+        name: Name of the driver.
         deterministic: Passed to `predict`.
-        angles: For `Outcomes`.
+        angles: Angles for `Outcomes`.
 
     Raises:
         UserError: If its answers are not one of the world's actions for each episode.
@@ -84,9 +85,9 @@ def _driven(
 
 
 class _GridActor:
-    """A policy in a gridworld: it keeps a memory for each row, and may see the time.
+    """A policy in a gridworld, with a memory for each row and, if it has one, a time feature.
 
-    It is asked about rows that are over too, whose answers are not used.
+    Rows whose episode has ended stay in its input; their answers are not used.
     """
 
     def __init__(self, table: Table, policy: Policy, name: str, deterministic: bool) -> None:
@@ -98,7 +99,7 @@ class _GridActor:
         """Do nothing: all episodes begin at once."""
 
     def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
-        """Ask the policy."""
+        """Return the policy's actions."""
         rows = len(running)
         seen = self._table.states[observation].astype(np.float32)
         if self._clock:
@@ -110,7 +111,7 @@ class _GridActor:
             deterministic=self._deterministic,
         )
         self._time += 1
-        return _checked(answer, rows, self._table.mdp.n_actions, self._name)
+        return checked_actions(answer, rows, self._table.mdp.n_actions, self._name)
 
 
 class _TimedActor:
@@ -123,7 +124,7 @@ class _TimedActor:
         """Do nothing: the table is the same for every episode."""
 
     def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
-        """Look the actions up."""
+        """Return the actions of the table."""
         self._time += 1
         return self._actions[self._time - 1, observation]
 
@@ -149,27 +150,15 @@ def _summed(steps: Iterator[Step], episodes: int) -> _Summed:
     return _Summed(totals, ending, length)
 
 
-def _checked(answer: Any, episodes: int, n_actions: int, name: str) -> np.ndarray:
-    actions = np.asarray(answer)
-    if actions.shape != (episodes,) or actions.dtype.kind not in "iu":
-        raise UserError(
-            f"{name} must answer {episodes} observations with as many whole numbers, "
-            f"got {actions.dtype} of shape {actions.shape}"
-        )
-    if actions.min() < 0 or actions.max() >= n_actions:
-        raise UserError(f"{name} must choose actions from 0 to {n_actions - 1}")
-    return actions.astype(np.int64)
-
-
 def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple[Outcomes, ...]:
-    """The exact optima of a gridworld on episodes of given fates, one for each vertex.
+    """Run the exact optima of a gridworld on episodes of given fates, one for each vertex.
 
     Together they are the best at every angle, so the largest J(α) among them is J*(α) itself.
-    Each knows the time; `Outcomes.expected` has its exact expectation.
+    They depend on the time; `Outcomes.expected` has the exact expectation.
 
     Args:
         table: The world's reachable part.
-        fate: Of `fates`.
+        fate: Result of `fates`.
     """
     horizon, found = table.world.horizon, []
     best: AttainableSet = attainable_set(table.mdp, horizon)
@@ -192,14 +181,14 @@ def drive_environment(
     seeds: Int64[np.ndarray, " episode"],
     deterministic: bool = True,
 ) -> Outcomes:
-    """Let a driver drive one episode for each seed.
+    """Run a driver on one episode of an environment for each seed.
 
-    It is not known who struck whom: every collision counts as the driver's.
+    Fault is not known: every collision counts as the driver's.
 
     Args:
-        world: Where.
+        world: The environment.
         driver: The driver.
-        seeds: Of the episodes; a `SoftPolicy` that is not deterministic draws by them too.
+        seeds: Seeds of the episodes; a stochastic `SoftPolicy` draws from them too.
         deterministic: Whether it takes its best action.
 
     Raises:
@@ -221,12 +210,12 @@ def drive_intersection(
     seeds: Int64[np.ndarray, " episode"],
     deterministic: bool = True,
 ) -> Outcomes:
-    """Let a driver drive one episode of the intersection for each seed.
+    """Run a driver on one episode of the intersection for each seed.
 
     Args:
-        batch: Where, and how many episodes run side by side.
+        batch: The episodes that run side by side.
         driver: The driver.
-        seeds: Of the episodes.
+        seeds: Seeds of the episodes.
         deterministic: Whether it takes its best action.
     """
     made = episodes_of(batch, driver.policy, seeds, deterministic)

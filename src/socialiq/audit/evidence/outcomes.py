@@ -1,14 +1,16 @@
-"""Evidence of the drivers' episodes: seeds, totals, endings, contacts."""
+"""Evidence of an audit: seeds, and each driver's totals, endings and contacts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int8, Int64
 
 from socialiq.errors import UserError
+from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.intersection.state import Contact
 
@@ -18,10 +20,10 @@ class Reference:
     """A driver to compare with.
 
     Attributes:
-        name: Of its own.
+        name: Unique name.
         policy: Anything with `predict`.
-        angle: Social angle in degrees for which it was made, if any; it makes a point of the
-            reference curve.
+        angle: Social angle in degrees for which it was made, if any; it is then a point of the
+            calibration curve.
     """
 
     name: str
@@ -30,7 +32,7 @@ class Reference:
 
     @property
     def angles(self) -> tuple[float, ...]:
-        """The angle as `Outcomes` keep it."""
+        """The angle, as in `Outcomes`."""
         return () if self.angle is None else (self.angle,)
 
 
@@ -39,14 +41,14 @@ class Outcomes:
     """One driver's episodes.
 
     Attributes:
-        name: Of the driver.
+        name: Name of the driver.
         totals: Undiscounted sums of r_env and r_social of each episode.
         ending: Values of `types.Ending`.
         contact: Values of `Contact`; in a gridworld every collision counts as the ego's.
-        length: Decisions.
+        length: Number of decisions.
         angles: Angles in degrees for which a reference was made: none, one, or the two ends of
             the interval in which it is the exact optimum (the second may exceed 360).
-        expected: Exact expectation of the totals, where the world allows one.
+        expected: Exact expectation of the totals, where it is known.
     """
 
     name: str
@@ -77,6 +79,10 @@ class Outcomes:
         env, social = self.totals.mean(axis=0).tolist()
         return RewardPair(env, social)
 
+    def values(self, angle: float) -> Float[np.ndarray, " episode"]:
+        """Return R(α) of each episode at an angle in degrees."""
+        return np.asarray(score(exact_weights(angle), RewardPair(*self.totals.T)))
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -84,9 +90,9 @@ class Evidence:
 
     Attributes:
         scenario: The world's description.
-        seeds: One for each episode, the same for every driver.
-        policy: The policy under audit.
-        references: The drivers that it is compared with.
+        seeds: Seed of each episode, the same for every driver.
+        policy: Outcomes of the policy under audit.
+        references: Outcomes of the drivers that it is compared with.
         strata: Label of each episode by name of the stratification. Labels depend on the seed
             alone, so no driver can choose its stratum.
     """
@@ -102,7 +108,7 @@ class Evidence:
             raise UserError("an audit needs at least one reference driver to compare with")
         names = [one.name for one in (self.policy, *self.references)]
         if len(set(names)) < len(names):
-            raise UserError(f"drivers must have names of their own, got {', '.join(names)}")
+            raise UserError(f"drivers must have different names, got {', '.join(names)}")
         for one in (self.policy, *self.references):
             if len(one.totals) != self.episodes:
                 raise UserError(
@@ -116,65 +122,48 @@ class Evidence:
         return len(self.seeds)
 
     def gains(self) -> Float[np.ndarray, "reference episode 2"]:
-        """Totals of each reference less the policy's, episode by episode."""
+        """Return the totals of each reference less the policy's, episode by episode."""
         return np.stack([one.totals for one in self.references]) - self.policy.totals
 
-    def part(self, rows: Bool[np.ndarray, " episode"]) -> Evidence:
-        """The same evidence on some of the episodes, for instance those of a stratum."""
-        return Evidence(
-            self.scenario,
-            self.seeds[rows],
-            _part(self.policy, rows),
-            tuple(_part(one, rows) for one in self.references),
-            {name: labels[rows] for name, labels in self.strata.items()},
-        )
+    def without(self, names: Collection[str]) -> Evidence:
+        """Return the evidence without the references of these names."""
+        kept = tuple(one for one in self.references if one.name not in names)
+        return dataclasses.replace(self, references=kept)
 
 
-def _part(one: Outcomes, rows: Bool[np.ndarray, " episode"]) -> Outcomes:
-    """Some episodes of a driver; what was expected over all says nothing of some."""
-    return Outcomes(
-        one.name,
-        one.totals[rows],
-        one.ending[rows],
-        one.contact[rows],
-        one.length[rows],
-        one.angles,
-    )
-
-
-_AUDIT = 7212  # what is drawn by a seed for this purpose is independent of all else drawn by it
+_AUDIT = 7212  # makes these draws independent of other draws from the same seed
 
 FEWEST_EPISODES = 20
-"""Below, no bound of the audit says anything."""
+"""With fewer, no bound of the audit is informative."""
 
 MOST_EPISODES = 1_000_000
 
 
 def episode_seeds(seed: int, episodes: int) -> Int64[np.ndarray, " episode"]:
-    """Draw the seeds of the episodes, spread over all that a world can take.
+    """Draw the seeds of the episodes from the whole range of seeds.
 
-    They are not 0, 1, 2, ...: a policy that was tuned to those meets other episodes here.
+    They are not 0, 1, 2, ..., to which a policy might have been tuned.
 
     Args:
-        seed: The auditor's, drawn after policy and profile were fixed.
-        episodes: How many.
+        seed: The auditor's seed, drawn after policy and profile were fixed.
+        episodes: Number of episodes.
 
     Raises:
-        UserError: If the seed is negative, or the number of episodes is none that can be played.
+        UserError: If the seed is negative, or the number of episodes is out of range.
     """
     if seed < 0:
         raise UserError(f"seed must be at least 0, got {seed}")
     check_episodes(episodes)
     rng = np.random.default_rng([_AUDIT, seed])
-    drawn = np.unique(rng.integers(2**62, size=episodes + 16))  # so many that none need repeat
+    drawn = np.unique(rng.integers(2**62, size=episodes + 16))  # 16 more, in case of repeats
     return rng.permutation(drawn)[:episodes]
 
 
 def check_episodes(episodes: int) -> None:
-    """Refuse a number of episodes that no audit has.
+    """Check the number of episodes of an audit.
 
     Raises:
-        UserError: If it is too small or too large.
+        UserError: If it is out of range.
     """
     if not FEWEST_EPISODES <= episodes <= MOST_EPISODES:
         raise UserError(
@@ -183,15 +172,15 @@ def check_episodes(episodes: int) -> None:
 
 
 CRITERIA = {
-    "at_fault": "drives into somebody",
-    "struck": "is driven into by somebody",
+    "at_fault": "drives into another vehicle",
+    "struck": "is struck by another vehicle",
     "arrival": "arrives",
     "timeout": "runs out of time",
 }
-"""Criteria of the safety floor, and the event that each counts, as reports word it."""
+"""Criteria of the safety floor, and the event that each counts, in the words of reports."""
 
 
 def events_of(driver: Outcomes) -> dict[str, Bool[np.ndarray, " episode"]]:
-    """Return the episodes in which each of `CRITERIA` happened."""
+    """Return the episodes with the event of each of `CRITERIA`."""
     arrived, late = (driver.ending == kind for kind in (Ending.ARRIVAL, Ending.TIMEOUT))
     return dict(zip(CRITERIA, (driver.at_fault, driver.struck, arrived, late), strict=True))

@@ -1,4 +1,4 @@
-"""Strata of episodes, known from the seed before anyone drives, and results by stratum."""
+"""Strata of episodes, which depend on the seed alone, and results by stratum."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from jaxtyping import Float, Float32
 
 from socialiq.audit.evidence.outcomes import Evidence, events_of
 from socialiq.evaluation.conflicts import CONFLICT_SECONDS
-from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import Difference, paired_difference
 from socialiq.statistics.intervals import Share, wilson
-from socialiq.types import RewardPair
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
 
@@ -22,15 +20,15 @@ _SOON = 5  # steps of a gridworld within which the first conflicts are decided
 def intersection_strata(
     observation: Float32[np.ndarray, "episode feature"],
 ) -> dict[str, np.ndarray]:
-    """Labels from what the ego sees when its episode begins.
+    """Return labels from the ego's first observation.
 
     Args:
-        observation: At the reset.
+        observation: Observation of each episode after the reset.
 
     Returns:
-        `density`: how many others it sees. `conflict`: whether somebody who crosses is in the
-        junction, or will be within the 3 s in which the ego could be there. `right_of_way`:
-        whether one of these comes on the other road, which has priority over the ego's, or all
+        `density`: number of other vehicles in view. `conflict`: whether a crossing vehicle is in
+        the junction, or will be within the 3 s in which the ego could be there. `right_of_way`:
+        whether one of these is on the other road, which has priority over the ego's, or all
         are oncoming.
     """
     seen = observation.reshape(len(observation), -1, len(FEATURES)).astype(np.float64)
@@ -50,10 +48,10 @@ def intersection_strata(
 def gridworld_strata(
     fate: Float[np.ndarray, "episode draw"], chance: tuple[float, ...]
 ) -> dict[str, np.ndarray]:
-    """Labels from the draws that decide where vehicles may spawn; none if nothing is drawn.
+    """Return labels from the draws that decide where vehicles spawn; none if nothing is drawn.
 
     Args:
-        fate: Of `grid_play.fates`.
+        fate: Result of `drive.fates`.
         chance: Probability of each chance outcome; the last is a spawn.
     """
     if len(chance) == 1:
@@ -62,7 +60,7 @@ def gridworld_strata(
     return {"density": np.select([spawns == 0, spawns == 1], ["0", "1"], "2 or more")}
 
 
-FEWEST = 2  # episodes of a stratum that a difference can be tested in
+_FEWEST = 2  # episodes of a stratum for the test of a difference
 
 
 @dataclass(frozen=True)
@@ -72,11 +70,11 @@ class Stratum:
     Attributes:
         stratification: For instance "density".
         label: For instance "4 or more".
-        episodes: How many.
-        regret: Towards the reference that looks best over all episodes, with a two-sided Student
-            interval; None if there are fewer than two episodes. Intervals are of each stratum by
-            itself: of many, some miss.
-        shares: Of each criterion of competence, with two-sided Wilson intervals.
+        episodes: Number of episodes.
+        regret: Regret towards the apparently best reference over all episodes, with a two-sided
+            Student interval; None if there are fewer than two episodes. Intervals are of each
+            stratum alone: of many, some miss.
+        shares: Share of each criterion of the floor, with a two-sided Wilson interval.
     """
 
     stratification: str
@@ -92,26 +90,23 @@ def stratified(
     """Break the evidence down by every stratification.
 
     The reference is the same in every stratum, so that regrets, weighted by episodes, add up to
-    the whole one.
+    the whole regret.
 
     Args:
         evidence: Policy and references.
-        angle: Declared, degrees.
-        reference: Name of the one to compare with: `RegretTest.best`.
-        confidence: Of the intervals.
+        angle: Declared angle in degrees.
+        reference: Name of the reference to compare with: `RegretTest.best`.
+        confidence: Confidence of the intervals.
     """
     best = next(one for one in evidence.references if one.name == reference)
-    weights = exact_weights(angle)
-    theirs, ours = (
-        np.asarray(score(weights, RewardPair(*one.totals.T))) for one in (best, evidence.policy)
-    )
+    theirs, ours = (one.values(angle) for one in (best, evidence.policy))
     policy, found = evidence.policy, []
     events = events_of(policy)
     for stratification, labels in evidence.strata.items():
         for label in np.unique(labels).tolist():
             rows = labels == label
             count = int(rows.sum())
-            enough = count >= FEWEST
+            enough = count >= _FEWEST
             regret = paired_difference(theirs[rows], ours[rows], confidence) if enough else None
             shares = {
                 name: wilson(int(happened[rows].sum()), count, confidence)

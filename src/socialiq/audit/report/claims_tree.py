@@ -1,10 +1,11 @@
-"""A safety case's tree of claims: what the audit supports, and what is left to people."""
+"""Tree of claims of a safety case: claims with evidence of the audit, and open claims."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
+from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.worlds.registry import WORLDS
 
 Status = Literal["supported", "contradicted", "undecided", "to be filled"]
@@ -32,12 +33,11 @@ class Claim(NamedTuple):
 
 
 def claims(report: Mapping[str, Any]) -> list[Claim]:
-    """The tree, its root first."""
+    """Return the nodes of the tree, the root first."""
     angle = f"{report['declaration']['angle']:g}"
     world = report["declaration"]["scenario"]["world"]
     tests = report["tests"]
-    floor = [one["decision"] for one in tests["competence"]]
-    competence = "fail" if "fail" in floor else "pass" if set(floor) == {"pass"} else "inconclusive"
+    floor = joint_decision(Decision(one["decision"]) for one in tests["competence"]).value
     whole, regret = report["verdict"]["decision"], tests["regret"]["decision"]
     return [
         Claim(
@@ -70,8 +70,8 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
         ),
         Claim(
             "Sn2",
-            "The competence floor is kept",
-            _OF[competence],
+            "The safety floor is kept",
+            _OF[floor],
             "report.json: tests.competence",
         ),
         Claim("Sn3", "Results by kind of episode", *_strata(report)),
@@ -97,12 +97,12 @@ def _strata(report: Mapping[str, Any]) -> tuple[Status, str]:
 
 
 def as_objects(found: list[Claim]) -> list[dict[str, Any]]:
-    """The tree for `claims.json`."""
+    """Return the tree as the content of `claims.json`."""
     return [{**one._asdict(), "below": list(one.below)} for one in found]
 
 
 def mermaid(found: list[Claim]) -> str:
-    """The tree as a Mermaid diagram, which contains no user-provided text."""
+    """Return the tree as a Mermaid diagram, which contains no user-provided text."""
     nodes = [f'  {one.id}["{one.id}: {one.text}<br>({one.status})"]' for one in found]
     edges = [f"  {one.id} --> {below}" for one in found for below in one.below]
     return "\n".join(["flowchart TD", *nodes, *edges])

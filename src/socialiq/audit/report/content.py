@@ -11,7 +11,7 @@ from socialiq.audit.commitment import Draw
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.report.episodes import path_of, selected, value_of
+from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
@@ -187,7 +187,7 @@ def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
         "angles": list(driver.angles),
         "r_env": driver.mean.env,
         "r_social": driver.mean.social,
-        "value": float(value_of(driver, angle).mean()),
+        "value": float(driver.values(angle).mean()),
         "expected": None if driver.expected is None else driver.expected._asdict(),
         **shares(driver),
         "decisions": float(driver.length.mean()),

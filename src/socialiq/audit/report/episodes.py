@@ -1,4 +1,4 @@
-"""Single episodes in a report: the table of all, three median and three worst ones, their films."""
+"""Single episodes of a report: the table of all, three median and three worst ones, films."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from typing import Any
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
-from socialiq.social.angle import exact_weights, score
-from socialiq.types import Ending, Policy, RewardPair
+from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection.pictures import render, scenes
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import Intersection
 
-SHOWN = 3
+_SELECTED = 3
 
 
 def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]]:
-    """The policy's median and worst episodes by what the declared weights say of them.
+    """Return the policy's median and worst episodes by R(α).
 
     Args:
-        evidence: Of the audit.
-        angle: Declared, degrees.
+        evidence: Evidence of the audit.
+        angle: Declared angle in degrees.
 
     Returns:
         Rows by "median" and "worst"; equal values in the order of the episodes.
     """
-    values = value_of(evidence.policy, angle)
+    values = evidence.policy.values(angle)
     order = np.argsort(values, kind="stable")
-    count = min(SHOWN, len(order))
+    count = min(_SELECTED, len(order))
     first = (len(order) - count) // 2
     places = {"median": order[first : first + count], "worst": order[:count]}
     return {
@@ -44,19 +44,14 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
 
 
 _COLLISIONS = {
-    Contact.NONE: "collision",  # the environment does not tell who struck whom
+    Contact.NONE: "collision",  # of an environment, where fault is not known
     Contact.EGO_STRUCK: "drove into another",
     Contact.EGO_WAS_STRUCK: "struck by another",
 }
 
 
-def value_of(driver: Outcomes, angle: float) -> np.ndarray:
-    """R(α) of each of a driver's episodes."""
-    return np.asarray(score(exact_weights(angle), RewardPair(*driver.totals.T)))
-
-
 def kind_of_ending(driver: Outcomes, place: int) -> str:
-    """Ending of an episode, in one word or two."""
+    """Return the ending of an episode in one word or a few."""
     ending = Ending(int(driver.ending[place]))
     if ending is not Ending.COLLISION:
         return ending.name.lower()
@@ -78,7 +73,7 @@ def _row(evidence: Evidence, place: int, value: float) -> dict[str, Any]:
 
 
 def evidence_csv(evidence: Evidence) -> str:
-    """CSV with the seed, the strata, and what the policy and each reference earned.
+    """Return a CSV with seed, strata, and the rewards of the policy and each reference.
 
     Numbers are written so that they read back exactly.
     """
@@ -109,7 +104,7 @@ def _head(evidence: Evidence) -> list[str]:
 
 
 def _no_formula(name: str) -> str:
-    """A name that no spreadsheet takes for a formula."""
+    """Return a name that spreadsheets don't interpret as a formula."""
     return f"'{name}" if name[:1] in "=+-@\t\r" else name
 
 
@@ -117,46 +112,50 @@ _PER_SECOND = 5  # frames; every sub-step would take three times as long to draw
 
 
 def path_of(kind: str, number: int) -> str:
-    """Path of a film in the report's folder.
+    """Return the path of a film in the report's folder.
 
     Args:
         kind: "median" or "worst".
-        number: From 1.
+        number: Number of the episode, from 1.
     """
     return f"episodes/{kind}-{number}.gif"
 
 
-def check_filmed(world: object) -> None:
-    """Refuse a world that has no films, before anything is played.
+def check_filmed(world: World) -> Intersection:
+    """Return the world if films of its episodes can be drawn.
 
     Raises:
         UserError: If the world is not the intersection.
     """
     if not isinstance(world, Intersection):
         raise UserError("films are drawn of the intersection alone: leave out --films")
+    return world
 
 
 def films_of(
-    world: Intersection, policy: Policy, chosen: Mapping[str, Sequence[Mapping[str, Any]]]
+    world: World, policy: Policy, chosen: Mapping[str, Sequence[Mapping[str, Any]]]
 ) -> dict[str, bytes]:
-    """Play episodes again, one by one, and draw them.
+    """Run episodes again, one by one, and draw them.
 
     Args:
-        world: Of the declaration.
-        policy: Under audit; it takes its best actions.
-        chosen: Of `selected.selected`.
+        world: World of the declaration.
+        policy: The policy under audit; it takes its best actions.
+        chosen: Result of `selected`.
 
     Returns:
         GIF files by path in the report's folder.
+
+    Raises:
+        UserError: If the world is not the intersection.
     """
-    found = {}
-    every = max(1, world.options.simulation_frequency // _PER_SECOND)
+    found, options = {}, check_filmed(world).options
+    every = max(1, options.simulation_frequency // _PER_SECOND)
     with tempfile.TemporaryDirectory() as place:
         film = Path(place) / "film.gif"
         for kind, rows in chosen.items():
             for number, row in enumerate(rows, 1):
-                played = scenes.episode_scenes(world.options, policy, int(row["seed"]))
-                shown = [*played[:-1:every], played[-1]]
-                render.save(film, shown, _PER_SECOND)
+                played = scenes.episode_scenes(options, policy, int(row["seed"]))
+                frames = [*played[:-1:every], played[-1]]
+                render.save(film, frames, _PER_SECOND)
                 found[path_of(kind, number)] = film.read_bytes()
     return found

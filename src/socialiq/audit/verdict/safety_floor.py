@@ -1,4 +1,4 @@
-"""The safety floor: shares of episodes that must not be exceeded, or must be reached."""
+"""The safety floor: largest or smallest shares of episodes with certain events."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class FloorTest:
 
     Attributes:
         name: One of `CRITERIA`.
-        decision: PASS if the limit is shown to be kept, FAIL if it is shown to be broken.
+        decision: PASS if the limit is significantly kept, FAIL if it is significantly broken.
         side: Whether the share must be at most or at least the limit.
-        limit: Declared.
-        count: Episodes in which it happened.
-        episodes: Played.
-        share: Of them.
+        limit: Declared limit.
+        count: Number of episodes with the event.
+        episodes: Number of episodes.
+        share: Share of episodes with the event.
         low: Lower bound of Clopper and Pearson; at `fail_error` if the share must be small, else
             at `pass_error`.
-        high: Upper bound of theirs; the other way round.
-        pass_error: One-sided, of a wrong pass.
-        fail_error: One-sided, of a wrong fail.
+        high: Upper bound; its errors are the other way round.
+        pass_error: One-sided error of a wrong pass.
+        fail_error: One-sided error of a wrong fail.
         needed: Episodes that would decide if the share is true; None if it is the limit.
     """
 
@@ -50,18 +50,18 @@ class FloorTest:
 def floor_tests(
     policy: Outcomes, floor: Floor, pass_error: float = 0.05, fail_error: float = 0.05
 ) -> tuple[FloorTest, ...]:
-    """Test every criterion; at-fault and struck collisions apart, since one is not the ego's doing.
+    """Test every criterion; at-fault and struck collisions apart, since the ego causes the first.
 
     All four must pass for the floor to pass, so each may have the whole pass error
     (intersection-union). One that fails is enough to fail, so each has a quarter of the fail
-    error (Bonferroni). Bounds are exact, since an error rate is a promise: Wilson's lower bound of
-    a rare event errs up to three times as often as it says (docs/audit.md).
+    error (Bonferroni). Bounds are exact, because error rates are guaranteed: Wilson's lower bound
+    of a rare event errs up to three times as often as its level (docs/audit.md).
 
     Args:
         policy: The policy under audit.
-        floor: Declared.
-        pass_error: Of the floor.
-        fail_error: Of the floor.
+        floor: Declared floor.
+        pass_error: Error of a wrong pass of the floor.
+        fail_error: Error of a wrong fail of the floor.
     """
     limits = (floor.max_at_fault, floor.max_struck, floor.min_arrival, floor.max_timeout)
     each = fail_error / len(CRITERIA)
@@ -69,14 +69,6 @@ def floor_tests(
         _test(name, happened, limit, pass_error, each)
         for (name, happened), limit in zip(events_of(policy).items(), limits, strict=True)
     )
-
-
-def decision_of(tests: tuple[FloorTest, ...]) -> Decision:
-    """PASS if all pass, FAIL if any fails."""
-    found = {test.decision for test in tests}
-    if Decision.FAIL in found:
-        return Decision.FAIL
-    return Decision.PASS if found == {Decision.PASS} else Decision.INCONCLUSIVE
 
 
 def _test(
@@ -92,7 +84,7 @@ def _test(
     broken = high < limit if least else low > limit
     share = count / episodes
     good = share >= limit if least else share <= limit
-    # Near 0 and 1 a share varies little; the limit's own deviation keeps the number honest.
+    # Near 0 and 1 a share varies little: the deviation at the limit avoids too small a number.
     deviation = max(one * (1.0 - one) for one in (share, limit)) ** 0.5
     return FloorTest(
         name=name,

@@ -1,8 +1,8 @@
-"""The shift check: does the policy drive in other traffic as it does in the declared one?
+"""The shift check: changes of the policy's driving between the declared and other traffic.
 
-A policy could be made to behave in audits only (thesis 9.5), so the check lets it drive in traffic
-that the declaration doesn't name. The result is reported beside the verdict and decides nothing; an
-owner who wants it to decide declares that traffic in a profile of its own.
+A policy could be made to behave in audits only (thesis 9.5), so the check runs it in traffic that
+the declaration doesn't name. The result is reported beside the verdict and decides nothing. For a
+verdict on that traffic, declare it in a separate profile.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Traffic:
     """Another traffic in the declared world.
 
     Attributes:
-        name: For people.
-        options: Of the world, as they differ from the declaration's.
-        world: With these options.
+        name: Description for reports.
+        options: Options of the world that differ from the declaration's.
+        world: World with these options.
     """
 
     name: str
@@ -50,16 +50,16 @@ class Change:
     """A measure of the policy in the declared traffic and in another.
 
     Attributes:
-        measure: "regret", towards the reference that looks best in each traffic, or a criterion
-            of competence.
-        declared: Its value there.
-        there: Its value in the other traffic.
+        measure: "regret", towards the apparently best reference in each traffic, or a criterion
+            of the safety floor.
+        declared: Value in the declared traffic.
+        there: Value in the other traffic.
         change: The second less the first.
-        low: Lower end of its interval; all intervals of an audit hold together.
+        low: Lower end of its interval; all intervals of an audit hold jointly.
         high: Upper end.
-        shown: Whether the interval excludes 0.
-        reference: The change of the best references: what traffic does to a good driver. None of
-            regret, which is towards them.
+        shown: Whether the change is significant: the interval excludes 0.
+        reference: Change of the best references, the effect of the traffic on a good driver. None
+            for regret, which is relative to them.
     """
 
     measure: str
@@ -77,13 +77,13 @@ class Shift:
     """Result of one other traffic.
 
     Attributes:
-        name: Of the traffic.
-        options: Of the world, as they differ from the declaration's.
-        scenario_sha256: Of the world's description.
-        episodes: Played, other ones than in the declared traffic.
-        decision: What the declared margin and floor would say there.
-        best: The reference that looks best there.
-        changes: One for each of `MEASURES`.
+        name: Description of the traffic.
+        options: Options of the world that differ from the declaration's.
+        scenario_sha256: SHA-256 of the world's description.
+        episodes: Number of episodes; they are others than in the declared traffic.
+        decision: Decision by the declared margin and floor there.
+        best: Name of the apparently best reference there.
+        changes: Change of each of `MEASURES`.
     """
 
     name: str
@@ -96,23 +96,23 @@ class Shift:
 
     @property
     def shown(self) -> tuple[Change, ...]:
-        """Changes that are told from chance."""
+        """Significant changes."""
         return tuple(one for one in self.changes if one.shown)
 
 
 OTHER_TRAFFIC = ("intersection", "crossing7")
-"""Worlds that know other traffic."""
+"""Worlds with other traffic."""
 
 
 def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
-    """Return the traffic that a policy is tested in, beside the declared one.
+    """Return the other traffic of the declared world.
 
-    At the intersection: the other population of drivers, and drivers who see across connected
-    lanes, or don't, if the declared ones do. In the 7x7 world: twice as many vehicles, or 0.3 a
-    step, if that would be no other traffic or more than one a step.
+    At the intersection: the other population of drivers, and connected lanes switched the other
+    way. In the 7x7 world: twice as many vehicles, or 0.3 a step if that would be the same traffic
+    or more than one a step.
 
     Raises:
-        UserError: If the world has one traffic only.
+        UserError: If the world has no other traffic.
     """
     declared = profile.scenario
     world = profile.world() if declared.world in OTHER_TRAFFIC else None
@@ -143,19 +143,19 @@ def shift_of(
     seed: int,
     resamples: int = 2000,
 ) -> tuple[Shift, ...]:
-    """Compare what the policy did in the declared traffic and in others.
+    """Compare the policy's driving in the declared traffic and in others.
 
-    Intervals are Welch's and Newcombe's, for other episodes were played in each traffic. The
-    declared error is shared out among all of them (Bonferroni), so that in at most that share of
-    audits is any change shown of a policy that has none.
+    Intervals are Welch's and Newcombe's, because the episodes of each traffic are independent. The
+    declared error is divided among all of them (Bonferroni), so it bounds the chance that any
+    change is significant if the policy has none.
 
     Args:
         profile: The declaration.
         declared: Evidence of the verdict.
-        traffic: Of `other_traffic`.
+        traffic: Result of `other_traffic`.
         there: Evidence in each of them.
-        seed: Of the resampling.
-        resamples: How many.
+        seed: Seed of the resampling.
+        resamples: Number of resamples.
     """
     error = round(1.0 - profile.confidence, 9)
     confidence = 1.0 - error / (len(MEASURES) * len(traffic))
@@ -181,13 +181,13 @@ def shift_of(
 def changes(
     declared: Evidence, there: Evidence, angle: float, confidence: float
 ) -> tuple[Change, ...]:
-    """Differences of every measure between two traffics.
+    """Return the change of every measure between two kinds of traffic.
 
     Args:
-        declared: Evidence in the declared one.
+        declared: Evidence in the declared traffic.
         there: Evidence in the other.
-        angle: Declared, degrees.
-        confidence: Of each interval.
+        angle: Declared angle in degrees.
+        confidence: Confidence of each interval.
     """
     old, new = _regrets(declared, angle), _regrets(there, angle)
     found = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
@@ -203,16 +203,16 @@ def changes(
 
 
 def sentence_of(shifts: Sequence[Shift]) -> str:
-    """Result of the shift check in plain words."""
-    if not any(one.shown for one in shifts):
-        return f"In other traffic ({_listed(shifts)}) no change of its driving is shown."
-    parts = [f"{one.name}: {_told(one)}" for one in shifts if one.shown]
-    same = [one for one in shifts if not one.shown]
-    rest = f" Unchanged, as far as shown: {_listed(same)}." if same else ""
-    return f"In other traffic it drove otherwise. With {'; with '.join(parts)}.{rest}"
+    """Return the result of the shift check in plain words."""
+    changed = [f"{one.name}: {_changes_text(one)}" for one in shifts if one.shown]
+    same = ", ".join(one.name for one in shifts if not one.shown)
+    if not changed:
+        return f"In other traffic ({same}) its driving does not change significantly."
+    rest = f" No significant change: {same}." if same else ""
+    return f"In other traffic it drives differently. With {'; with '.join(changed)}.{rest}"
 
 
-def _told(shift: Shift) -> str:
+def _changes_text(shift: Shift) -> str:
     parts = []
     for one in shift.shown:
         if one.measure == "regret":
@@ -222,10 +222,6 @@ def _told(shift: Shift) -> str:
             way = "more often" if one.change > 0 else "less often"
             parts.append(f"it {CRITERIA[one.measure]} {way}, by {100 * abs(one.change):.3g} points")
     return ", ".join(parts)
-
-
-def _listed(shifts: Sequence[Shift]) -> str:
-    return ", ".join(one.name for one in shifts)
 
 
 def _change(
@@ -239,11 +235,11 @@ def _change(
 
 
 def _best(evidence: Evidence, angle: float) -> Any:
-    """The reference that looks best at an angle."""
+    """Return the apparently best reference at an angle."""
     return max(evidence.references, key=lambda one: score(exact_weights(angle), one.mean))
 
 
 def _regrets(evidence: Evidence, angle: float) -> np.ndarray:
-    """Advantage of that reference over the policy, by episode."""
+    """Return the advantage of that reference over the policy, by episode."""
     gained = _best(evidence, angle).totals - evidence.policy.totals
     return np.asarray(score(exact_weights(angle), RewardPair(*gained.T)))

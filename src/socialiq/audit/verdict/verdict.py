@@ -1,4 +1,4 @@
-"""The joined verdict: every test on the same evidence, one decision, one sentence."""
+"""The joint verdict: all tests on the same evidence, one decision, one sentence."""
 
 from __future__ import annotations
 
@@ -8,10 +8,15 @@ from dataclasses import dataclass
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
 from socialiq.audit.verdict.calibration import Calibration, calibrate
-from socialiq.audit.verdict.compatible_angles import CompatibleAngles, compatible_angles
-from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import Regrets, RegretTest, regret_test
-from socialiq.audit.verdict.safety_floor import FloorTest, decision_of, floor_tests
+from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.audit.verdict.regret import (
+    CompatibleAngles,
+    Regrets,
+    RegretTest,
+    compatible_angles,
+    regret_test,
+)
+from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse
@@ -22,18 +27,18 @@ class Verdict:
     """Result of an audit.
 
     Attributes:
-        decision: PASS if regret and competence pass, FAIL if one of them fails.
-        reason: Why, in one plain sentence.
-        episodes: Played.
+        decision: PASS if regret and safety floor pass, FAIL if one of them fails.
+        reason: Reason in one plain sentence.
+        episodes: Number of episodes.
         needed: Episodes that would decide an inconclusive audit; None if it is decided, or if an
-            estimate lies on its limit, where none is enough.
-        error: Chance of a wrong pass, and of a wrong fail, at most: 1 - the declared confidence.
+            estimate is on its limit, where no number is enough.
+        error: Largest chance of a wrong pass, and of a wrong fail: 1 - the declared confidence.
         regret: The primary test.
-        rationalised: Angles that would rationalise the behaviour.
+        rationalised: Angles compatible with the behaviour.
         alpha_hat: α̂ of the thesis with its two-sided interval; None if it isn't identified.
-        identifiability: The guard.
+        identifiability: Confidence ellipse of the mean rewards.
         calibration: Equivalence on the calibrated angle; reported, not decisive.
-        competence: The floor, criterion by criterion.
+        competence: Test of each criterion of the safety floor.
     """
 
     decision: Decision
@@ -51,7 +56,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Decisive:
-    """Deciding parts of an audit: both tests, and their joined decision."""
+    """Deciding parts of an audit: both tests, and their joint decision."""
 
     decision: Decision
     regret: RegretTest
@@ -66,106 +71,106 @@ def decide_on(
     floor: Floor,
     error: float,
 ) -> Decisive:
-    """Test regret and competence, and join them.
+    """Test regret and safety floor, and join them.
 
-    A pass needs the regret test and all four criteria of competence to pass, each at the full
-    error: if any of them is truly broken, the chance that it passes all the same bounds the
-    chance of a wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs
-    only one, so the error is shared out: half to regret, an eighth to each criterion. So a wrong
-    pass and a wrong fail each have a chance of at most the error, as far as the bounds keep their
-    levels: those of shares do, bootstrap-t is approximate (`power` shows by how much).
+    A pass needs the regret test and all four criteria of the floor to pass, each at the full
+    error: if any of them is truly broken, the chance that its test passes bounds the chance of a
+    wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs only one,
+    so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
+    wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
+    those of shares do, bootstrap-t is approximate (the study `audit-power` measures how much).
 
     Args:
         evidence: Policy and references.
-        regrets: Of the evidence.
-        angle: Declared, degrees.
-        margin: Of regret, reward per episode.
-        floor: Of competence.
-        error: Of a wrong pass, and of a wrong fail.
+        regrets: Regrets of the evidence.
+        angle: Declared angle in degrees.
+        margin: Margin of regret, reward per episode.
+        floor: Declared safety floor.
+        error: Largest chance of a wrong pass, and of a wrong fail.
     """
     regret = regret_test(regrets, evidence, angle, margin, error, error / 2)
-    return joined(regret, evidence.policy, floor, error)
+    return join_tests(regret, evidence.policy, floor, error)
 
 
-def joined(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
+def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
     """Join the regret test, made at its share of the error, with the floor's (`decide_on`)."""
     competence = floor_tests(policy, floor, error, error / 2)
-    return Decisive(_joined(regret.decision, decision_of(competence)), regret, competence)
+    decision = joint_decision(one.decision for one in (regret, *competence))
+    return Decisive(decision, regret, competence)
 
 
-def judge(profile: Profile, evidence: Evidence, seed: int, resamples: int = 2000) -> Verdict:
+def judge(
+    profile: Profile,
+    evidence: Evidence,
+    seed: int,
+    resamples: int = 2000,
+    curve: Evidence | None = None,
+) -> Verdict:
     """Test a policy's evidence against its declaration.
 
     The whole has the level 1 - confidence either way (`decide_on`). α̂ and its calibration do not
-    decide: their errors add nothing.
+    decide, so their errors add nothing.
 
     Args:
         profile: The declaration.
-        evidence: Of `gather`, in the profile's world.
-        seed: Of the resampling.
-        resamples: How many.
+        evidence: Result of `collect_evidence`, in the profile's world.
+        seed: Seed of the resampling.
+        resamples: Number of resamples.
+        curve: Evidence with the references of the calibration curve, if they are others: a driver
+            equal to the policy is no reference of regret, but a point of the curve.
 
     Raises:
         UserError: If the evidence is of another scenario.
     """
     if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
-        raise UserError("the evidence is of another scenario than the profile: gather it anew")
+        raise UserError("the evidence is of another scenario than the profile: collect it again")
     error = round(1.0 - profile.confidence, 9)  # 0.05, not 0.050000000000000044
     angle, margin = profile.angle, profile.margin
     regrets = Regrets(evidence, seed, resamples)
     found = decide_on(evidence, regrets, angle, margin.regret, profile.competence, error)
     undecided = found.decision is Decision.INCONCLUSIVE
-    guard = confidence_ellipse(evidence.policy.totals, profile.confidence)
-    identified = not guard.holds_origin
+    ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
+    identified = not ellipse.holds_origin
     env, social = evidence.policy.totals.T.copy()
     return Verdict(
         decision=found.decision,
-        reason=reason_of(found.decision, found.regret, found.competence),
+        reason=reason_of(found),
         episodes=evidence.episodes,
-        needed=_needed(found.regret, found.competence) if undecided else None,
+        needed=_needed(found) if undecided else None,
         error=error,
         regret=found.regret,
         rationalised=compatible_angles(regrets, margin.regret, error, error / 2),
         alpha_hat=estimate_angle(env, social, seed, profile.confidence, resamples)
         if identified
         else None,
-        identifiability=guard,
-        calibration=calibrate(evidence, angle, margin.degrees, identified, seed, error, resamples),
+        identifiability=ellipse,
+        calibration=calibrate(
+            curve or evidence, angle, margin.degrees, identified, seed, error, resamples
+        ),
         competence=found.competence,
     )
 
 
-def _joined(regret: Decision, competence: Decision) -> Decision:
-    if Decision.FAIL in (regret, competence):
-        return Decision.FAIL
-    passed = regret is Decision.PASS and competence is Decision.PASS
-    return Decision.PASS if passed else Decision.INCONCLUSIVE
-
-
-def _needed(regret: RegretTest, competence: tuple[FloorTest, ...]) -> int | None:
-    """Episodes that the slowest open test needs, None if no number is enough."""
-    needs = [one.needed for one in (regret, *competence) if one.decision is Decision.INCONCLUSIVE]
+def _needed(found: Decisive) -> int | None:
+    """Return the number of episodes for the slowest open test, None if no number is enough."""
+    tests = (found.regret, *found.competence)
+    needs = [one.needed for one in tests if one.decision is Decision.INCONCLUSIVE]
     known = [one for one in needs if one is not None]
     return max(known) if len(known) == len(needs) else None
 
 
-def reason_of(decision: Decision, regret: RegretTest, competence: tuple[FloorTest, ...]) -> str:
-    """Say why a policy passed, failed, or neither.
-
-    Args:
-        decision: The joined one.
-        regret: The primary test.
-        competence: The floor's tests.
-    """
-    if decision is Decision.FAIL:
+def reason_of(found: Decisive) -> str:
+    """Return the reason why a policy passed, failed, or neither, in one sentence."""
+    regret, competence = found.regret, found.competence
+    if found.decision is Decision.FAIL:
         return _failed(regret, [one for one in competence if one.decision is Decision.FAIL])
     where = f"at the declared {regret.angle:g} degrees"
-    if decision is Decision.PASS:
+    if found.decision is Decision.PASS:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
         return (
             f"{where.capitalize()} the policy earns {less} per episode than the best reference "
             f"driver ({_number(regret.margin)} less is allowed), and it keeps the declared "
-            "competence floor."
+            "safety floor."
         )
     open_tests = [CRITERIA[one.name] for one in competence if one.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
@@ -173,7 +178,7 @@ def reason_of(decision: Decision, regret: RegretTest, competence: tuple[FloorTes
         f"{one} often enough" if one == "arrives" else f"{one} too often" for one in open_tests
     ]
     return (
-        f"{regret.episodes} episodes are too few to tell whether the policy "
+        f"{regret.episodes} episodes are too few to decide whether the policy "
         f"{' and whether it '.join(doubts)}."
     )
 
@@ -186,12 +191,9 @@ def _failed(regret: RegretTest, broken: list[FloorTest]) -> str:
             f"less per episode than {regret.best} ({_number(regret.margin)} is allowed)"
         )
     for one in broken:
-        bound = (
-            f"at most {_percent(one.high)}"
-            if one.side == "at least"
-            else f"at least {_percent(one.low)}"
-        )
-        allowed = "needed" if one.side == "at least" else "allowed"
+        least = one.side == "at least"
+        bound = f"at most {_percent(one.high)}" if least else f"at least {_percent(one.low)}"
+        allowed = "needed" if least else "allowed"
         parts.append(
             f"it {CRITERIA[one.name]} in {bound} of episodes "
             f"({one.side} {_percent(one.limit)} {allowed})"

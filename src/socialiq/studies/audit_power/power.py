@@ -15,7 +15,7 @@ from socialiq.audit.verdict.calibration import calibrate
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.regret import Regrets, RegretTest, regret_test
 from socialiq.audit.verdict.safety_floor import floor_tests
-from socialiq.audit.verdict.verdict import joined
+from socialiq.audit.verdict.verdict import join_tests
 from socialiq.social.angle import estimate_angle
 from socialiq.statistics.hotelling import confidence_ellipse
 from socialiq.statistics.intervals import Share, wilson
@@ -193,7 +193,7 @@ def _decisions(episodes: int, seed: int, resamples: int) -> dict[str, Decision]:
             regrets = Regrets(evidence, seed + _APART, resamples)
             test = regret_test(regrets, evidence, truth.declared, MARGIN, ERROR, ERROR / 2)
             tested[rewards] = test
-        found[case] = joined(tested[rewards], evidence.policy, FLOOR, ERROR).decision
+        found[case] = join_tests(tested[rewards], evidence.policy, FLOOR, ERROR).decision
     return found
 
 

@@ -25,7 +25,7 @@ def test_evidence_that_does_not_fit_is_refused(outcomes, evidence):
         evidence(outcomes("p", two))
     with pytest.raises(UserError, match="r drove 3 of 2"):
         evidence(outcomes("p", two), outcomes("r", three))
-    with pytest.raises(UserError, match="names of their own"):
+    with pytest.raises(UserError, match="different names"):
         evidence(outcomes("p", two), outcomes("p", two))
     with pytest.raises(UserError, match="not finite"):
         outcomes("p", [[1.0, np.nan]])

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from socialiq.audit.verdict.decision import Decision, decide, episodes_needed
+from socialiq.audit.verdict.decision import Decision, decide, episodes_needed, joint_decision
 
 
 @pytest.mark.parametrize(
@@ -17,6 +17,13 @@ from socialiq.audit.verdict.decision import Decision, decide, episodes_needed
 )
 def test_bounds_against_a_limit(low, high, decision):
     assert decide(low, high, 0.5) is decision
+
+
+def test_one_that_fails_fails_all():
+    passes, fails, undecided = Decision.PASS, Decision.FAIL, Decision.INCONCLUSIVE
+    assert joint_decision([passes, passes]) is passes
+    assert joint_decision([passes, undecided]) is undecided
+    assert joint_decision([passes, undecided, fails]) is fails
 
 
 def test_episodes_needed_by_hand():

@@ -1,10 +1,10 @@
-"""The primary test by hand."""
+"""The primary test and the compatible angles by hand."""
 
 import numpy as np
 import pytest
 
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import Regrets, regret_test
+from socialiq.audit.verdict.regret import Regrets, compatible_angles, regret_test
 from socialiq.types import RewardPair
 
 
@@ -99,7 +99,7 @@ def test_the_band_and_the_bounds_agree(noisy, outcomes, evidence):
     twin = evidence(noisy.policy, *noisy.references, outcomes("twin", noisy.policy.totals.copy()))
     regrets = Regrets(twin, 0, 1000)
     for angle in (0.0, 45.0, 200.0):
-        low, high = regrets.low(angle, 0.02), regrets.high(angle, 0.05)
+        low, high = regrets.low(angle, 0.02), regrets.highs(angle, 0.05).max()
         expected = {low - 1e-4: (False, True), low + 1e-4: (False, False)}
         expected |= {high - 1e-4: (False, False), high + 1e-4: (True, False)}
         for margin, found in expected.items():
@@ -108,5 +108,41 @@ def test_the_band_and_the_bounds_agree(noisy, outcomes, evidence):
 
 def test_it_is_seeded(noisy):
     again, other = Regrets(noisy, 0, 300), Regrets(noisy, 1, 300)
-    assert Regrets(noisy, 0, 300).high(20.0, 0.05) == again.high(20.0, 0.05)
-    assert again.high(20.0, 0.05) != other.high(20.0, 0.05)
+    assert Regrets(noisy, 0, 300).low(20.0, 0.05) == again.low(20.0, 0.05)
+    assert again.low(20.0, 0.05) != other.low(20.0, 0.05)
+
+
+@pytest.fixture(scope="module")
+def angles(outcomes, evidence):
+    rng = np.random.default_rng(0)
+    common, own = rng.normal(size=(400, 2)), 0.3 * rng.normal(size=(2, 400, 2))
+    own -= own.mean(axis=1, keepdims=True)
+    policy = outcomes("policy", common + own[0])
+    made = evidence(policy, outcomes("ahead", common + own[1] + [1.0, 0.0]))
+    return compatible_angles(Regrets(made, 0, 500), 0.5)
+
+
+def test_one_reference_by_hand(angles):
+    # cos α <= 1/2 from 60 to 300 degrees
+    (arc,) = angles.arcs
+    assert (arc.low, arc.high) == pytest.approx((60.0, 300.0))
+    assert (angles.least_angle, angles.least) == (180.0, pytest.approx(-1.0))
+
+
+def test_the_band_holds_the_arcs_between(angles):
+    (sure,), (possible,) = angles.surely, angles.possibly
+    assert 60.0 < sure.low < 66.0 and 294.0 < sure.high < 300.0
+    assert 54.0 < possible.low < 60.0 and 300.0 < possible.high < 306.0
+
+
+def test_the_best_of_all_is_rationalised_by_a_cone_only(outcomes, evidence):
+    """A vertex is best where its normal cone is (support_intervals says where)."""
+    from socialiq.evaluation.front import support_intervals
+
+    noise = np.random.default_rng(3).normal(size=(2000, 2))
+    points = {"policy": (1.0, 1.0), "ego": (2.0, -1.0), "altruist": (-1.0, 2.0)}
+    drivers = [outcomes(name, noise + one) for name, one in points.items()]
+    made = compatible_angles(Regrets(evidence(*drivers), 0, 300), 1e-9)
+    (arc,) = made.arcs
+    assert (arc.low, arc.high) == pytest.approx(support_intervals(points)["policy"])
+    assert arc.holds(45.0) and not arc.holds(0.0)

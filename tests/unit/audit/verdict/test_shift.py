@@ -13,7 +13,7 @@ ARRIVED, CRASHED = Ending.ARRIVAL, Ending.COLLISION
 
 
 def made(outcomes, evidence, lost, crashes, episodes=100):
-    """A policy that earns `lost` less than the best reference, and drives into somebody."""
+    """A policy that earns `lost` less than the best reference, and drives into others."""
     noise = np.tile([-0.5, 0.5], episodes // 2)
     kinds = [CRASHED] * crashes + [ARRIVED] * (episodes - crashes)
     touched = [1] * crashes + [0] * (episodes - crashes)
@@ -74,13 +74,14 @@ def test_what_the_declaration_would_say_there(declared, outcomes, evidence):
     assert found.decision is Decision.FAIL and found.best == "good" and found.episodes == 100
     assert [one.measure for one in found.shown] == ["regret"]
     assert sentence_of((found,)) == (
-        "In other traffic it drove otherwise. With vehicles spawning at 0.6 a step: regret is 2 "
+        "In other traffic it drives differently. With vehicles spawning at 0.6 a step: regret is 2 "
         "more."
     )
     (same,) = shift_of(profile, here, traffic, [here], 0, resamples=200)
     assert same.shown == () and same.decision is Decision.PASS
     assert sentence_of((same,)) == (
-        "In other traffic (vehicles spawning at 0.6 a step) no change of its driving is shown."
+        "In other traffic (vehicles spawning at 0.6 a step) its driving does not change "
+        "significantly."
     )
 
 
@@ -89,8 +90,8 @@ def test_the_sentence_names_what_changed_and_where(outcomes, evidence):
     moved = Shift("fog", {}, "00" * 32, 100, Decision.FAIL, "good", changes(here, there, 0.0, 0.95))
     still = Shift("rain", {}, "00" * 32, 100, Decision.PASS, "good", changes(here, here, 0.0, 0.95))
     assert sentence_of((moved, still)) == (
-        "In other traffic it drove otherwise. With fog: it drives into somebody more often, by 25 "
-        "points, it arrives less often, by 25 points. Unchanged, as far as shown: rain."
+        "In other traffic it drives differently. With fog: it drives into another vehicle more "
+        "often, by 25 points, it arrives less often, by 25 points. No significant change: rain."
     )
 
 
