@@ -29,7 +29,7 @@ LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 10
 
 @cache
 def shipped_schema() -> dict[str, Any]:
-    """The schema that comes with the package."""
+    """Return the JSON Schema of `report.json`."""
     return json.loads(files("socialiq.audit.report").joinpath("report.schema.json").read_text())
 
 

@@ -2,14 +2,21 @@
 
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 import socialiq.audit.report as package
+from socialiq.audit.commitment import LARGEST_SEED
+from socialiq.audit.evidence.outcomes import CRITERIA
+from socialiq.audit.profile.fields import SHA256_PATTERN
 from socialiq.audit.report import verify as check
-from socialiq.audit.report.schema import schema
 from socialiq.audit.report.verify import fault_of, read_report
+from socialiq.audit.verdict.calibration import Status
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.shift import MEASURES
 from socialiq.errors import UserError
 
 SHIPPED = json.loads((Path(package.__file__).parent / "report.schema.json").read_text())
@@ -39,8 +46,35 @@ FREE = (
 )
 
 
-def test_the_shipped_schema_is_the_layout():
-    assert schema() == SHIPPED
+def objects(schema):
+    """Every object of a schema with named properties."""
+    if isinstance(schema, list):
+        for one in schema:
+            yield from objects(one)
+    if isinstance(schema, dict):
+        if "properties" in schema:
+            yield schema
+        yield from objects(list(schema.values()))
+
+
+def test_the_schema_is_valid_and_demands_every_property():
+    Draft202012Validator.check_schema(SHIPPED)
+    found = list(objects(SHIPPED))
+    assert len(found) > 30
+    for one in found:
+        assert one["required"] == list(one["properties"])
+        assert one["additionalProperties"] == (one is SHIPPED["$defs"]["record"])
+
+
+def test_the_schema_has_the_names_and_limits_of_the_code():
+    defined = SHIPPED["$defs"]
+    assert defined["criterion"]["enum"] == list(CRITERIA)
+    assert defined["change"]["properties"]["measure"]["enum"] == list(MEASURES)
+    assert defined["calibration"]["properties"]["status"]["enum"] == list(get_args(Status))
+    assert defined["decision"]["enum"] == [one.value for one in Decision]
+    assert defined["count"]["maximum"] == LARGEST_SEED
+    assert defined["sha256"]["pattern"] == SHA256_PATTERN
+    assert set(CRITERIA) < set(defined["driver"]["properties"])
 
 
 def test_a_report_follows_the_schema(report):
