@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import sys
@@ -88,22 +89,62 @@ def failure(source: str, error: BaseException) -> UserError:
 def one_line(text: str | bytes, most: int = 200) -> str:
     """Return a text with printable characters only, in one line, cut to a length.
 
-    Escape sequences could rewrite a terminal, and characters that change the reading direction
-    could make a line say something else; neither is printable in Python's sense.
+    Escape sequences could rewrite a terminal, and characters that change the writing direction
+    could reorder a line; neither is printable in Python's sense.
 
     Args:
         text: A message of a file, a program or a library.
-        most: Characters that are kept.
+        most: Largest number of characters.
     """
     decoded = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
-    plain = "".join(mark if mark.isprintable() else " " for mark in decoded[: 20 * most])
-    line = " ".join(plain.split())
-    return line if len(line) <= most else line[: most - 1] + "…"
+    return cut(" ".join(printable(decoded[: 20 * most]).split()), most)
+
+
+def printable(text: str) -> str:
+    """Return a text of the same length with a space for each unprintable character."""
+    return "".join(mark if mark.isprintable() else " " for mark in text)
+
+
+def cut(text: str, most: int) -> str:
+    """Return at most so many characters of a text, the last of them "…" if it is longer."""
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+class Markdown(str):
+    """Text that is Markdown already and is not escaped."""
 
 
 _MARKED = str.maketrans({mark: f"\\{mark}" for mark in "\\`*_[]{}<>|&#~$!"})
 
 
-def markdown(text: str, most: int = 200) -> str:
-    """Return one line in which Markdown and HTML find no markup."""
-    return one_line(text, most).translate(_MARKED)
+def markdown(value: Any, most: int) -> Any:
+    """Return a string as one line in which Markdown and HTML find no markup.
+
+    Args:
+        value: Any value; only strings other than `Markdown` are changed.
+        most: Largest number of characters before escaping.
+    """
+    if not isinstance(value, str) or isinstance(value, Markdown):
+        return value
+    return cut(printable(value), most).translate(_MARKED)
+
+
+def templates(package: str, most: int = 0) -> Any:
+    """Return the Jinja environment of a package's templates.
+
+    Args:
+        package: Package with a folder `templates`.
+        most: Largest number of characters of a value in Markdown, where all values are escaped
+            by `markdown`; 0 for HTML, where they are escaped by Jinja.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader(package),
+        undefined=StrictUndefined,
+        autoescape=not most,
+        finalize=functools.partial(markdown, most=most) if most else None,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )

@@ -23,7 +23,7 @@ from socialiq.audit.report.folder import (
     write_folder,
 )
 from socialiq.audit.report.verify import content_of, differences, faults, read_report
-from socialiq.audit.report.views import told
+from socialiq.audit.report.views import is_known
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display
@@ -146,7 +146,7 @@ def _show(done: Conducted, folder: Path) -> None:
             "asked for": f"at most {regret['margin']:g}",
         }
     ]
-    for one in (one for one in tests["competence"] if told(done.report, one["name"])):
+    for one in (one for one in tests["competence"] if is_known(done.report, one["name"])):
         bounds = {"estimate": one["share"], "low": one["low"], "high": one["high"]}
         wanted = f"{one['side']} {one['limit']:g}"
         result = {"test": one["name"].replace("_", " "), "result": one["decision"]}

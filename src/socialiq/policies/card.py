@@ -10,13 +10,10 @@ import importlib.metadata
 import json
 import math
 from collections.abc import Iterator, Mapping
-from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from socialiq.errors import UserError
-from socialiq.foreign import markdown, one_line
+from socialiq.foreign import Markdown, one_line, templates
 from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
 
@@ -45,56 +42,36 @@ def model_card(
         evaluated_by: Origin of the evaluation, in words.
 
     Raises:
-        UserError: If the evaluation is no such object.
+        UserError: If the evaluation is not such an object.
     """
     known, measured = dict(training or {}), _measured(evaluation)
     record = dict(policy.provenance)
     angle = _angle(record)
-    template = _environment().get_template("card.md.j2")
-    return template.render(
-        front=_Ready(_front(name, angle, known, measured)),
-        name=name,
-        policy=policy,
-        angle=angle,
-        blank=_Ready(BLANK),
-        details=_details(policy, known),
-        data=[*_rows(known.get("data"), "data"), *_rows(known.get("inputs"), "inputs")],
-        procedure=list(_rows(record, "")),
-        evaluation=[(key, _shown(value)) for key, value in measured.items()],
-        evaluated=evaluated_by or "As given with this card.",
+    return (
+        templates("socialiq.policies", most=200)
+        .get_template("card.md.j2")
+        .render(
+            front=Markdown(_front(name, angle, known, measured)),
+            name=name,
+            policy=policy,
+            angle=angle,
+            blank=Markdown(BLANK),
+            details=_details(policy, known),
+            data=[*_rows(known.get("data"), "data"), *_rows(known.get("inputs"), "inputs")],
+            procedure=list(_rows(record, "")),
+            evaluation=[(key, _text(value)) for key, value in measured.items()],
+            evaluated=evaluated_by or "As given with this card.",
+        )
     )
-
-
-class _Ready(str):
-    """Text that needs no more escaping."""
-
-
-@cache
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("socialiq.policies", "templates"),
-        undefined=StrictUndefined,
-        autoescape=False,
-        finalize=_plain,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as one line without markup."""
-    if isinstance(value, str) and not isinstance(value, _Ready):
-        return markdown(value)
-    return value
 
 
 def _angle(record: Mapping[str, Any]) -> float | None:
     """Return the angle that the policy was trained for, or that a dial was set to."""
     numbers = record.get("numbers")
-    told = record.get("angle", numbers.get("angle") if isinstance(numbers, dict) else None)
-    finite = isinstance(told, int | float) and not isinstance(told, bool) and math.isfinite(told)
-    return float(told) if finite else None
+    found = record.get("angle", numbers.get("angle") if isinstance(numbers, dict) else None)
+    if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+        return None
+    return float(found)
 
 
 def _details(policy: QPolicy, known: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -119,8 +96,8 @@ def _details(policy: QPolicy, known: Mapping[str, Any]) -> list[tuple[str, str]]
         ("SHA-256 of the file's content", policy.sha256),
         ("Card written with", f"socialiq {importlib.metadata.version('socialiq')}"),
     ]
-    rows += [("Versions", _shown(known["versions"]))] if known.get("versions") else []
-    return [(key, str(value) if value else _Ready(BLANK)) for key, value in rows]
+    rows += [("Versions", _text(known["versions"]))] if known.get("versions") else []
+    return [(key, str(value) if value else Markdown(BLANK)) for key, value in rows]
 
 
 def _rows(value: Any, name: str) -> Iterator[tuple[str, str]]:
@@ -133,12 +110,12 @@ def _rows(value: Any, name: str) -> Iterator[tuple[str, str]]:
             waiting = inner + waiting
         elif one is not None and one not in ({}, []):
             listed += 1
-            yield key, _shown(one)
+            yield key, _text(one)
     if waiting:
         yield "...", "more than can be listed; the file has all"
 
 
-def _shown(value: Any) -> str:
+def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value)

@@ -15,8 +15,9 @@ from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
 from socialiq.audit.report.episodes import evidence_csv
-from socialiq.audit.report.views import Ready, html, markdown
+from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
+from socialiq.foreign import Markdown
 from socialiq.storage import check_output_folder, whole_folder, write_atomically
 
 MANIFEST = "MANIFEST.sha256"
@@ -105,7 +106,7 @@ def files_of(
 def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
     """Files that are made from the report alone, and can be made again from it."""
     tree = claims(report)
-    diagram = Ready(mermaid(tree))
+    diagram = Markdown(mermaid(tree))
     return {
         "report.html": html(report).encode(),
         "report.md": markdown(report).encode(),
