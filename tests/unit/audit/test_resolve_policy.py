@@ -12,6 +12,7 @@ from socialiq.audit.resolve_policy import (
 from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
 from socialiq.policies.record import Record
 from socialiq.worlds.intersection.options import Options
@@ -72,6 +73,7 @@ def test_a_dial_under_audit_is_turned_to_the_declared_angle(tmp_path):
     seen = np.zeros((1, CROSSING.n_features), np.float32)
     turned = resolve_policy(str(path), CROSSING, 30.0, Trust())
     expected = DialPolicy.load(path).at(30.0).q_values(seen)
+    assert isinstance(turned.policy, QPolicy)
     np.testing.assert_array_equal(turned.policy.q_values(seen), expected)
 
 

@@ -54,7 +54,7 @@ class Policy:
         self.action = action
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.int64(self.action), state
+        return np.array(self.action), state
 
 
 class Coin:
@@ -64,7 +64,7 @@ class Coin:
         return np.full((len(observations), 2), 0.5)
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.int64(0), state
+        return np.array(0), state
 
 
 @pytest.fixture

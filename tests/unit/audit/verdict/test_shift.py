@@ -8,6 +8,7 @@ from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, changes, other_traffic, sentence_of, shift_of
 from socialiq.errors import UserError
 from socialiq.types import Ending
+from socialiq.worlds.intersection.world import Intersection
 
 ARRIVED, CRASHED = Ending.ARRIVAL, Ending.COLLISION
 
@@ -53,7 +54,8 @@ def test_traffic_of_the_worlds(declared):
         {"population": "highway_env"},
         {"connected_lanes": False},
     ]
-    assert all(one.world.options.duration == 30.0 for one in found)
+    worlds = [one.world for one in found]
+    assert all(isinstance(one, Intersection) and one.options.duration == 30.0 for one in worlds)
     for usual, other in ((0.3, 0.6), (0.7, 0.3), (0.0, 0.3)):
         profile = declared("crossing7", options={"spawn_probability": usual})
         assert [dict(one.options) for one in other_traffic(profile)] == [
@@ -105,7 +107,7 @@ def test_chance_alone_is_seldom_taken_for_a_change(outcomes, evidence):
             kinds = np.where(rng.random(80) < 0.2, CRASHED, ARRIVED)
             policy = outcomes("p", rng.normal(size=(80, 2)), kinds, kinds == CRASHED)
             pair.append(evidence(policy, outcomes("r", np.zeros((80, 2)))))
-        found = by_measure(changes(*pair, 0.0, 0.95))
+        found = by_measure(changes(pair[0], pair[1], 0.0, 0.95))
         for name in shown:
             shown[name] += found[name].shown
     assert all(2 <= count <= 20 for count in shown.values()), shown
