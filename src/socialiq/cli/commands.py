@@ -49,6 +49,9 @@ COMMANDS = {
 GROUPS = {"profile": "declarations for an audit", "data": "data sets and recorded traffic"}
 """First words that are no commands by themselves, and what their commands are about."""
 
+OF_A_STUDY = ("reproduce", "compare")
+"""Commands with options that depend on the study that is named."""
+
 DESCRIPTION = (
     "Driving policies of a declared social angle, learned from mixed demonstrations. "
     "Exit status: 0 done, 1 a check failed, 2 a mistake in the call, 3 an audit that decides "

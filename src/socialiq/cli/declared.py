@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import ast
 import functools
-import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
+
+import socialiq
 
 _PLAIN = {"str", "int", "float", "bool", "tuple", "list", "Path", "Literal", "Annotated", "tyro"}
 """Names in an annotation that make no options of their own."""
@@ -36,16 +37,22 @@ def options(module: str, name: str) -> list[str] | None:
     """Return the options that the parser makes of a dataclass, without their dashes.
 
     Args:
-        module: Module of the class.
+        module: Module of the class, or one that imports it from there.
         name: Its name there.
 
     Returns:
         The options, or None where an annotation is not understood.
     """
+    module, name = _defined(module, name)
     found = _class(module, name)
-    if found is None or found.bases:
+    if found is None:
         return None
     made: list[str] = []
+    for base in found.bases:
+        inherited = options(*_defined(module, ast.unparse(base)))
+        if inherited is None:
+            return None
+        made += inherited
     for field in found.body:
         if not isinstance(field, ast.AnnAssign) or not isinstance(field.target, ast.Name):
             continue
@@ -58,7 +65,7 @@ def options(module: str, name: str) -> list[str] | None:
             prefix = "" if "OmitArgPrefixes" in words else f"{option}."
             made += [prefix + one for one in below]
         elif "Positional" not in words:
-            made.append(option)
+            made.append(f"no-{option}" if _is_true(field.value) else option)
     return made
 
 
@@ -68,11 +75,10 @@ def _options_below(module: str, annotation: ast.expr) -> list[str] | None:
     optional = _optional(module, annotation)
     if optional is not None:
         return optional
-    for name in _names(annotation):
-        if name in _PLAIN:
-            continue
-        alias = _assigned(module, name)
-        below = _options_below(module, alias) if alias else options(*_defined(module, name))
+    for name in _types(annotation):
+        place, original = _defined(module, name)
+        alias = _assigned(place, original)
+        below = _options_below(place, alias) if alias else options(place, original)
         if below is None:
             return None
         made += below
@@ -84,10 +90,19 @@ def _optional(module: str, annotation: ast.expr) -> list[str] | None:
     for node in ast.walk(annotation):
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "optional":
             config, *leave_out = node.args
-            below = options(*_defined(module, ast.unparse(config))) or []
+            below = options(module, ast.unparse(config)) or []
             left_out = {ast.literal_eval(one).replace("_", "-") for one in leave_out}
-            return [one.rpartition(".")[2] for one in below if one not in left_out]
+            made = [one.rpartition(".")[2].removeprefix("no-") for one in below]
+            return [one for one in made if one not in left_out]
     return None
+
+
+def _types(annotation: ast.expr) -> Iterator[str]:
+    """Yield the names in an annotation that may make options, as `Config` or `module.Config`."""
+    parents = {node.value: node for node in ast.walk(annotation) if isinstance(node, ast.Attribute)}
+    for node in ast.walk(annotation):
+        if isinstance(node, ast.Name) and node.id not in _PLAIN:
+            yield ast.unparse(parents.get(node, node))
 
 
 def _names(annotation: ast.expr) -> Iterator[str]:
@@ -110,6 +125,11 @@ def _renamed(annotation: ast.expr) -> str | None:
     return None
 
 
+def _is_true(default: ast.expr | None) -> bool:
+    """Whether a field is a flag that is on by default, so that its option turns it off."""
+    return isinstance(default, ast.Constant) and default.value is True
+
+
 def _class(module: str, name: str) -> ast.ClassDef | None:
     tree = _source(module)
     classes = (node for node in tree.body if isinstance(node, ast.ClassDef)) if tree else ()
@@ -126,17 +146,21 @@ def _assigned(module: str, name: str) -> ast.expr | None:
 
 def _defined(module: str, name: str) -> tuple[str, str]:
     """Return the module that a name is imported from and its name there, or the module itself."""
+    first, _, rest = name.partition(".")
     for node in tree.body if (tree := _source(module)) else ():
         for alias in node.names if isinstance(node, ast.ImportFrom) else ():
-            if name == (alias.asname or alias.name):
-                return str(node.module), alias.name  # pyright: ignore[reportAttributeAccessIssue]
+            if first == (alias.asname or alias.name):
+                place = str(node.module)  # pyright: ignore[reportAttributeAccessIssue]
+                return (f"{place}.{alias.name}", rest) if rest else (place, alias.name)
     return module, name
 
 
 @functools.cache
 def _source(module: str) -> ast.Module | None:
     """Parse a module of this package; None for a module of another."""
-    if not module.startswith("socialiq."):
-        return None
-    spec = importlib.util.find_spec(module)
-    return ast.parse(Path(spec.origin).read_bytes()) if spec and spec.origin else None
+    package, *parts = module.split(".")
+    path = Path(*socialiq.__path__, *parts)
+    for file in (path.with_suffix(".py"), path / "__init__.py"):
+        if package == "socialiq" and file.is_file():
+            return ast.parse(file.read_bytes())
+    return None

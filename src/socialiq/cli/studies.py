@@ -1,7 +1,8 @@
 """`reproduce` and `compare`: run a study, or show its results.
 
-Which options a study has follows from its own `Config`: `specific` makes a command for one study,
-so that only this study is imported.
+The options of a study follow from its own `Config`. `specific` returns a command for one study, so
+that only this study is imported, and `declared_options` reads them from the study's source, so that
+a mistyped one is refused without an import.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from socialiq.cli import declared
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError, one_of
@@ -23,7 +25,7 @@ from socialiq.experiments.engine import Engine
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Study
 from socialiq.learners.ranges import check_seeds
-from socialiq.studies import STUDIES, find
+from socialiq.studies import STUDIES, find, module_of
 
 COMPARISONS = {"priors": "compare-priors"}
 """Name on the command line, and the study."""
@@ -47,6 +49,27 @@ class _StudyCommand:
     """Print one JSON object."""
 
     config = None  # of the study, in the commands that `_specific` makes
+
+    @classmethod
+    def named(cls, arguments: Sequence[str]) -> str:
+        """Return the study that the arguments name, or "" if they name none."""
+        raise NotImplementedError
+
+    @classmethod
+    def declared_options(cls, arguments: Sequence[str]) -> list[str] | None:
+        """Return the options by the sources, without dashes; None for a study of the user's."""
+        study = cls.named(arguments)
+        own = declared.options(cls.__module__, cls.__name__)
+        if not study:
+            return own
+        below = None if ".py:" in study else declared.options(module_of(study), "Config")
+        return None if own is None or below is None else own + below
+
+    @classmethod
+    def specific(cls, arguments: Sequence[str]) -> type[Any]:
+        """Return the command with the options of the study that the arguments name."""
+        study = cls.named(arguments)
+        return _specific(cls, find(study, "--allow-code" in arguments)) if study else cls
 
     def run_study(self, study: Study) -> int:
         """Run or read, then print."""
@@ -111,12 +134,11 @@ class Reproduce(_StudyCommand):
     """Run the code of FILE.py, with your rights."""
 
     @classmethod
-    def specific(cls, arguments: Sequence[str]) -> type[Any]:
-        """Return the command with the options of the study that the arguments name."""
-        names = [word for word in arguments if word in STUDIES or ".py:" in word]
+    def named(cls, arguments: Sequence[str]) -> str:
+        """Return the study that the arguments name, or "" if they name none."""
         if arguments and not arguments[0].startswith("-"):
-            names = [arguments[0]]
-        return _specific(cls, find(names[0], "--allow-code" in arguments)) if names else cls
+            return arguments[0]
+        return next((word for word in arguments if word in STUDIES or ".py:" in word), "")
 
     def run(self) -> int:
         """Run or read, then print."""
@@ -137,12 +159,11 @@ class Compare(_StudyCommand):
     """priors."""
 
     @classmethod
-    def specific(cls, arguments: Sequence[str]) -> type[Any]:
-        """Return the command with the options of the comparison that the arguments name."""
-        names = [word for word in arguments if word in COMPARISONS]
+    def named(cls, arguments: Sequence[str]) -> str:
+        """Return the study of the comparison that the arguments name, or "" if they name none."""
         if arguments and not arguments[0].startswith("-"):
             one_of("comparison", arguments[0], tuple(COMPARISONS))
-        return _specific(cls, find(COMPARISONS[names[0]])) if names else cls
+        return next((COMPARISONS[word] for word in arguments if word in COMPARISONS), "")
 
     def run(self) -> int:
         """Run or read, then print."""

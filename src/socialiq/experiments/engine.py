@@ -22,7 +22,6 @@ from socialiq.errors import UserError
 from socialiq.experiments.jobs import Job, Progress, claimed, fingerprints, open_jobs
 from socialiq.learners.callbacks import Report, Stopped
 from socialiq.storage import write_atomically
-from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 if TYPE_CHECKING:  # importing it takes half a second, which `socialiq --help` need not wait for
     from distributed import Client, Future
@@ -87,6 +86,8 @@ def job_environment(work: Path) -> dict[str, str]:
 
     A folder of compiled programs that the caller's environment names is used; else the jobs' own.
     """
+    from socialiq.worlds.intersection.reference.conformance import PORTABLE
+
     compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
     threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
     return {

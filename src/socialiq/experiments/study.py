@@ -1,7 +1,7 @@
 """A study: what to run, which tables and pictures follow from it, and which tables to print.
 
-A study is a folder `studies/NAME/` whose `__init__.py` defines `STUDY`. Jobs fill folders and can
-be resumed (`experiments.jobs`); tables follow from these folders alone, pictures and printed tables
+A study is a module or a folder of `studies` that defines `STUDY`. Jobs fill folders and can be
+resumed (`experiments.jobs`); tables follow from these folders alone, pictures and printed tables
 from the tables alone. A short study has no jobs: its tables are computed in one go.
 """
 
@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
@@ -20,9 +18,11 @@ from socialiq.experiments.engine import Engine, run_jobs, work_folder
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.learners.callbacks import Clock, Report
-from socialiq.plotting.style import png
 from socialiq.storage import shipped
 from socialiq.types import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 StageCallback = Callable[[str], Callable[[Report], None] | None]
 """Given the name of a stage, return the callback that shows its progress, if any."""
@@ -149,6 +149,8 @@ def save(study: Study, results: Results, folder: Path, replace: bool) -> None:
     Raises:
         UserError: If the folder exists and may not be replaced, or can't be written.
     """
+    from socialiq.plotting.style import png
+
     store.save(results, folder, png(study.figures(results)), replace)
 
 

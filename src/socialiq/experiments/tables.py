@@ -24,14 +24,19 @@ def matching(rows: Sequence[Row], **wanted: Any) -> list[Row]:
     return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
 
 
+def column(rows: Sequence[Row], name: str) -> list[Any]:
+    """Return the values of a column."""
+    return [row[name] for row in rows]
+
+
 def mean(rows: Sequence[Row], name: str) -> float:
     """Return the mean of a column."""
-    return float(np.mean([row[name] for row in rows]))
+    return float(np.mean(column(rows, name)))
 
 
 def spread(rows: Sequence[Row], name: str) -> dict[str, float]:
     """Return mean, least and largest value of a column."""
-    values = [row[name] for row in rows]
+    values = column(rows, name)
     return {"mean": float(np.mean(values)), "low": min(values), "high": max(values)}
 
 
@@ -53,13 +58,13 @@ def nested(rows: Sequence[Row], *keys: str, keep: Sequence[str] | None = None) -
     for row in rows:
         place = found
         for key in keys[:-1]:
-            place = place.setdefault(_word(row[key]), {})
+            place = place.setdefault(_as_key(row[key]), {})
         names = [name for name in row if name not in keys] if keep is None else keep
-        place[_word(row[keys[-1]])] = {name: row[name] for name in names}
+        place[_as_key(row[keys[-1]])] = {name: row[name] for name in names}
     return found
 
 
-def _word(value: Any) -> str:
+def _as_key(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

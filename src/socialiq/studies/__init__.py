@@ -1,7 +1,7 @@
-"""The studies by name; each is imported when it is first asked for.
+"""The studies by name; each is imported at its first use.
 
-A study is a folder here whose `__init__.py` defines `STUDY` (`experiments.study.Study`), and one
-line below.
+A study is a module here that defines `Config` and `STUDY` (`experiments.study.Study`), or a folder
+whose `__init__.py` does, and one line below.
 """
 
 from __future__ import annotations
@@ -35,7 +35,17 @@ STUDIES = {
     "classic-control": "classic_control",
     "compare-priors": "compare_priors",
 }
-"""Name on the command line, and the study's folder."""
+"""Name on the command line, and the study's module or folder."""
+
+
+def module_of(name: str) -> str:
+    """Return the full name of a study's module.
+
+    Raises:
+        UserError: If there is no study of that name.
+    """
+    one_of("study", name, (*STUDIES, "FILE.py:NAME"))
+    return f"socialiq.studies.{STUDIES[name]}"
 
 
 def find(name: str, allow_code: bool = False) -> Study:
@@ -50,8 +60,7 @@ def find(name: str, allow_code: bool = False) -> Study:
     """
     file, _, attribute = name.rpartition(":")
     if not file.endswith(".py"):
-        one_of("study", name, (*STUDIES, "FILE.py:NAME"))
-        return importlib.import_module(f"socialiq.studies.{STUDIES[name]}").STUDY
+        return importlib.import_module(module_of(name)).STUDY
     if not allow_code:
         raise UserError(f"{name} would run its author's code: allow that with --allow-code")
     folder = str(Path(file).resolve().parent)

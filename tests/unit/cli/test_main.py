@@ -7,7 +7,9 @@ import pytest
 from socialiq.cli import declared
 from socialiq.cli.commands import COMMANDS, GROUPS, command_class, help_page, options_of
 from socialiq.cli.main import main, parse
+from socialiq.cli.studies import Reproduce
 from socialiq.cli.suggest import ALIASES, nearest_option, option_names
+from socialiq.studies import STUDIES
 
 HEAVY = ("jax", "numba", "scipy", "matplotlib", "equinox")
 
@@ -31,19 +33,19 @@ def test_every_command_is_found_and_the_help_page_has_its_docstring(name, capsys
     assert (kind.__doc__ or "").partition("\n")[0][:40] in out
 
 
-# Their options follow from the study that is named, so only an import can tell them.
-OF_A_STUDY = {"reproduce", "compare"}
-
-
-def test_only_studies_have_options_that_the_source_does_not_tell():
-    assert {name for name in COMMANDS if options_of(name) is None} == OF_A_STUDY
-
-
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in OF_A_STUDY])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_options_by_the_source_are_those_of_the_parser(name):
     known = options_of(name)
     assert known is not None
     page = option_names(lambda: parse([*name.split(), "--help"]))
+    assert sorted(["help", *known]) == sorted(page)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_options_of_a_study_by_its_source_are_those_of_the_parser(name):
+    known = Reproduce.declared_options([name])
+    assert known is not None
+    page = option_names(lambda: parse(["reproduce", name, "--help"]))
     assert sorted(["help", *known]) == sorted(page)
 
 
@@ -125,17 +127,20 @@ def test_the_last_part_of_a_nested_option_is_enough():
 
 
 def test_help_and_mistakes_import_nothing_heavy():
-    """A mistyped option of every command, in one process that must not load a learner."""
+    """A mistyped option of every command and study, in one process that must not load a learner."""
     lines = [
         "import sys; from socialiq.cli.main import main; from socialiq.cli.commands import *",
+        "from socialiq.studies import STUDIES",
         "help_page(); [help_page(group) for group in GROUPS]",
-        f"names = set(COMMANDS) - {OF_A_STUDY}",
-        "for name in names: assert main([*name.split(), '--nonsense']) == 2",
+        "names = [name.split() for name in COMMANDS] + [['compare', 'priors']]",
+        "names += [['reproduce', study] for study in STUDIES]",
+        "for name in names: assert main([*name, '--nonsense']) == 2",
         f"print([name for name in {HEAVY} if name in sys.modules])",
+        "print([name for name in sys.modules if name.startswith('socialiq.studies.')])",
     ]
     command = [sys.executable, "-c", "\n".join(lines)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert done.stdout.split() == ["[]", "[]"]
 
 
 def test_completion_knows_commands_of_two_words(capsys):

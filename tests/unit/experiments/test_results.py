@@ -4,7 +4,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
-from socialiq.studies.poc.study import Config
+from socialiq.studies.poc import Config
 from socialiq.to_json import rounded
 
 
