@@ -36,7 +36,7 @@ class Sweep:
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """TOML: data, worlds, seeds, preset, and the tables static and hyperparameters."""
+    """TOML: data, learner, worlds, seeds, preset, and the tables static and hyperparameters."""
     out: Path
     """Folder to write: runs.csv, config.json, summary.json and the policies."""
     work: Path | None = None
@@ -47,7 +47,7 @@ class Sweep:
     task: int | None = None
     """Do the job of this number only, as a task of the Slurm script does."""
     allow_code: bool = False
-    """Import modules of environments: their authors' code runs with your rights."""
+    """Import modules of environments, or a learner: their authors' code runs with your rights."""
     replace: bool = False
     """Replace the results that are in the folder."""
     json: bool = False

@@ -20,8 +20,8 @@ from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import acting_in
 from socialiq.learners.extensions import (
     checked_divergence,
-    checked_learner,
     checked_prior,
+    find_learner,
     load,
 )
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
@@ -81,7 +81,8 @@ class Train:
     """FILE.py:NAME, a loss of your own in the place of the objective; --prior and --divergence
     take one in the same way."""
     learner: str = ""
-    """FILE.py:NAME, a learner of your own; it trains offline, with the options that it has."""
+    """behaviour-cloning, cql, or FILE.py:NAME, a learner of your own, in the place of IQ-Learn; it
+    trains offline, with the options that it has."""
     static: StaticOptions = field(default_factory=StaticOptions)  # pyright: ignore[reportInvalidTypeForm]
     """Choices that shape the program."""
     hyperparameters: NumberOptions = field(  # pyright: ignore[reportInvalidTypeForm]
@@ -112,22 +113,24 @@ class Train:
         return folder.report(trained, policies, self.json)
 
     def own_code(self) -> dict[str, Any]:
-        """Import and try the user's own prior, divergence, loss and learner, where they are named.
+        """Import and try the user's own prior, divergence and loss, and find the learner, if named.
 
         Raises:
             UserError: If the code may not run, is not found, or fails.
         """
-        places = {"loss": self.loss, "learner": self.learner}
+        places = {"loss": self.loss}
         for part in ("prior", "divergence"):
             named = getattr(self.static, part) or ""
             places[part] = named if ":" in named or named.endswith(".py") else ""
-        checks = {"prior": checked_prior, "divergence": checked_divergence}
-        checks["learner"] = checked_learner
-        found: dict[str, Any] = {}
-        for part, place in places.items():
-            if place:
-                code = load(place, f"--{part}", self.allow_code)
-                found[part] = checks[part](code) if part in checks else code
+        named = {part: place for part, place in places.items() if place}
+        found: dict[str, Any] = {
+            part: load(place, f"--{part}", self.allow_code) for part, place in named.items()
+        }
+        for part, check in (("prior", checked_prior), ("divergence", checked_divergence)):
+            if part in found:
+                found[part] = check(found[part])
+        if self.learner:
+            found["learner"] = find_learner(self.learner, "--learner", self.allow_code)
         if "learner" in found and (len(found) > 1 or self.world):
             raise UserError("--learner takes no --world, --prior, --divergence or --loss")
         return found

@@ -79,8 +79,16 @@ class Carry(NamedTuple):
 class BehaviourCloning(Learner):
     """The maximum-likelihood classifier of actions; its soft policy is the fitted distribution."""
 
+    StaticConfig: ClassVar[type] = StaticConfig
+    Hyperparameters: ClassVar[type] = Hyperparameters
     name: ClassVar[str] = "behaviour_cloning"
     has_target: ClassVar[bool] = False
+
+    @classmethod
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> BehaviourCloning:
+        """Make the learner of sets of demonstrations."""
+        sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
+        return cls(static, sizes, _table(static, datasets))
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed, and weigh the demonstrations."""
@@ -137,9 +145,7 @@ def clone(
         Stopped: On Ctrl-C.
     """
     check_datasets(hyperparameters, datasets)
-    sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-    learner = BehaviourCloning(static, sizes, _table(static, datasets))
-    return learner.train(hyperparameters, callbacks, chunk)
+    return BehaviourCloning.of(static, datasets).train(hyperparameters, callbacks, chunk)
 
 
 def effective_size(data: Transitions, hyperparameters: Hyperparameters) -> float:

@@ -90,6 +90,8 @@ class Hyperparameters:
 class ConservativeQ(Learner):
     """Conservative Q-learning of demonstrations."""
 
+    StaticConfig: ClassVar[type] = StaticConfig
+    Hyperparameters: ClassVar[type] = Hyperparameters
     name: ClassVar[str] = "cql"
 
     def loss(

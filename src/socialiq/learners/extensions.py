@@ -10,8 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from socialiq.errors import UserError
+from socialiq.errors import UserError, one_of
 from socialiq.foreign import FAILURES, failure, imported, one_line
+from socialiq.learners.behaviour_cloning import BehaviourCloning
+from socialiq.learners.cql import ConservativeQ
 from socialiq.learners.iq_learn.divergences import Divergence
 from socialiq.learners.kernel import Learner
 
@@ -93,6 +95,31 @@ def checked_divergence(divergence: Any) -> Divergence:
         )
     _check_finite(what, value, _tried(what, lambda: found.slope(rewards)))
     return found
+
+
+LEARNERS: dict[str, type[Learner]] = {
+    "behaviour-cloning": BehaviourCloning,
+    "cql": ConservativeQ,
+}
+"""Learners beside IQ-Learn that train from demonstrations alone, by name."""
+
+
+def find_learner(named: str, option: str, allow_code: bool) -> type[Learner]:
+    """Return a learner by its name, or the user's own.
+
+    Args:
+        named: A key of `LEARNERS`, or FILE.py:NAME.
+        option: The option, for messages.
+        allow_code: As of `load`.
+
+    Raises:
+        UserError: If there is none, or its code may not run or fails.
+    """
+    if ":" not in named:
+        one_of("learner", named, (*LEARNERS, "FILE.py:NAME"))
+    return (
+        LEARNERS[named] if named in LEARNERS else checked_learner(load(named, option, allow_code))
+    )
 
 
 def checked_learner(learner: Any) -> type[Learner]:

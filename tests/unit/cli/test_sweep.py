@@ -9,7 +9,10 @@ import sys
 import pytest
 
 from socialiq.cli.main import main
+from socialiq.experiments.jobs import do, fingerprints
 from socialiq.experiments.slurm import array_script, ranges
+from socialiq.experiments.sweep.plan import read_plan
+from socialiq.experiments.sweep.runs import results_of
 
 SWEEP = """
 worlds = "crossing5"
@@ -63,6 +66,33 @@ def test_a_policy_is_the_one_that_train_makes(done, sweep, tmp_path):
     for ours, theirs in (("00002", "policy_0"), ("00003", "policy_1")):
         made = (done / "policies" / f"{ours}.safetensors").read_bytes()
         assert made == (tmp_path / "run" / f"{theirs}.safetensors").read_bytes()
+
+
+@pytest.mark.parametrize("learner", ["cql", "mine.py:Clone"])
+def test_another_learner_is_trained_as_train_does_and_evaluated_exactly(sweep, tmp_path, learner):
+    """A learner of the package, and one of the user's own."""
+    data, mine = sweep.with_name("mixed.safetensors"), tmp_path / "mine.py"
+    mine.write_text(
+        "from socialiq.learners.behaviour_cloning import BehaviourCloning as Base\n"
+        "class Clone(Base): name = 'mine'\n"
+    )
+    text = SWEEP.replace("mixed.safetensors", str(data))
+    if learner == "cql":
+        text += "conservatism = [1.0, 2.0]\n"
+    (tmp_path / "one.toml").write_text(f"learner = '{learner}'\n{text}")
+    plan = read_plan(tmp_path / "one.toml", allow_code=True)
+    for job in plan.jobs:
+        do(job, tmp_path / "work", fingerprints(plan.jobs)[job.name], lambda _: None)
+    found = results_of(plan.jobs, tmp_path / "work", plan.settings)
+    rows = found.tables["runs"]
+    assert len(rows) == 2 * 4 * (2 if learner == "cql" else 1)
+    assert all(row["regret"] >= 0 and row["failure"] == "" for row in rows)
+    words = ["train", str(data), "--seed", "0", "1", "--updates", "20", "--hidden", "8"]
+    words += ["--learner", learner.replace("mine.py", str(mine)), "--allow-code"]
+    assert main([*words, "--out", str(tmp_path / "run")]) == 0
+    for ours, theirs in (("00000", "policy_0"), ("00001", "policy_1")):
+        made = (tmp_path / "run" / f"{theirs}.safetensors").read_bytes()
+        assert found.files[f"policies/{ours}.safetensors"] == made
 
 
 def test_tasks_of_the_slurm_script_do_the_jobs_and_skip_finished_ones(

@@ -15,12 +15,14 @@ from typing import Any, Literal, NamedTuple
 from socialiq.errors import UserError
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.sweep.runs import RunsConfig, train_runs
-from socialiq.learners.iq_learn.config import Endings, Hyperparameters, StaticConfig
+from socialiq.learners.extensions import LEARNERS, find_learner
+from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.iq_learn.presets import PRESETS
 from socialiq.worlds.registry import GRIDWORLDS
 
 OFFLINE = "offline"
-KEYS = ("preset", "worlds", "data", "seeds", "runs_per_job", "static", "hyperparameters")
+IQ_LEARN = "iq_learn"
+KEYS = ("learner", "preset", "worlds", "data", "seeds", "runs_per_job", "static", "hyperparameters")
 RUNS_PER_JOB = 32
 MOST_RUNS = 100_000
 
@@ -52,10 +54,12 @@ def read_plan(file: Path, allow_code: bool = False) -> Plan:
     """Read a sweep file.
 
     Args:
-        file: TOML with `data`, and optionally `worlds`, `seeds`, `preset`, `runs_per_job` and the
-            tables `static` and `hyperparameters`, whose keys are fields of `StaticConfig` and
-            `Hyperparameters`. A list means each of its values. Paths are relative to the file.
-        allow_code: Whether modules of environments may be imported.
+        file: TOML with `data`, and optionally `learner`, `worlds`, `seeds`, `preset`,
+            `runs_per_job` and the tables `static` and `hyperparameters`, whose keys are fields of
+            the learner's `StaticConfig` and `Hyperparameters`. A list means each of its values.
+            Paths are relative to the file.
+        allow_code: Whether modules of environments, and a learner of the user's own, may be
+            imported.
 
     Raises:
         UserError: If the file can't be read, or a key or value is invalid; the line names both.
@@ -77,17 +81,15 @@ class _Reader:
 
     def __init__(self, file: Path, content: dict[str, Any], allow_code: bool) -> None:
         self.file, self.content, self.allow_code = file, content, allow_code
+        self.learner = "", ""  # and the SHA-256 of its file; "" for IQ-Learn
 
     def plan(self) -> Plan:
         """Return the jobs of every combination."""
         self.known("", self.content, KEYS)
-        preset = self.typed("preset", self.content.get("preset", "grid"), str)
-        if preset not in PRESETS:
-            raise self.error("preset", f"unknown: choose one of {', '.join(PRESETS)}")
         size = self.typed("runs_per_job", self.content.get("runs_per_job", RUNS_PER_JOB), int)
         if size < 1:
             raise self.error("runs_per_job", f"must be at least 1, got {size}")
-        static, base = PRESETS[preset]
+        static, base = self.settings()
         runs = self.hyperparameters(base)
         found: list[RunsConfig] = []
         for world, data in self.places():
@@ -102,9 +104,30 @@ class _Reader:
         )
         return Plan(self.file, jobs, self.content)
 
-    def config(
-        self, world: str, data: str, static: StaticConfig, runs: tuple[Hyperparameters, ...]
-    ) -> RunsConfig:
+    def settings(self) -> tuple[Any, Any]:
+        """Find the learner; return the settings to begin with: the preset's, or its defaults."""
+        named = self.typed("learner", self.content.get("learner", IQ_LEARN), str)
+        if named != IQ_LEARN:
+            if "preset" in self.content:
+                raise self.error("preset", f"is of {IQ_LEARN}: leave it out")
+            file, _, name = named.rpartition(":")
+            if name in LEARNERS and not file:
+                self.learner = named, ""
+            else:
+                path = (self.file.absolute().parent / file).resolve()
+                sha256 = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+                self.learner = f"{path}:{name}" if file else named, sha256
+            try:
+                kind = find_learner(self.learner[0], "learner", self.allow_code)
+            except UserError as error:
+                raise self.error("learner", str(error)) from error
+            return kind.StaticConfig(), kind.Hyperparameters()
+        preset = self.typed("preset", self.content.get("preset", "grid"), str)
+        if preset not in PRESETS:
+            raise self.error("preset", f"unknown: choose one of {', '.join(PRESETS)}")
+        return PRESETS[preset]
+
+    def config(self, world: str, data: str, static: Any, runs: tuple[Any, ...]) -> RunsConfig:
         """Return the configuration of one job."""
         path = (self.file.absolute().parent / data).resolve()
         try:
@@ -112,7 +135,9 @@ class _Reader:
         except OSError as error:
             raise self.error("data", f"cannot read {path}: {error.strerror}") from error
         place = "" if world == OFFLINE else world
-        return RunsConfig(place, data, str(path), sha256, static, runs, self.allow_code)
+        return RunsConfig(
+            *self.learner, place, data, str(path), sha256, static, runs, self.allow_code
+        )
 
     def places(self) -> list[tuple[str, str]]:
         """Return every world with each of its data sets."""
@@ -131,6 +156,8 @@ class _Reader:
             if not (world == OFFLINE or world in GRIDWORLDS or ":" in world or "/" in world):
                 known = f"{', '.join(GRIDWORLDS)}, {OFFLINE} or a Gymnasium id"
                 raise self.error("worlds", f"unknown world '{world}': choose {known}")
+            if self.learner[0] and world not in (OFFLINE, *GRIDWORLDS):
+                raise self.error("worlds", f"this learner trains offline: leave '{world}' out")
             files = _listed(by_world[world])
             if not files:
                 raise self.error("data", f"names no file for {world}")
@@ -139,30 +166,30 @@ class _Reader:
             raise self.error("worlds", "must name at least one world")
         return pairs
 
-    def hyperparameters(self, base: Hyperparameters) -> list[Hyperparameters]:
+    def hyperparameters(self, base: Any) -> list[Any]:
         """Return every combination of hyperparameters, seeds last."""
         table = self.table("hyperparameters")
-        fields = {field.name for field in dataclasses.fields(Hyperparameters)} - {"seed", "dataset"}
+        fields = {field.name for field in dataclasses.fields(base)} - {"seed", "dataset"}
         self.known("hyperparameters", table, sorted(fields))
-        values = self.values("hyperparameters", table, Hyperparameters)
+        values = self.values("hyperparameters", table, type(base))
         seeds = [self.typed("seeds", one, int) for one in _listed(self.content.get("seeds", [0]))]
         if not seeds or len({*seeds}) < len(seeds):
             raise self.error("seeds", "must be one or more different whole numbers")
         values.append([_Entry("seeds", "seed", seed) for seed in seeds])
         return [self.replaced(base, entries) for entries in itertools.product(*values)]
 
-    def statics(self, base: StaticConfig, online: bool) -> list[StaticConfig]:
+    def statics(self, base: Any, online: bool) -> list[Any]:
         """Return every combination of the static choices."""
         table = self.table("static")
-        fields = {field.name for field in dataclasses.fields(StaticConfig)} - {"online"}
+        fields = {field.name for field in dataclasses.fields(base)} - {"online"}
         self.known("static", table, sorted(fields))
         endings = table.get("endings", {})
         if not isinstance(endings, dict):
             raise self.error("static.endings", "must be a table")
         self.known("static.endings", endings, [one.name for one in dataclasses.fields(Endings)])
         flat = {name: value for name, value in table.items() if name != "endings"}
-        values = [[_Entry("worlds", "online", online)]]
-        values += self.values("static", flat, StaticConfig)
+        values = [] if self.learner[0] else [[_Entry("worlds", "online", online)]]
+        values += self.values("static", flat, type(base))
         values += self.values("static.endings", endings, Endings)
         return [self.replaced(base, entries) for entries in itertools.product(*values)]
 
@@ -189,7 +216,7 @@ class _Reader:
                 except UserError as alone:
                     if str(alone) == str(error):
                         raise self.error(entry.key, str(error)) from error
-            table = "hyperparameters" if isinstance(base, Hyperparameters) else "static"
+            table = "hyperparameters" if hasattr(base, "seed") else "static"
             raise self.error(table, str(error)) from error
 
     def typed(self, key: str, value: Any, hint: Any) -> Any:
@@ -203,12 +230,15 @@ class _Reader:
             if not isinstance(value, list):
                 raise self.error(key, f"must be a list of whole numbers, got {value!r}")
             return tuple(self.typed(key, one, int) for one in value)
-        wanted, what = {
+        kinds: dict[Any, tuple[Any, str]] = {
             str: (str, "text in quotes"),
             bool: (bool, "true or false"),
             int: (int, "a whole number"),
             float: ((int, float), "a number"),
-        }[hint]
+        }
+        if hint not in kinds:
+            raise self.error(key, "is of a type that a sweep file can't set: leave it out")
+        wanted, what = kinds[hint]
         if not isinstance(value, wanted) or (isinstance(value, bool) and hint is not bool):
             raise self.error(key, f"must be {what}, got {value!r}")
         return hint(value)
@@ -221,7 +251,7 @@ class _Reader:
         return found
 
     def known(self, where: str, table: Mapping[str, Any], names: Sequence[str]) -> None:
-        """Refuse keys that nobody reads."""
+        """Refuse unknown keys."""
         for name in table:
             if name not in names:
                 key = f"{where}.{name}" if where else name

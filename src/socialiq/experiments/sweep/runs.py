@@ -22,7 +22,7 @@ from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results, rounded
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import acting_in
-from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.extensions import find_learner
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.state import Runs
@@ -44,7 +44,10 @@ class RunsConfig:
     """Runs of one static config, world and data set.
 
     Attributes:
-        world: Where the learner acts: a gridworld or an environment; "" trains offline.
+        learner: "" for IQ-Learn; else a name of `extensions.LEARNERS` or FILE.py:NAME.
+        learner_sha256: Of that file, else "".
+        world: Where IQ-Learn acts, a gridworld or an environment, and where every learner is
+            evaluated; "" trains offline.
         name: Of the data set, as the sweep file has it.
         data: Absolute path of the data set.
         sha256: Of that file.
@@ -53,12 +56,14 @@ class RunsConfig:
         allow_code: Whether the environment's module may be imported.
     """
 
+    learner: str
+    learner_sha256: str
     world: str
     name: str
     data: str
     sha256: str
-    static: StaticConfig
-    hyperparameters: tuple[Hyperparameters, ...]
+    static: Any
+    hyperparameters: tuple[Any, ...]
     allow_code: bool
 
 
@@ -76,11 +81,14 @@ def train_runs(
     data = files.load(path)
     ground = Ground.of(config.world) if config.world in GRIDWORLDS else None
     checkpoint = folder / "checkpoint.safetensors"
+    learner = None
+    if config.learner:
+        learner = find_learner(config.learner, "learner", config.allow_code)
     trained = train(
         config.static,
         config.hyperparameters,
         [data],
-        ground.table.world if ground else None,
+        ground.table.world if ground and not learner else None,
         Callbacks(
             on_report=lambda report: on_progress(report.done / report.total),
             checkpoint=checkpoint,
@@ -88,24 +96,25 @@ def train_runs(
         ),
         CHUNK,
         _collector(config, data) if config.world and not ground else None,
+        learner=learner,
     )
     rows = []
     for run, one in enumerate(trained.hyperparameters):
         policy = trained.policy(run)
         policy.save(folder / f"policy_{run}.safetensors")
         found = {"failure": _failure(trained, run)} | _last(trained, run)
-        exact = _exact(ground, policy, one.angle) if ground else [NOT_EXACT]
+        exact = _exact(ground, policy, getattr(one, "angle", None)) if ground else [NOT_EXACT]
         rows += [{"number": run} | found | row for row in exact]
     write_json(folder / ROWS, rounded(rows))
     checkpoint.unlink(missing_ok=True)
 
 
-def _exact(ground: Ground, policy: QPolicy, angle: float) -> list[Row]:
-    """Return the exact metrics of a policy, and its regret at an angle, for each readout."""
+def _exact(ground: Ground, policy: QPolicy, angle: float | None) -> list[Row]:
+    """Return the exact metrics of a policy, and its regret at its angle, for each readout."""
     rows = []
     for readout in READOUTS:
         metrics = evaluate(ground, policy, readout)
-        regret = ground.optimum.regret(metrics, angle)
+        regret = "" if angle is None else ground.optimum.regret(metrics, angle)
         rows.append({"readout": readout} | metrics._asdict() | {"regret": regret})
     return rows
 
@@ -179,11 +188,11 @@ def _varied(configs: Sequence[RunsConfig]) -> list[str]:
     return [name for name, values in seen.items() if len(values) > 1 or name in always]
 
 
-def _flat(static: StaticConfig) -> dict[str, Any]:
+def _flat(static: Any) -> dict[str, Any]:
     """Return the fields of a static config, the treatment of each ending among them."""
     found = {one.name: getattr(static, one.name) for one in dataclasses.fields(static)}
-    endings = found.pop("endings")
-    return found | {f"endings.{name}": value for name, value in vars(endings).items()}
+    endings = vars(found.pop("endings")) if "endings" in found else {}
+    return found | {f"endings.{name}": value for name, value in endings.items()}
 
 
 def _cell(value: Any) -> Any:

@@ -8,6 +8,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments.jobs import fingerprints
 from socialiq.experiments.sweep.plan import read_plan
+from socialiq.learners import cql
 from socialiq.learners.iq_learn.presets import GRID, POC
 
 FULL = """
@@ -88,7 +89,11 @@ def test_several_widths_are_a_list_of_lists(read):
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ("lambda = 1", "lambda: unknown key: choose from preset, worlds"),
+        ("lambda = 1", "lambda: unknown key: choose from learner, preset"),
+        ('learner = "sql"', "learner: unknown learner 'sql': choose one of behaviour-cloning, cql"),
+        ('learner = "mine.py:Mine"', "learner: learner .* runs its author's code with your rights"),
+        ('learner = "cql"\npreset = "poc"', "preset: is of iq_learn: leave it out"),
+        ('learner = "cql"\n[static]\nonline = false', "static.online: unknown key"),
         ('preset = "gird"', "preset: unknown: choose one of table-c1"),
         ("runs_per_job = 0", "runs_per_job: must be at least 1, got 0"),
         ('worlds = "crossing6"', "worlds: unknown world 'crossing6': choose crossing5"),
@@ -139,6 +144,20 @@ def test_what_is_no_toml_is_refused(read, tmp_path):
         read_plan(tmp_path / "gone.toml")
     with pytest.raises(UserError, match="data: is missing: name at least one file"):
         read("seeds = 1")
+
+
+def test_another_learner_has_its_own_settings_and_learns_from_data_alone(read):
+    text = 'learner = "cql"\nworlds = ["crossing5", "offline"]\ndata = "a.bin"\n'
+    plan = read(text + "[hyperparameters]\nconservatism = [1, 2]")
+    found = [(c.world, one.conservatism) for c in configs(plan) for one in c.hyperparameters]
+    assert found == [("crossing5", 1.0), ("crossing5", 2.0), ("", 1.0), ("", 2.0)]
+    assert all(c.static == cql.StaticConfig() and c.learner == "cql" for c in configs(plan))
+    with pytest.raises(UserError, match="worlds: this learner trains offline: leave 'm:A-v0' out"):
+        read(text.replace('"offline"', '"m:A-v0"'))
+
+
+def configs(plan):
+    return [job.config for job in plan.jobs]
 
 
 def test_too_many_runs_are_refused_before_they_are_made(read):
