@@ -71,3 +71,11 @@ def test_bench_recordings_prints_one_json_object(smaller, capsys):
     for layout in ("commonroad", "ind", "interaction", "ngsim"):
         assert found[f"{layout}_states_per_s"] > 0
     assert found["bytes_per_state_8000"] < 1.2 * found["bytes_per_state_4000"]
+
+
+def test_bench_devices_prints_one_json_object(smaller, capsys):
+    smaller(RUNS={"crossing7": (2,), "intersection_offline": (1,)}, CHUNKS=2, EPISODES=4)
+    assert main(["bench", "devices", "--repeats", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["crossing7_2_runs_cpu"] > 0
+    assert found["intersection_offline_1_runs_cpu"] > 0

@@ -14,22 +14,23 @@ import socialiq
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 
-BENCHMARKS = ("learners", "worlds", "experts", "dial", "recordings")
+BENCHMARKS = ("learners", "devices", "worlds", "experts", "dial", "recordings")
 
 
 @dataclass(frozen=True)
 class Bench:
     """Measure speed in comparison with reference implementations.
 
-    learners: against eager PyTorch. worlds: against highway-env. experts: deep Q-learning against
-    Stable-Baselines3 on highway-env. dial: against one run of the thesis' learner. recordings:
-    import of recorded traffic, against commonroad-io if SOCIALIQ_COMMONROAD_PYTHON has it.
+    learners: against eager PyTorch. devices: a GPU against the processor. worlds: against
+    highway-env. experts: deep Q-learning against Stable-Baselines3 on highway-env. dial: against
+    one run of the thesis' learner. recordings: import of recorded traffic, against commonroad-io if
+    SOCIALIQ_COMMONROAD_PYTHON has it.
 
     Example: socialiq bench worlds
     """
 
     benchmark: Annotated[str, tyro.conf.Positional]
-    """learners, worlds, experts, dial or recordings."""
+    """learners, devices, worlds, experts, dial or recordings."""
     repeats: int = 3
     """Runs of each side, in turn; medians and their ratios are printed."""
     json: bool = False
