@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.worlds.intersection.core.ego import arrived
+from socialiq.worlds.intersection.core import ego as ego_kernels
+from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.population import POPULATIONS
@@ -23,6 +24,8 @@ from socialiq.worlds.intersection.reference.drivers import Driver
 from socialiq.worlds.intersection.reference.highway import HighwayIntersection, environment_config
 
 SEEDS = range(6)
+
+arrived = for_python(ego_kernels.arrived)
 
 
 @pytest.fixture(scope="module", params=POPULATIONS)

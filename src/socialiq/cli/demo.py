@@ -48,7 +48,7 @@ class Demo:
     def drive(self) -> list[Row]:
         """Outcomes of the atlas' learners, its best egoist and a rule; and a film of one."""
         with Display() as display:
-            display.stage("intersection: compiling, for most of a minute the first time")
+            display.stage("intersection: compiling, the first time only")
             options = Options()
             batch = Batch(options, self.episodes)
             rows = []

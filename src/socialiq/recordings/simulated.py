@@ -19,12 +19,15 @@ from socialiq.recordings.tracks import RoadUser, Tracks
 from socialiq.types import Ending, Policy
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import geometry
+from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.options import Options
 
 FIRST_LANELET = 1000
 """Number of the first lanelet; lanelets are in the order of the simulator's lanes."""
 
 _SPACING = 0.5  # m between the points of an arc; `path_of` recovers the arc for any spacing
+
+_position, _heading_at = for_python(geometry.position), for_python(geometry.heading_at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +62,8 @@ def _lanelet(lane: int) -> Lanelet:
     record, half = geometry.LANES[lane], geometry.LANE_WIDTH / 2
     count = 2 if record["straight"] else int(np.ceil(record["length"] / _SPACING)) + 1
     along = np.linspace(0.0, float(record["length"]), count)
-    centre = np.array([geometry.position(record, one) for one in along])
-    heading = np.array([geometry.heading_at(record, one) for one in along])
+    centre = np.array([_position(record, one) for one in along])
+    heading = np.array([_heading_at(record, one) for one in along])
     right = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * half
     flip = np.array([1.0, -1.0])
     arm = lane % 5 == geometry.EXIT

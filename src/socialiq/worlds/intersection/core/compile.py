@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import inspect
 import itertools
@@ -15,21 +16,39 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numba.extending
 from numba.core import config
 
 from socialiq.errors import UserError
+
+NOTICE = "compiling the intersection for this machine, once"
 
 _MOMENT = 2.0  # s; the cache loads in less
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function with Numba.
+    """Make a function callable from compiled code.
 
     Division follows IEEE 754 instead of raising, and no rewriting of arithmetic is allowed:
-    the order of operations is that of highway-env, so the last bit is too.
+    the order of operations is that of highway-env, so the last bit is too. The function gets
+    no wrapper for Python, which would be a third of the compilation; see `for_python`.
     """
-    # Tests wrap functions in run-time type checks, which Numba can't compile.
-    return numba.njit(inspect.unwrap(function), error_model="numpy", nogil=True)
+    options = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return numba.extending.register_jitable(**options)(_unchecked(function))
+
+
+def inlined_kernel(function: Callable[..., Any]) -> Any:
+    """Make a function callable from compiled code, and compile it as a part of its caller.
+
+    For large kernels with one caller: compiled by themselves they would be optimised twice, with
+    everything that they call.
+    """
+    return numba.njit(_unchecked(function), error_model="numpy", inline="always")
+
+
+def for_python(function: Callable[..., Any]) -> Any:
+    """Compile a kernel so that Python can call it."""
+    return numba.njit(function, error_model="numpy", nogil=True)
 
 
 def entry_point(function: Callable[..., Any]) -> Any:
@@ -39,7 +58,12 @@ def entry_point(function: Callable[..., Any]) -> Any:
     """
     # Numba's own threads (parallel=True) would compile every kernel below a second time.
     options = {"error_model": "numpy", "nogil": True, "cache": True}
-    return numba.njit(inspect.unwrap(function), **options)
+    return numba.njit(_unchecked(function), **options)
+
+
+def _unchecked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function without the run-time type checks of tests, which Numba can't compile."""
+    return inspect.unwrap(function)
 
 
 def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
@@ -74,31 +98,24 @@ def run_in_parts(run: Any, threads: int, rows: int, *arguments: Any) -> None:
 def _announced() -> Iterator[None]:
     """Say on standard error that code is compiled, if that takes more than a moment.
 
-    Code that is in the cache loads in less. A terminal gets a dot for every second.
+    Code that is in the cache loads in less. Only whole lines are written, each at once, so that
+    a progress bar stays below them. Garbage collection, a tenth of the time, waits.
     """
-    ended, said = threading.Event(), threading.Event()
-
-    def show() -> None:
-        if ended.wait(_MOMENT):
-            return
-        said.set()
-        live = sys.stderr.isatty()
-        sys.stderr.write("compiling the intersection for this machine, once" + "\n" * (not live))
-        while live and not ended.wait(1.0):
-            sys.stderr.write(".")
-            sys.stderr.flush()
-
     begun = time.monotonic()
-    thread = threading.Thread(target=show, daemon=True)
-    thread.start()
+    notice = threading.Timer(_MOMENT, sys.stderr.write, (f"{NOTICE}\n",))
+    notice.daemon = True
+    notice.start()
+    collecting = gc.isenabled()
+    gc.disable()
     try:
         yield
     finally:
-        ended.set()
-        thread.join()
-        if said.is_set():
-            tail = " done in" if sys.stderr.isatty() else "compiled in"
-            sys.stderr.write(f"{tail} {time.monotonic() - begun:.0f} s\n")
+        if collecting:
+            gc.enable()
+        notice.cancel()
+        notice.join()
+        if time.monotonic() - begun > _MOMENT:
+            sys.stderr.write(f"compiled in {time.monotonic() - begun:.0f} s\n")
 
 
 def fingerprint() -> int:

@@ -6,12 +6,12 @@ from typing import Any
 
 from socialiq.types import Ending
 from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
-from socialiq.worlds.intersection.core import rewards, spawn, stream
-from socialiq.worlds.intersection.core import road_context as surroundings
+from socialiq.worlds.intersection.core import rewards, road_context, spawn, stream
 from socialiq.worlds.intersection.core.collisions import collide
 from socialiq.worlds.intersection.core.compile import (
     entry_point,
     fingerprint,
+    inlined_kernel,
     kernel,
     run_in_parts,
 )
@@ -43,7 +43,7 @@ def sub_step(episode, vehicles, settings):
     episode.contact, episode.touched = found
 
 
-@kernel
+@inlined_kernel
 def reset(episode, vehicles, settings):
     """Start an episode from the current state of the stream."""
     episode.time = 0.0
@@ -60,18 +60,19 @@ def reset(episode, vehicles, settings):
     episode.start = route_coordinate(vehicles[episode.ego])
 
 
-@kernel
-def decide(episode, vehicles, action, settings, before, after, present, trace, row):
+@inlined_kernel
+def decide(buffers, row, action, settings):
     """Run the sub-steps of one decision and write snapshots before and after them."""
-    _copy(vehicles, episode.vehicles, before)
+    episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
+    _copy(vehicles, episode.vehicles, buffers.before[row])
     episode.time += settings.decision
     choose(vehicles[episode.ego], action, settings)
     for frame in range(settings.frames):
         sub_step(episode, vehicles, settings)
-        if len(trace):
-            _copy(vehicles, episode.vehicles, trace[row, frame])
-    _copy(vehicles, episode.vehicles, after)
-    present[0], present[1] = episode.vehicles, episode.ego
+        if len(buffers.trace):
+            _copy(vehicles, episode.vehicles, buffers.trace[row, frame])
+    _copy(vehicles, episode.vehicles, buffers.after[row])
+    buffers.present[row, 0], buffers.present[row, 1] = episode.vehicles, episode.ego
 
 
 @kernel
@@ -88,19 +89,19 @@ def _copy_rows(source, target):
             target[row, column] = source[row, column]
 
 
-@kernel
+@inlined_kernel
 def annotate(buffers, row, settings):
     """Write observation, ending, signals and rewards of a decision from its two snapshots."""
     before, after = buffers.before[row], buffers.after[row]
     count, ego = buffers.present[row]
     episode = buffers.episodes[row]
-    surroundings.see(after, count, ego, settings.tie, buffers.reached[row])
-    ending = surroundings.ending_of(after[ego], episode.time >= settings.duration)
+    road_context.see(after, count, ego, settings.tie, buffers.reached[row])
+    ending = road_context.ending_of(after[ego], episode.time >= settings.duration)
     signals, start, braking = buffers.signals[row], episode.start, buffers.braking[row]
-    surroundings.write_signals(before, after, count, ego, start, ending, settings, signals, braking)
+    road_context.write_signals(before, after, count, ego, start, ending, settings, signals, braking)
     r_env, r_social = rewards.pair(signals, settings)
     buffers.rewards[row, 0], buffers.rewards[row, 1] = r_env, r_social
-    own, others = surroundings.classical(before, after, count, ego, settings)
+    own, others = road_context.classical(before, after, count, ego, settings)
     buffers.classical[row, 0], buffers.classical[row, 1] = own, others
     buffers.speed[row] = after[ego].speed
     buffers.ending[row] = ending
@@ -112,36 +113,31 @@ def annotate(buffers, row, settings):
     return ending
 
 
-@kernel
-def _one(buffers, row, command, action, settings):
-    """Carry out one episode's command."""
-    if command == SKIP:
-        return
-    episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
-    ending = _NOTHING
-    if command in (DECIDE, DECIDE_AND_RESET):
-        before, after, present = buffers.before[row], buffers.after[row], buffers.present[row]
-        decide(episode, vehicles, action, settings, before, after, present, buffers.trace, row)
-    if command != RESET:
-        ending = annotate(buffers, row, settings)
-        _copy_rows(buffers.reached[row], buffers.observation[row])
-    if command in (DECIDE, DECIDE_AND_RESET):
-        spawn.clear(episode, vehicles)
-        probability = settings.spawn_probability
-        spawn.spawn(episode, vehicles, 0.0, 1.0, 1.0, probability, False, settings)
-    if command == RESET or (command == DECIDE_AND_RESET and ending != _NOTHING):
-        reset(episode, vehicles, settings)
-        count, ego = episode.vehicles, episode.ego
-        surroundings.see(vehicles, count, ego, settings.tie, buffers.observation[row])
-
-
 def _entry(sources: int):
     @entry_point
-    def run(buffers, commands, entropy, seeded, actions, settings, first, end):
+    def run(buffers, commands, entropy, seeded, actions, options, first, end):
+        settings = options[0]
         for row in range(first, end):
+            episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
             if seeded[row]:
-                stream.seed(buffers.episodes[row], entropy[row])
-            _one(buffers, row, commands[row], actions[row], settings[0])
+                stream.seed(episode, entropy[row])
+            command, ending = commands[row], _NOTHING
+            if command == SKIP:
+                continue
+            deciding = command in (DECIDE, DECIDE_AND_RESET)
+            if deciding:
+                decide(buffers, row, actions[row], settings)
+            if command != RESET:
+                ending = annotate(buffers, row, settings)
+                _copy_rows(buffers.reached[row], buffers.observation[row])
+            if deciding:
+                spawn.clear(episode, vehicles)
+                probability = settings.spawn_probability
+                spawn.spawn(episode, vehicles, 0.0, 1.0, 1.0, probability, False, settings)
+            if command == RESET or (command == DECIDE_AND_RESET and ending != _NOTHING):
+                reset(episode, vehicles, settings)
+                count, ego = episode.vehicles, episode.ego
+                road_context.see(vehicles, count, ego, settings.tie, buffers.observation[row])
         return sources  # so that the cache depends on the sources; see `compile.fingerprint`
 
     return run
@@ -156,7 +152,7 @@ Args:
     entropy: Seed of each episode's stream, uint64.
     seeded: Whether to begin the stream from that seed, bool.
     actions: The ego's actions, int64.
-    settings: SETTINGS record in an array of one.
+    options: SETTINGS record in an array of one.
     first: First episode of the part to do.
     end: End of that part.
 """

@@ -19,11 +19,13 @@ from socialiq.worlds.intersection.buffers import (
     SKIP,
     Buffers,
 )
-from socialiq.worlds.intersection.core import step
-from socialiq.worlds.intersection.core.ego import route_coordinate
+from socialiq.worlds.intersection.core import ego, step
+from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.reference.highway import HighwayIntersection
 from socialiq.worlds.intersection.settings import settings_of
+
+route_coordinate = for_python(ego.route_coordinate)
 
 
 class Reference:

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.worlds.intersection.core.collisions import contact_of
+from socialiq.worlds.intersection.core import collisions
+from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import (
     FEATURES,
@@ -43,6 +44,8 @@ except ImportError as error:
     ) from error
 
 ARMS = {"left": "o1", "straight": "o2", "right": "o3", "random": None}
+
+contact_of = for_python(collisions.contact_of)
 
 
 def environment_config(options: Options) -> dict[str, Any]:

@@ -5,13 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection.core.collisions import collide
+from socialiq.worlds.intersection.core import collisions
+from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.state import VEHICLE, Contact
 
 DT = 0.1
 NORTH, EAST = -90.0, 0.0
 STRUCK, WAS_STRUCK = Contact.EGO_STRUCK, Contact.EGO_WAS_STRUCK
 NOTHING = Contact.NONE, -1
+
+collide = for_python(collisions.collide)
 
 
 def collided(*cars, ego=0, contact=NOTHING):
