@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
 from socialiq.worlds.intersection.core.geometry import EXIT, LANES, ROUTES, longitudinal
 from socialiq.worlds.intersection.core.traffic import clip, follow_road, steering
 from socialiq.worlds.intersection.state import FASTER, IDLE
@@ -22,7 +22,7 @@ def speed_index(speed, settings):
     return np.int64(clip(np.rint(share * last), 0, last))
 
 
-@kernel
+@inlined_kernel
 def choose(vehicle, action, settings):
     """Set the target speed that an action selects; IDLE keeps the current target speed."""
     follow_road(vehicle)
@@ -32,7 +32,7 @@ def choose(vehicle, action, settings):
         vehicle.target_speed = settings.target_speeds[clip(wanted, 0, settings.n_speeds - 1)]
 
 
-@kernel
+@inlined_kernel
 def control(vehicle):
     """Set steering and an unbounded proportional acceleration for a sub-step."""
     follow_road(vehicle)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import get_args
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
 from socialiq.worlds.intersection.core.geometry import distance
 from socialiq.worlds.intersection.core.traffic import clip
 from socialiq.worlds.intersection.options import Crash, Disruption
@@ -137,7 +137,7 @@ def pair(signals, settings):
     return r_env, r_social
 
 
-@kernel
+@inlined_kernel
 def classical(before, after, on_road, count, ego, settings):
     """Return the rewards of the classical formulation (thesis A.1): ego and neighbours' mean.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from socialiq.worlds.intersection.core import rewards, zone
-from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
 from socialiq.worlds.intersection.core.ego import arrived, route_coordinate
 from socialiq.worlds.intersection.core.geometry import LANES, distance, longitudinal, on_lane
 from socialiq.worlds.intersection.core.observation import observe
@@ -27,7 +27,7 @@ def ending_of(ego, out_of_time):
     return rewards.ending_of(ego.crashed, arrived(ego), out_of_time)
 
 
-@kernel
+@inlined_kernel
 def write_signals(before, after, count, ego, start, ending, settings, signals, braking):
     """Write all signals of a decision.
 
@@ -59,7 +59,7 @@ def write_signals(before, after, count, ego, start, ending, settings, signals, b
     rewards.social_signals(mine.speed, within, counted, lost, ending, settings, signals, braking)
 
 
-@kernel
+@inlined_kernel
 def classical(before, after, count, ego, settings):
     """Return the rewards of the classical formulation (thesis A.1): ego and neighbours' mean."""
     on_road = np.empty(count, np.bool_)

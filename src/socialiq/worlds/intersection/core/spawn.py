@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from socialiq.worlds.intersection.core import stream
-from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
 from socialiq.worlds.intersection.core.ego import speed_index
 from socialiq.worlds.intersection.core.geometry import (
     EXIT,
@@ -113,7 +113,7 @@ def _draw(episode, field):
     return min(max(drawn, field[2]), field[3])
 
 
-@kernel
+@inlined_kernel
 def fill(episode, vehicles, settings):
     """Try to spawn the initial vehicles before the warm-up, along 80 m of the approaches."""
     tries = settings.initial_vehicle_count - 1
@@ -122,7 +122,7 @@ def fill(episode, vehicles, settings):
         spawn(episode, vehicles, along, 1.0, 1.0, INITIAL_PROBABILITY, False, settings)
 
 
-@kernel
+@inlined_kernel
 def enter_ego(episode, vehicles, settings):
     """After the warm-up, add a vehicle near the junction and the ego, and clear space around it."""
     spawn(episode, vehicles, CHALLENGER_AT, 0.1, 0.0, 1.0, True, settings)
@@ -147,7 +147,7 @@ def enter_ego(episode, vehicles, settings):
     episode.vehicles = kept
 
 
-@kernel
+@inlined_kernel
 def clear(episode, vehicles):
     """Remove the vehicles in the last 20 m of an exit, never the ego."""
     kept = 0

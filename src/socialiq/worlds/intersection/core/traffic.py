@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from socialiq.worlds.intersection.core.angles import asin, atan, sin, tan, wrap_to_pi
-from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
 from socialiq.worlds.intersection.core.geometry import (
     CONNECTED,
     CONNECTED_OFFSETS,
@@ -140,7 +140,7 @@ def _desired_gap(vehicle, other):
     )
 
 
-@kernel
+@inlined_kernel
 def drive(vehicles, count, me, settings):
     """Set a traffic driver's steering and acceleration for a sub-step."""
     vehicle = vehicles[me]
@@ -164,7 +164,7 @@ def turned(vehicle, heading):
         vehicle.along_x, vehicle.along_y = math.cos(heading), math.sin(heading)
 
 
-@kernel
+@inlined_kernel
 def move(vehicle, dt, tie):
     """Advance the kinematic bicycle model; a pending push moves the vehicle and marks a crash."""
     if vehicle.crashed:
