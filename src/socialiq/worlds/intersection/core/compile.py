@@ -102,7 +102,7 @@ def _announced() -> Iterator[None]:
     a progress bar stays below them. Garbage collection, a tenth of the time, waits.
     """
     begun = time.monotonic()
-    notice = threading.Timer(_MOMENT, sys.stderr.write, (f"{NOTICE}\n",))
+    notice = threading.Timer(_MOMENT, lambda: sys.stderr.write(f"{NOTICE}\n"))
     notice.daemon = True
     notice.start()
     collecting = gc.isenabled()
