@@ -68,13 +68,13 @@ def test_code_from_the_cache_is_not_announced(monkeypatch):
 def test_a_failed_compilation_leaves_whole_lines_and_collection_on(monkeypatch):
     written = terminal(monkeypatch)
 
-    def fail(*_):
-        time.sleep(0.2)
-        raise ValueError("not typed")
+    class Failing(Slow):
+        def __call__(self, *arguments):
+            super().__call__(*arguments)
+            raise ValueError("not typed")
 
-    fail.signatures = []
     with pytest.raises(ValueError, match="not typed"):
-        compiling.run_in_parts(fail, 1, 4)
+        compiling.run_in_parts(Failing(0.2), 1, 4)
     assert all(part.endswith("\n") for part in written.parts)
     assert gc.isenabled()
 
