@@ -31,7 +31,7 @@ from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.studies.compare_priors.budget import Run as GridRun
 from socialiq.studies.compare_priors.budget import dial_numbers, dial_structure
-from socialiq.studies.dial.config import KEY_ANGLES
+from socialiq.studies.dial.evaluate import KEY_ANGLES
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch

@@ -23,7 +23,7 @@ from socialiq.experiments.study import run
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies import grid, lambda_sweep, poc, worlds
+from socialiq.studies import lambda_sweep, poc, worlds
 from socialiq.studies.audits import policies as audited
 from socialiq.studies.audits import study as audits
 from socialiq.studies.compare_priors import intersection as priors
@@ -32,6 +32,7 @@ from socialiq.studies.compare_priors.config import EPISODES_EACH, Config
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
 from socialiq.studies.competence import bench
+from socialiq.studies.grid import study as grid
 from socialiq.studies.intersection_ahead import study as ahead
 from socialiq.studies.intersection_world import study as intersection_world
 from socialiq.studies.theory import cases

@@ -15,7 +15,7 @@ from socialiq.experiments import results as store
 from socialiq.experiments import study as experiment
 from socialiq.experiments.intersection.rows import outcome_row
 from socialiq.learners.ranges import check_seeds
-from socialiq.studies import grid
+from socialiq.studies.grid import study as grid
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch

@@ -1,7 +1,7 @@
 """The studies by name; each is imported at its first use.
 
-A study is a module here that defines `Config` and `STUDY` (`experiments.study.Study`), or a folder
-whose `__init__.py` does, and one line below.
+A study is a module here that ends with `STUDY` (`experiments.study.Study`) and defines or imports
+`Config`, the module `study` of a folder where it is larger, and one line below.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from socialiq.foreign import FAILURES, failure, imported
 STUDIES = {
     "worlds": "worlds",
     "poc": "poc",
-    "grid": "grid",
+    "grid": "grid.study",
     "lambda-sweep": "lambda_sweep",
     "alternatives": "alternatives",
     "penalties": "penalties",
-    "dial": "dial",
-    "competence": "competence",
+    "dial": "dial.study",
+    "competence": "competence.study",
     "intersection-world": "intersection_world",
     "intersection": "intersection",
     "intersection-networks": "intersection_networks",
     "intersection-ahead": "intersection_ahead",
     "intersection-dial": "intersection_dial",
     "intersection-skill": "intersection_skill",
-    "audit-power": "audit_power",
-    "audits": "audits",
+    "audit-power": "audit_power.study",
+    "audits": "audits.study",
     "theory": "theory",
     "classic-control": "classic_control",
     "compare-priors": "compare_priors",
 }
-"""Name on the command line, and the study's module or folder."""
+"""Name on the command line, and the study's module."""
 
 
 def module_of(name: str) -> str:

@@ -262,7 +262,7 @@ def test_an_unknown_study_and_code_that_may_not_run_are_refused(tmp_path):
         ([False, False, False], ""),
     ],
 )
-def test_a_lane_settles_where_it_stays(near, settled):
-    from socialiq.studies.lambda_sweep.study import _settled
+def test_a_run_settles_where_it_stays(near, settled):
+    from socialiq.studies.lambda_sweep import _settled
 
     assert _settled([10, 20, 30], near) == settled

@@ -1,4 +1,4 @@
-"""Made-up drivers whose truth is known, to show what the audit's numbers are worth."""
+"""Simulated drivers with known true values, to measure the reliability of an audit's numbers."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from socialiq.social.angle import angle_of, exact_weights
 from socialiq.types import Ending
 from socialiq.worlds.intersection.state import Contact
 
-# What the references show, for which angles they were made, and how far they get: α̂ isn't α.
-SHOWN = np.array([-20.0, 5.0, 60.0, 130.0])
 ANGLES = np.array([0.0, 30.0, 60.0, 90.0])
-_LENGTH = 4.0
-_COMMON = 1.5  # standard deviation of what an episode gives or takes everybody
-_OWN = 1.0  # of what it gives or takes each driver; exponential in r_env: losses are rare and large
+"""Target angles of the references in degrees."""
+ACHIEVED = np.array([-20.0, 5.0, 60.0, 130.0])
+"""Their true α̂ in degrees, which differs from the target angle."""
+_LENGTH = 4.0  # of the references' true mean totals
+_COMMON = 1.5  # standard deviation of an episode's effect on all drivers
+_OWN = 1.0  # of its effect on each driver; exponential in r_env: losses are rare and large
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,12 @@ class Truth:
     """A population of drivers.
 
     Attributes:
-        declared: Angle in degrees.
-        regret: True regret of the policy there, reward per episode.
-        at_fault: True share of at-fault collisions of the policy.
-        struck: Of collisions that others caused.
-        arrival: Of arrivals; the rest runs out of time.
-        shown: α̂ of the policy, degrees.
+        declared: Declared angle of the policy in degrees.
+        regret: Its true regret at this angle, in reward per episode.
+        at_fault: Its true share of at-fault collisions.
+        struck: True share of collisions that others caused.
+        arrival: True share of arrivals; the remaining episodes run out of time.
+        alpha_hat: True α̂ of the policy in degrees.
     """
 
     declared: float = 45.0
@@ -39,26 +40,25 @@ class Truth:
     at_fault: float = 0.05
     struck: float = 0.05
     arrival: float = 0.85
-    shown: float = 30.0
+    alpha_hat: float = 30.0
 
     @property
     def references(self) -> Float[np.ndarray, "reference 2"]:
         """True mean totals of the references."""
-        return _LENGTH * _directions(SHOWN)
+        return _LENGTH * _directions(ACHIEVED)
 
     @property
     def policy(self) -> Float[np.ndarray, " 2"]:
-        """True mean totals of the policy: as far along its own direction as leaves the regret."""
+        """True mean totals of the policy, in its direction and of its regret."""
         weights = np.array(exact_weights(self.declared))
-        along = _directions(np.array([self.shown]))[0]
+        along = _directions(np.array([self.alpha_hat]))[0]
         best = float((self.references @ weights).max())
         return (best - self.regret) / float(weights @ along) * along
 
     @property
     def calibrated(self) -> float:
         """True calibrated angle, degrees."""
-        found = preimage(ANGLES, SHOWN[None], np.array([self.shown]))
-        return float(found.low[0])
+        return float(preimage(ANGLES, ACHIEVED[None], np.array([self.alpha_hat])).low[0])
 
     @property
     def timeout(self) -> float:
@@ -66,13 +66,13 @@ class Truth:
         return 1.0 - self.at_fault - self.struck - self.arrival
 
 
-def drawn(truth: Truth, episodes: int, seed: int) -> Evidence:
+def draw_evidence(truth: Truth, episodes: int, seed: int) -> Evidence:
     """Draw the evidence of an audit.
 
     Args:
-        truth: Of whom.
-        episodes: How many.
-        seed: Of everything.
+        truth: True values of the population.
+        episodes: Number of episodes.
+        seed: Seed of all draws.
     """
     rng = np.random.default_rng(seed)
     means = np.concatenate([truth.references, truth.policy[None]])

@@ -1,4 +1,4 @@
-"""Reliability of an audit's numbers: its intervals and verdicts on simulated drivers."""
+"""Coverage of the audit's intervals and error rates of its verdicts, on simulated drivers."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from socialiq.audit.evidence.outcomes import FEWEST_EPISODES
 from socialiq.errors import UserError
-from socialiq.experiments.study import Context, Findings, counter
-from socialiq.studies.audit_power.power import Coverage, Rates, coverage, error_rates
+from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings, Study, counter, view_of
+from socialiq.experiments.tables import column
+from socialiq.plotting.style import figure, head, plain
+from socialiq.studies.audit_power.power import coverage_rows, verdict_rows
 from socialiq.types import Row
+
+_COLORS = {"passed": "#1b7837", "inconclusive": "#bdbdbd", "failed": "#c23b22"}
 
 
 @dataclass(frozen=True)
@@ -27,49 +34,84 @@ class Config:
     """Seed of the first audit; the others follow. Seeds below 10,000 were for development."""
 
     def __post_init__(self) -> None:
-        """Raise an error for numbers without which there is no audit."""
+        """Refuse numbers that are too small for an audit."""
         for name, least in (("episodes", FEWEST_EPISODES), ("replications", 1), ("resamples", 2)):
             if getattr(self, name) < least:
                 raise UserError(f"{name} must be at least {least}, got {getattr(self, name)}")
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Audit made-up drivers many times, and count."""
+    """Audit simulated drivers many times, and count."""
     sizes = config.episodes, config.replications, config.first_seed, config.resamples
     count = partial(counter, context.on_stage, total=config.replications, unit="audits")
-    covered = coverage(*sizes, on_progress=count("coverage"))
-    rates = error_rates(*sizes, on_progress=count("error rates"))
     tables = {
-        "coverage": [_coverage_row(one) for one in covered],
-        "verdicts": [_verdict_row(one) for one in rates],
+        "coverage": coverage_rows(*sizes, on_progress=count("coverage")),
+        "verdicts": verdict_rows(*sizes, on_progress=count("error rates")),
     }
     return Findings(tables, _summary(tables))
 
 
-def _coverage_row(one: Coverage) -> Row:
-    return {
-        "interval": one.interval,
-        "nominal": one.nominal,
-        "covered": one.covered.value,
-        "low": one.covered.low,
-        "high": one.covered.high,
-        "exact": int(one.exact),
-    }
-
-
-def _verdict_row(one: Rates) -> Row:
-    row: Row = {"case": one.case}
-    for kind in ("passed", "failed", "inconclusive"):
-        share = getattr(one, kind)
-        row |= {kind: share.value, f"{kind}_low": share.low, f"{kind}_high": share.high}
-    return row
-
-
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """Rows by name, and how far the worst interval that should be met exactly is off."""
+    """Rows by name, and the largest deviation of an exact interval from its nominal coverage."""
     off = [abs(row["covered"] - row["nominal"]) for row in tables["coverage"] if row["exact"]]
     return {
         "coverage": {row["interval"]: row for row in tables["coverage"]},
         "verdicts": {row["case"]: row for row in tables["verdicts"]},
         "farthest_off": max(off),
     }
+
+
+def draw_figures(results: Results) -> dict[str, Figure]:
+    """Draw both figures of the study."""
+    return {"coverage": _coverage_figure(results), "verdicts": _verdict_figure(results)}
+
+
+def _coverage_figure(results: Results) -> Figure:
+    """Draw the coverage of each interval less its nominal level, with 99 % intervals."""
+    rows = results.tables["coverage"]
+    drawn = figure(8.6, 4.4)
+    axes = drawn.subplots()
+    axes.axvspan(-2, 2, color="#eeeeee")
+    axes.axvline(0, color="#444444", linewidth=0.8)
+    for place, row in enumerate(rows):
+        low, mean, high = (100 * (row[n] - row["nominal"]) for n in ("low", "covered", "high"))
+        face = "#2166ac" if row["exact"] else "white"
+        axes.plot([low, high], [place] * 2, color="#2166ac", linewidth=1)
+        axes.plot([mean], [place], "o", color="#2166ac", markerfacecolor=face, markersize=6)
+    names = [f"{row['interval']} ({100 * row['nominal']:.4g} %)" for row in rows]
+    axes.set_yticks(range(len(rows)), names)
+    axes.invert_yaxis()
+    axes.set_xlabel("percentage points above what is promised")
+    audits, episodes = results.config["replications"], results.config["episodes"]
+    title = f"{audits:,} audits of {episodes} episodes (grey: within 2 points; open: may be above)"
+    head(drawn, title)
+    plain(axes)
+    return drawn
+
+
+def _verdict_figure(results: Results) -> Figure:
+    """Draw the shares of verdicts on policies with known true values."""
+    rows = results.tables["verdicts"]
+    drawn = figure(8.6, 3.6)
+    axes = drawn.subplots()
+    left = [0.0] * len(rows)
+    for kind, color in _COLORS.items():
+        widths = [100 * row[kind] for row in rows]
+        bars = axes.barh(column(rows, "case"), widths, left=left, color=color, label=kind)
+        labels = [f"{width:.1f}" if width >= 4 else "" for width in widths]
+        axes.bar_label(bars, labels, label_type="center", fontsize=8)
+        left = [a + b for a, b in zip(left, widths, strict=True)]
+    axes.set(xlabel="% of audits", xlim=(0, 100))
+    axes.invert_yaxis()
+    audits, episodes = results.config["replications"], results.config["episodes"]
+    head(drawn, f"{audits:,} audits of {episodes} episodes for each case", axes)
+    return drawn
+
+
+STUDY = Study(
+    name="audit-power",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw_figures,
+    view=view_of("verdicts"),
+)

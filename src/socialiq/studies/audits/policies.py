@@ -1,4 +1,4 @@
-"""Audited policies of the study: of this project, rightly and falsely declared."""
+"""Audited policies: truthfully and falsely declared ones, and their safety floors."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from socialiq.audit.profile.profile import Floor
+from socialiq.audit.profile.template import FLOOR
 from socialiq.audit.resolve_policy import ATLAS
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.experiments.gridworld_runs import Ground, grid_of, seen, train_runs, with_clock
@@ -21,24 +22,32 @@ from socialiq.learners.iq_learn import presets
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.native import save_table
-from socialiq.studies.audits.floors import WITHDRAWN, floor_at
 from socialiq.worlds.registry import make
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 GRIDWORLD = "crossing7"
+WITHDRAWN = Floor(FLOOR.max_at_fault, FLOOR.max_struck, min_arrival=0.0, max_timeout=1.0)
+"""Floor without arrivals, for angles at which the optimal policy never arrives."""
+
 _EPISODES_EACH = 60  # demonstrated, of each expert, as in the study `grid`
+_NEARLY_90 = 75.0  # degrees
+
+
+def floor_at(angle: float) -> Floor:
+    """Return the default floor; beyond 75 degrees arrivals are not required."""
+    return WITHDRAWN if angle > _NEARLY_90 else FLOOR
 
 
 class AuditedPolicy(NamedTuple):
-    """A policy and what is declared of it.
+    """A policy and its declaration.
 
     Attributes:
-        world: Where.
-        name: For people.
-        spec: A specification as `resolve_policy` takes it.
-        declared: Angle in degrees.
-        made_for: Angle of its training; None for a policy without target angle.
-        floor: Of competence.
+        world: World of the audit.
+        name: Name in the tables.
+        spec: Specification for `resolve_policy`.
+        declared: Declared angle in degrees.
+        made_for: Target angle of its training; None for a policy without one.
+        floor: Declared safety floor.
     """
 
     world: str
@@ -50,15 +59,15 @@ class AuditedPolicy(NamedTuple):
 
     @property
     def truthful(self) -> bool:
-        """Whether it is declared as what it was made for."""
+        """Whether the declared angle is the target angle of its training."""
         return self.made_for == self.declared
 
 
 def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
-    """The atlas' policies at their own angles, some at others, and one that never moves.
+    """Yield the atlas' policies at their own angles, some at others, and one that never moves.
 
     Args:
-        folder: Takes the file of the last.
+        folder: Folder for the file of the policy that never moves.
     """
     families = {"set expert": "set_", "expert": "expert_", "learner": ""}
     for family, prefix in families.items():
@@ -68,13 +77,13 @@ def at_intersection(folder: Path) -> Iterator[AuditedPolicy]:
     yield _of_atlas("set expert, egoistic", "set_egoistic", 45.0, 0.0)
     yield _of_atlas("expert, egoistic", "expert_egoistic", 45.0, 0.0)
     yield _of_atlas("set expert, prosocial", "set_prosocial", 90.0, 45.0)
-    stands = folder / "stands.safetensors"
-    _constant("intersection", 0).save(stands)
-    yield AuditedPolicy("intersection", "never moves", str(stands), 90.0, None, WITHDRAWN)
+    standing = folder / "stands.safetensors"
+    _constant("intersection", 0).save(standing)
+    yield AuditedPolicy("intersection", "never moves", str(standing), 90.0, None, WITHDRAWN)
 
 
 def exact_in_gridworld(folder: Path) -> None:
-    """The exact experts of thesis 5.2 as files in a folder."""
+    """Write the exact experts of thesis 5.2 to a folder."""
     ground = Ground.of(GRIDWORLD)
     for mode, angle in MODES.items():
         policy = TabularPolicy(ground.table.world, expert_policy(ground.table, angle))
@@ -84,12 +93,12 @@ def exact_in_gridworld(folder: Path) -> None:
 def trained_in_gridworld(
     folder: Path, seed: int, updates: tuple[int, int], on_stage: StageCallback
 ) -> None:
-    """A trio with its baseline, and a dial: files in a folder.
+    """Train three targets with their baseline, and a dial, and write them to a folder.
 
     Args:
-        folder: To write them to.
-        seed: Of the training and of its demonstrations.
-        updates: Gradient steps of the trio and of the dial.
+        folder: Folder of the files.
+        seed: Seed of the trainings and of their demonstrations.
+        updates: Gradient steps of the targets and of the dial.
         on_stage: Shows progress.
     """
     ground = Ground.of(GRIDWORLD)
@@ -110,7 +119,7 @@ def trained_in_gridworld(
 
 
 def of_gridworld(folder: Path, dial_angles: tuple[float, ...]) -> Iterator[AuditedPolicy]:
-    """Exact and trained policies of a folder, rightly and falsely declared."""
+    """Yield the exact and trained policies of a folder, truthfully and falsely declared."""
     for family in ("exact", "learner"):
         for mode, angle in MODES.items():
             yield _of_grid(folder, f"{family}_{mode}", angle, angle)
@@ -146,21 +155,21 @@ def _of_grid(folder: Path, file: str, declared: float, made_for: float | None) -
 
 
 def _constant(world: str, action: int) -> QPolicy:
-    """Always the same action, as a file whose bytes depend on nothing else."""
-    one = make(world)
-    bias = np.zeros(one.n_actions, np.float32)
+    """Return a policy that always takes the same action; its file has the same bytes everywhere."""
+    made = make(world)
+    bias = np.zeros(made.n_actions, np.float32)
     bias[action] = 1.0
-    weight = np.zeros((one.n_actions, one.n_features), np.float32)
+    weight = np.zeros((made.n_actions, made.n_features), np.float32)
     return QPolicy((weight,), (bias,), "relu", 1.0, {"made": "by hand: one action alone"})
 
 
 def _dial(ground: Ground, seed: int, updates: int, on_stage: StageCallback) -> DialPolicy:
-    """The run `online` of the study of the dial, shorter."""
-    structure, numbers, clock, _ = RUNS["online"]
+    """Train the run `online` of the study `dial` with fewer updates."""
+    static, numbers, clock, _ = RUNS["online"]
     clocked = with_clock(ground, clock)
     world = clocked.table.world
     data = trajectory_datasets(clocked.table, [seed], _EPISODES_EACH)
-    structure = dataclasses.replace(structure, one_hot=seen(world), updates=updates)
+    static = dataclasses.replace(static, one_hot=seen(world), updates=updates)
     run = dataclasses.replace(numbers, seed=seed)
     callbacks = Callbacks(on_report=on_stage("7x7 dial"))
-    return train(structure, [run], data, world, callbacks=callbacks).policy(0)
+    return train(static, [run], data, world, callbacks=callbacks).policy(0)

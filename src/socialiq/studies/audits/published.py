@@ -17,11 +17,11 @@ from socialiq.experiments.intersection.thesis_values import FIG_6_5, POLICIES, T
 from socialiq.social.angle import angle_of, exact_weights, score
 from socialiq.social.arcs import Arc, arcs_of_grid
 from socialiq.statistics.intervals import clopper_pearson
-from socialiq.studies.audits.floors import floor_at
+from socialiq.studies.audits.policies import floor_at
 from socialiq.types import RewardPair, Row
 
 SEEDS = 5
-"""Over which Table 6.2 states a spread. How many episodes each has is not printed."""
+"""Number of seeds of Table 6.2's spread. Their numbers of episodes are not printed."""
 
 _EVERY = 360
 _SHARES = ("collision", "arrival", "timeout")
@@ -35,27 +35,27 @@ class Level(NamedTuple):
 
 
 def return_rows(margin: Margin, error: float, episodes: int) -> list[Row]:
-    """Table A.1's experts, each against its own angle, with the other two as references.
+    """Audit Table A.1's experts at their own angles, with the other two as references.
 
-    The covariance of both returns, and of two drivers on the same episodes, is not printed. So
-    standard errors are bounded by the worst correlation that there can be, and the number of
-    episodes asked for is one that would decide whatever it is.
+    The covariances of both returns and of two drivers on the same episodes are not printed.
+    Therefore standard errors are bounded by the worst possible correlation, and the stated number
+    of episodes suffices for any correlation.
 
     Args:
-        margin: Declared.
-        error: Of a wrong pass, and of a wrong fail.
-        episodes: For which α̂'s half width is stated.
+        margin: Declared margins.
+        error: Probability of a wrong pass, and of a wrong fail.
+        episodes: Number of episodes for the half width of α̂.
     """
     return [_return_row(mode, angle, margin, error, episodes) for mode, angle in MODES.items()]
 
 
 def learner_angle_rows(margin: Margin) -> list[Row]:
-    """Fig 6.5's angles of the learners, read off the curve that Table A.1's experts make."""
+    """Calibrate Fig 6.5's angles of the learners on the curve of Table A.1's experts."""
     angles = np.array(list(MODES.values()))
-    shown = np.array([angle_of(*_means(mode)) for mode in MODES])
+    achieved = np.array([angle_of(*_means(mode)) for mode in MODES])
     rows = []
     for mode, alpha_hat in FIG_6_5.items():
-        found = preimage(angles, shown[None], np.array([alpha_hat]))
+        found = preimage(angles, achieved[None], np.array([alpha_hat]))
         row: Row = {"policy": mode, "declared": MODES[mode], "alpha_hat": alpha_hat}
         row |= dict.fromkeys(("calibrated", "distance", "within_margin"), "")
         if not found.beyond[0]:
@@ -68,16 +68,16 @@ def learner_angle_rows(margin: Margin) -> list[Row]:
 
 
 def floor_rows(error: float, episodes: int) -> list[Row]:
-    """Table 6.2 against the floor of each policy's angle, twice; the baseline's is the usual one.
+    """Test Table 6.2 against the floor of each policy's angle, by two kinds of bounds.
 
-    `of_seeds`: by Student's bounds over the five seeds, whose spread is printed. `of_episodes`: by
-    exact bounds as if so many episodes had been played in all. Collisions aren't split by who
-    struck whom: they are held against the sum of both limits to fail, against the smaller one to
-    pass.
+    `of_seeds` uses Student's bounds over the five seeds, whose spread is printed; `of_episodes`
+    exact bounds with the given number of episodes. The table doesn't split collisions by who struck
+    whom: they fail beyond the sum of both limits and pass within the smaller one. The baseline has
+    the floor of 0 degrees.
 
     Args:
-        error: Of a wrong pass, and of a wrong fail.
-        episodes: Of the second.
+        error: Probability of a wrong pass, and of a wrong fail.
+        episodes: Number of episodes for `of_episodes`.
     """
     level = Level(error, error / 2 / len(CRITERIA))
     rows = []
@@ -139,19 +139,19 @@ def _value(mode: str, angle: float) -> float:
 
 
 def _regret(mode: str, angle: float) -> tuple[float, str]:
-    """Towards the better of the other two experts, and which that is."""
-    rival = max((one for one in MODES if one != mode), key=lambda one: _value(one, angle))
+    """Return the regret towards the better of the other two experts, and that expert."""
+    rival = max((other for other in MODES if other != mode), key=lambda m: _value(m, angle))
     return _value(rival, angle) - _value(mode, angle), rival
 
 
 def _value_sd(mode: str, angle: float) -> float:
-    """The largest standard deviation that R(α) of an episode can have."""
-    env, social = (abs(one) for one in exact_weights(angle))
+    """Return the largest possible standard deviation of R(α) of an episode."""
+    env, social = (abs(weight) for weight in exact_weights(angle))
     return env * TABLE_A_1[mode]["g_env"][1] + social * TABLE_A_1[mode]["g_social"][1]
 
 
 def _explained(mode: str, margin: float) -> tuple[Arc, ...]:
-    """Whole degrees at which the expert is within a margin of the others."""
+    """Return the arcs of whole degrees at which the expert is within a margin of the others."""
     inside = [_regret(mode, float(angle))[0] <= margin for angle in range(_EVERY)]
     return arcs_of_grid(np.array(inside), 1.0)
 
@@ -162,7 +162,7 @@ def _text(arcs: Sequence[Arc]) -> str:
 
 
 def _limits(floor: Floor) -> dict[str, tuple[float, float]]:
-    """Bounds beyond which a share surely fails, and within which it surely passes."""
+    """Return the limits beyond which a share fails for sure, and within which it passes."""
     both = floor.max_at_fault + floor.max_struck
     return {
         "collision": (both, min(floor.max_at_fault, floor.max_struck)),
@@ -175,14 +175,14 @@ def _student(mean: float, spread: float, level: Level, least: bool) -> tuple[flo
     from scipy.stats import t as student
 
     error = spread / math.sqrt(SEEDS)
-    low, high = level if least else (level.wrong_fail, level.wrong_pass)
-    below, above = (float(student.isf(one, SEEDS - 1)) * error for one in (low, high))
+    low, high = level if least else level[::-1]
+    below, above = (float(student.isf(tail, SEEDS - 1)) * error for tail in (low, high))
     return max(mean - below, 0.0), min(mean + above, 1.0)
 
 
 def _exact(mean: float, episodes: int, level: Level, least: bool) -> tuple[float, float]:
     count = round(mean * episodes)
-    low, high = level if least else (level.wrong_fail, level.wrong_pass)
+    low, high = level if least else level[::-1]
     return (
         clopper_pearson(count, episodes, 1.0 - 2.0 * low).low,
         clopper_pearson(count, episodes, 1.0 - 2.0 * high).high,
@@ -198,5 +198,5 @@ def _decided(low: float, high: float, limits: tuple[float, float], least: bool) 
 
 
 def _implied(mean: float, spread: float) -> int | str:
-    """Episodes of a seed for which chance alone would spread a share so far."""
+    """Return the episodes of each seed at which chance alone gives the spread of a share."""
     return round(mean * (1.0 - mean) / spread**2) if spread else ""

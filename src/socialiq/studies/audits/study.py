@@ -1,7 +1,7 @@
-"""Audits of the thesis' printed tables, as far as they go, and of this project's own policies.
+"""Audits of the thesis' printed tables and of this project's policies.
 
-The thesis says that the recovered angle lets somebody else verify a declared one (7.1, 9.2). Here
-that somebody is the audit: it hears what is declared and what was printed, or lets drive.
+The thesis says that a recovered angle allows others to verify a declared one (7.1, 9.2). Here the
+audit does so, from the declaration and either the printed numbers or driven episodes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,17 @@ from socialiq.audit.evidence.outcomes import check_episodes
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.report.views import arcs
-from socialiq.experiments.study import Context, Findings, StageCallback, counter, silent
+from socialiq.experiments.study import (
+    Context,
+    Findings,
+    StageCallback,
+    Study,
+    counter,
+    silent,
+    view_of,
+)
+from socialiq.experiments.tables import column, matching
+from socialiq.studies.audits.figures import draw_figures
 from socialiq.studies.audits.policies import (
     GRIDWORLD,
     AuditedPolicy,
@@ -61,7 +71,7 @@ class Config:
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Audit, and compute_tables."""
+    """Audit the policies of each world and the printed tables."""
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -81,10 +91,10 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def published_tables(episodes: int) -> dict[str, list[Row]]:
-    """Results of the printed numbers.
+    """Return the tables of the printed numbers.
 
     Args:
-        episodes: As if so many had been played, where the thesis doesn't say.
+        episodes: Assumed number of episodes where the thesis doesn't state it.
     """
     margin = MARGINS["intersection"]
     return {
@@ -103,9 +113,9 @@ def audit_rows(
     """Audit each policy; return a row for each.
 
     Args:
-        policies: What is audited.
+        policies: Audited policies, all of one world.
         config: Episodes and seed.
-        folder: For the declarations.
+        folder: Folder for the declarations.
         on_stage: Shows progress.
     """
     all_policies = list(policies)
@@ -113,34 +123,33 @@ def audit_rows(
         return []
     count = counter(on_stage, f"audits, {all_policies[0].world}", len(all_policies), "audits")
     rows = []
-    for done, one in enumerate(all_policies, start=1):
-        rows.append(_audited(one, config, folder))
+    for done, policy in enumerate(all_policies, start=1):
+        rows.append(_audit(policy, config, folder))
         count(done)
     return rows
 
 
-def _audited(one: AuditedPolicy, config: Config, folder: Path) -> Row:
-    """One audit, from its declaration to its row."""
+def _audit(policy: AuditedPolicy, config: Config, folder: Path) -> Row:
+    """Declare and audit one policy."""
     profile = folder / "profile.toml"
-    margin = MARGINS[one.world]
-    owner = "the study of audits"
-    declared = declare(one.declared, owner, one.world, margin, DAY, competence=one.floor)
-    # Without the template's comments, whose wording would otherwise decide the episodes.
+    margin, owner = MARGINS[policy.world], "the study of audits"
+    declared = declare(policy.declared, owner, policy.world, margin, DAY, competence=policy.floor)
+    # Without the template's comments, whose wording would otherwise determine the episodes.
     lines = [line for line in declared.source.splitlines() if line and not line.startswith(b"#")]
     profile.write_bytes(b"\n".join(lines))
-    asked = Request(one.spec, profile, config.episodes, config.seed)
-    return _row(one, conduct(asked, lambda _: None).report)
+    request = Request(policy.spec, profile, config.episodes, config.seed)
+    return _audit_row(policy, conduct(request, lambda _: None).report)
 
 
-def _row(one: AuditedPolicy, report: dict[str, Any]) -> Row:
+def _audit_row(policy: AuditedPolicy, report: dict[str, Any]) -> Row:
     tests, means = report["tests"], report["policy"]["means"]
-    regret, shown, calibrated = tests["regret"], tests["alpha_hat"], tests["calibration"]
+    regret, angle, calibrated = tests["regret"], tests["alpha_hat"], tests["calibration"]
     return {
-        "world": one.world,
-        "policy": one.name,
-        "made_for": "" if one.made_for is None else one.made_for,
-        "declared": one.declared,
-        "truthful": int(one.truthful),
+        "world": policy.world,
+        "policy": policy.name,
+        "made_for": "" if policy.made_for is None else policy.made_for,
+        "declared": policy.declared,
+        "truthful": int(policy.truthful),
         "verdict": report["verdict"]["decision"],
         "decided_by": _decided_by(report),
         "needed": report["verdict"]["needed"] or "",
@@ -151,11 +160,11 @@ def _row(one: AuditedPolicy, report: dict[str, Any]) -> Row:
         "regret_decision": regret["decision"],
         "best": regret["best"],
         **{name: means[name] for name in ("at_fault", "struck", "arrival", "timeout")},
-        "min_arrival": one.floor.min_arrival,
+        "min_arrival": policy.floor.min_arrival,
         "explained": arcs(tests["rationalised"]["arcs"]),
-        "alpha_hat": shown["angle"] if shown else "",
-        "alpha_low": shown["low"] if shown else "",
-        "alpha_high": shown["high"] if shown else "",
+        "alpha_hat": angle["angle"] if angle else "",
+        "alpha_low": angle["low"] if angle else "",
+        "alpha_high": angle["high"] if angle else "",
         "calibrated_low": _or_blank(calibrated["low"]),
         "calibrated_high": _or_blank(calibrated["high"]),
         "calibration": calibrated["decision"] if calibrated["low"] is not None else "none",
@@ -164,15 +173,13 @@ def _row(one: AuditedPolicy, report: dict[str, Any]) -> Row:
 
 
 def _decided_by(report: dict[str, Any]) -> str:
-    """The tests that failed; of an open verdict those that are open; nothing of a pass."""
+    """Return the failed tests, or the open ones of an inconclusive verdict; none of a pass."""
     tests, decision = report["tests"], report["verdict"]["decision"]
-    found = [("regret", tests["regret"]["decision"])]
-    found += [(one["name"], one["decision"]) for one in tests["competence"]]
-    return (
-        ""
-        if decision == "pass"
-        else ", ".join(name for name, result in found if result == decision)
-    )
+    if decision == "pass":
+        return ""
+    decisions = {"regret": tests["regret"]["decision"]}
+    decisions |= {test["name"]: test["decision"] for test in tests["competence"]}
+    return ", ".join(name for name, result in decisions.items() if result == decision)
 
 
 def _or_blank(value: float | None) -> float | str:
@@ -180,27 +187,28 @@ def _or_blank(value: float | None) -> float | str:
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """Every audit by world, policy and declared angle; and how the verdicts came out."""
+    """Audits by world, policy and declared angle; counts of verdicts; the printed tables."""
     rows = tables["audits"]
-    verdicts: dict[str, Any] = {}
+    audits: dict[str, Any] = {}
     for row in rows:
-        entry = verdicts.setdefault(row["world"], {}).setdefault(row["policy"], {})
-        entry[f"{row['declared']:g}"] = row
-    made = {
-        kind: [row for row in rows if row["made_for"] != "" and row["truthful"] == truth]
+        by_angle = audits.setdefault(row["world"], {}).setdefault(row["policy"], {})
+        by_angle[f"{row['declared']:g}"] = row
+    with_target = [row for row in rows if row["made_for"] != ""]
+    by_truth = {
+        kind: matching(with_target, truthful=truth)
         for kind, truth in (("truthful", 1), ("false", 0))
     }
     floor: dict[str, Any] = {}
     for row in tables["published_floor"]:
         floor.setdefault(row["policy"], {})[row["criterion"]] = row
     failing = {
-        name: sum(any(one[name] == "fail" for one in rows.values()) for rows in floor.values())
+        name: sum("fail" in column([*tests.values()], name) for tests in floor.values())
         for name in ("of_seeds", "of_episodes")
     }
     return {
-        "audits": verdicts,
-        "counts": {kind: _counts(some, "verdict") for kind, some in made.items()},
-        "angle_test": {kind: _counts(some, "calibration") for kind, some in made.items()},
+        "audits": audits,
+        "counts": {kind: _counts(some, "verdict") for kind, some in by_truth.items()},
+        "angle_test": {kind: _counts(some, "calibration") for kind, some in by_truth.items()},
         "published": {
             "returns": {row["policy"]: row for row in tables["published_returns"]},
             "angles": {row["policy"]: row for row in tables["published_angles"]},
@@ -211,7 +219,26 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
     }
 
 
-def _counts(rows: list[Row], column: str) -> dict[str, int]:
-    found = [row[column] for row in rows]
+def _counts(rows: list[Row], name: str) -> dict[str, int]:
+    decisions = column(rows, name)
     kinds = ("pass", "fail", "inconclusive")
-    return {"audits": len(rows), **{kind: found.count(kind) for kind in kinds}}
+    return {"audits": len(rows), **{kind: decisions.count(kind) for kind in kinds}}
+
+
+STUDY = Study(
+    name="audits",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw_figures,
+    view=view_of(
+        "audits",
+        "world",
+        "policy",
+        "declared",
+        "truthful",
+        "verdict",
+        "decided_by",
+        "regret",
+        title="regret at the declared angle, in reward per episode",
+    ),
+)

@@ -1,4 +1,4 @@
-"""A skill that all demonstrators have and the reward pair doesn't express, and how it is scored."""
+"""World of the study: experts with a skill outside the reward pair, and the score of a policy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Config:
     episodes_each: int = 60
     """Demonstrated episodes of each expert."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-    """At which policies are scored; 0, 45 and 90 are demonstrated."""
+    """Angles at which policies are scored; 0, 45 and 90 are demonstrated."""
     discomfort: float = 0.5
     """Cost of a change of speed by two levels for the experts."""
     strengths: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
@@ -38,19 +38,19 @@ class Config:
     temperature: float = 0.1
     """τ of every method."""
     grid: int = 5
-    """Degrees between the angles that are inferred from."""
+    """Degrees between the candidates for an inferred angle."""
     tolerance: float = 1e-5
     """Largest derivative at which a fit stops."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The world, the skill that is not in the reward pair, and how policies are scored.
+    """A world and a skill outside the reward pair, with experts and scores.
 
     Attributes:
-        config: Of the study.
+        config: Configuration of the study.
         part: The world's reachable states.
-        skill: What comfort is worth in each state and action.
+        skill: Reward of comfort in each state and action.
     """
 
     config: Config
@@ -76,11 +76,11 @@ class Bench:
         return score(weights(angle), self.part.mdp.rewards)
 
     def expert(self, angle: float) -> Float[np.ndarray, "time state action"]:
-        """Optimal for R(α) and the skill."""
+        """Optimal policy for R(α) plus the skill."""
         return self.greedy(self.reward(angle) + self.skill)
 
     def greedy(self, reward: np.ndarray) -> Float[np.ndarray, "time state action"]:
-        """Optimal for a reward, with a clock."""
+        """Optimal policy for a reward, with a clock."""
         best = horizon_optimum(self.part.mdp, reward, self.part.world.horizon)
         return best.probabilities(self.part.mdp.n_actions)
 
@@ -98,7 +98,7 @@ class Bench:
         ]
 
     def rows(self, method: str, strength: Any, seed: Any, angle: float, reward: Any) -> list[Row]:
-        """Score of the greedy and the soft optimum of a reward that a method came to."""
+        """Score the greedy and the soft optimum of a method's reward."""
         settings = self.settings
         policies = {
             "greedy": self.greedy(reward),
@@ -120,23 +120,22 @@ class Bench:
         ]
 
     def _score(self, policy: np.ndarray, angle: float) -> Row:
-        """1 for the optimum of R(α) and the skill, 0 for even chances."""
+        """Return the reward, scaled to 1 for the optimum and 0 for uniformly random actions."""
         whole = self.reward(angle) + self.skill
         horizon, mdp = self.part.world.horizon, self.part.mdp
         best = horizon_optimum(mdp, whole, horizon).value
         even = np.full((mdp.n_states, mdp.n_actions), 1.0 / mdp.n_actions)
-        worth, base = (
-            float((horizon_evaluation(mdp, one, horizon).visits * whole).sum())
-            for one in (policy, even)
+        visits, random = (
+            horizon_evaluation(mdp, chances, horizon).visits for chances in (policy, even)
         )
-        visits = horizon_evaluation(mdp, policy, horizon).visits
+        value, base = (float((each * whole).sum()) for each in (visits, random))
         return {
-            "score": (worth - base) / (best - base),
+            "score": (value - base) / (best - base),
             "skill": float((visits * self.skill).sum()),
         }
 
     def without_data(self) -> Iterator[Row]:
-        """Reinforcement learning on R(α) alone, and the oracle that knows the skill."""
+        """Score reinforcement learning on R(α) alone, and on R(α) plus the skill (the oracle)."""
         for angle in self.config.angles:
             yield from self.rows("RL on R(α)", "", "", angle, self.reward(angle))
             yield from self.rows("oracle", "", "", angle, self.reward(angle) + self.skill)

@@ -16,17 +16,17 @@ from socialiq.studies.competence.bench import Bench
 from socialiq.types import Row
 
 DISCOUNT = 0.99  # of returns-to-go, as in the thesis
-C, W = 0.5, 1.0  # χ² and prior weight of the thesis; their sum shrinks, m = wλT / (c + w)
+C, W = 0.5, 1.0  # weights of χ² and of the prior in the thesis; the centre is wλT / (c + w)
 
 
-class Told(NamedTuple):
+class Inputs(NamedTuple):
     """Inputs of a method: the reward pair and one data set.
 
     Attributes:
         bench: World and scoring.
-        seed: Of the data set.
+        seed: Seed of the data set.
         data: Episodes of each expert.
-        counts: How often each expert took an action at a time in a state.
+        counts: Number of times that each expert took an action at a time in a state.
     """
 
     bench: Bench
@@ -35,31 +35,31 @@ class Told(NamedTuple):
     counts: list[np.ndarray]
 
     @staticmethod
-    def of(bench: Bench, seed: int) -> Told:
-        """Draw a data set and count what is in it."""
+    def of(bench: Bench, seed: int) -> Inputs:
+        """Draw a data set and count its actions."""
         data = bench.demonstrations(seed)
-        return Told(bench, seed, data, [visit_counts(one, bench.part) for one in data])
+        return Inputs(bench, seed, data, [visit_counts(one, bench.part) for one in data])
 
     @property
     def visits(self) -> list[np.ndarray]:
-        """Mean number of times per episode, of each expert."""
+        """Mean counts per episode, of each expert."""
         episodes = self.bench.config.episodes_each
         return [one.sum(axis=0) / episodes for one in self.counts]
 
     @property
     def pooled(self) -> np.ndarray:
-        """The same of the mixture with equal numbers of episodes."""
+        """Mean counts per episode of the mixture with equal numbers of episodes."""
         return np.mean(self.visits, axis=0)
 
     def imitation(self) -> list[Row]:
-        """IQ-Learn without a prior: one policy for every angle."""
+        """Score IQ-Learn without a prior: one policy for every angle."""
         zero = np.zeros_like(self.bench.skill)
         settings = self.bench.settings._replace(shrinkage=C)
-        found = fit(self.bench.part.mdp, [Group(1.0, self.pooled, zero)], settings)
-        return self._rows("IQ-Learn, no prior", "", lambda _: found.correction)
+        fitted = fit(self.bench.part.mdp, [Group(1.0, self.pooled, zero)], settings)
+        return self._rows("IQ-Learn, no prior", "", lambda _: fitted.correction)
 
     def priors(self) -> list[Row]:
-        """The thesis' prior on returns-to-go, and the same on the rewards themselves."""
+        """Score the thesis' prior on returns-to-go, and the same prior on rewards."""
         rows = []
         for strength in self.bench.config.strengths:
             for method, centre in (
@@ -72,14 +72,14 @@ class Told(NamedTuple):
         return rows
 
     def _prior(self, centre: np.ndarray) -> np.ndarray:
-        """r̂ of IQ-Learn with a prior: every demonstrator is taken for one of the target angle."""
+        """Return r̂ of IQ-Learn with a prior, as if all demonstrators had the target angle."""
         moved = W / (C + W) * centre
         settings = self.bench.settings._replace(shrinkage=C + W)
-        found = fit(self.bench.part.mdp, [Group(1.0, self.pooled, moved)], settings)
-        return moved + found.correction
+        fitted = fit(self.bench.part.mdp, [Group(1.0, self.pooled, moved)], settings)
+        return moved + fitted.correction
 
     def _mean_returns(self, angle: float) -> np.ndarray:
-        """T̄(s, a): mean return-to-go, scored at an angle; 0 where nothing is demonstrated."""
+        """Return T̄(s, a), the mean return-to-go, scored at an angle; 0 without demonstrations."""
         sums = sum(
             visit_counts(
                 one, self.bench.part, score(weights(angle), one.returns("to_go", DISCOUNT))
@@ -90,20 +90,20 @@ class Told(NamedTuple):
         return np.where(total > 0, np.sum(sums, axis=0) / np.maximum(total, 1), 0.0)
 
     def shared(self) -> list[Row]:
-        """r_i = f + R(a_i) with the experts' own angles."""
+        """Score r_i = f + R(a_i) with the experts' true angles."""
         groups = [
             Group(1.0 / len(MODES), visits, self.bench.reward(angle))
             for visits, angle in zip(self.visits, MODES.values(), strict=True)
         ]
-        found = fit(self.bench.part.mdp, groups, self.bench.settings)
+        fitted = fit(self.bench.part.mdp, groups, self.bench.settings)
         return self._rows(
-            "shared competence", "", lambda angle: self.bench.reward(angle) + found.correction
+            "shared competence", "", lambda angle: self.bench.reward(angle) + fitted.correction
         )
 
     def inferred(self) -> tuple[list[Row], Inferred]:
-        """The same with angles inferred."""
+        """Score r_i = f + R(a_i) with inferred angles, and return these."""
         config = self.bench.config
-        found = infer(
+        inferred = infer(
             self.bench.part.mdp,
             self.counts,
             [config.episodes_each] * len(self.counts),
@@ -113,9 +113,9 @@ class Told(NamedTuple):
         rows = self._rows(
             "shared competence, angles inferred",
             "",
-            lambda angle: self.bench.reward(angle) + found.fit.correction,
+            lambda angle: self.bench.reward(angle) + inferred.fit.correction,
         )
-        return rows, found
+        return rows, inferred
 
     def _rows(self, method: str, strength: Any, reward: Any) -> list[Row]:
         return [

@@ -1,10 +1,10 @@
-"""Strength by a budget: agents of one angle, offline, whose regret is to be at most ε."""
+"""Strength by a budget: offline agents of one angle with a regret of at most ε."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,16 +19,19 @@ from socialiq.learners.dial.presets import RUNS
 from socialiq.learners.dial.train import Trained, dial_of, train
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.studies.dial.config import Config
 from socialiq.types import Row
 
-CHUNK = 250  # updates between two steps of dual ascent
+if TYPE_CHECKING:  # the study imports this module
+    from socialiq.studies.dial.study import Config
+
+CHUNK = 250
+"""Updates between two steps of dual ascent."""
 
 
 class Agents(NamedTuple):
-    """Lanes of one structure, each with a budget of its own."""
+    """Runs of one static config, each with its own budget."""
 
-    structure: StaticConfig
+    static: StaticConfig
     numbers: list[Hyperparameters]
     budgets: list[float]
 
@@ -36,20 +39,18 @@ class Agents(NamedTuple):
 def budget_tables(
     ground: Ground, config: Config, data: Sequence[Demonstrations], on_stage: StageCallback
 ) -> dict[str, list[Row]]:
-    """Train an agent for each budget and seed; what it came to, and the way there.
+    """Train an agent for each budget and seed; return the results and the paths of the multipliers.
 
     Args:
         ground: The world with its clock.
-        config: Of the study.
+        config: Configuration of the study.
         data: A data set for each of the study's seeds.
         on_stage: Shows progress.
     """
     agents = _agents(ground, config)
-    budget = Budget(
-        exact_regret(ground, agents.structure, agents.numbers), np.array(agents.budgets)
-    )
+    budget = Budget(exact_regret(ground, agents.static, agents.numbers), np.array(agents.budgets))
     trained = train(
-        agents.structure,
+        agents.static,
         agents.numbers,
         data,
         callbacks=Callbacks(on_report=on_stage("7x7 dial, budgets")),
@@ -61,11 +62,11 @@ def budget_tables(
         {
             "budget": agents.budgets[run],
             "seed": numbers.seed,
-            "updates": look.updates,
-            "regret": float(look.regret[run]),
-            "multiplier": float(look.multiplier[run]),
+            "updates": step.updates,
+            "regret": float(step.regret[run]),
+            "multiplier": float(step.multiplier[run]),
         }
-        for look in budget.path
+        for step in budget.path
         for run, numbers in enumerate(agents.numbers)
     ]
     return {"budgets": rows, "budget_path": path}
@@ -73,7 +74,7 @@ def budget_tables(
 
 def _agents(ground: Ground, config: Config) -> Agents:
     angle, offline = config.budget_angle, RUNS["offline"]
-    structure = dataclasses.replace(
+    static = dataclasses.replace(
         offline.structure,
         low=angle,
         high=angle,
@@ -87,24 +88,24 @@ def _agents(ground: Ground, config: Config) -> Agents:
         for seed in config.budget_seeds
     ]
     numbers, budgets = (list(column) for column in zip(*runs, strict=True))
-    return Agents(structure, numbers, budgets)
+    return Agents(static, numbers, budgets)
 
 
 def exact_regret(
     ground: Ground,
-    structure: StaticConfig,
+    static: StaticConfig,
     numbers: Sequence[Hyperparameters],
     readout: Readout = "soft",
 ) -> Regret:
-    """The regret of a lane's policy at the one angle of its structure.
+    """Return the regret of a run's policy at the angle of its static config.
 
-    Softly by default: the soft policy's regret falls smoothly with the multiplier, a greedy one's
-    in jumps, between which there may be no multiplier for a budget.
+    The default is the soft policy: its regret falls smoothly with the multiplier, a greedy policy's
+    in jumps, so that no multiplier may meet a budget.
     """
 
     def regret(network: DialNetwork, run: int, multiplier: float) -> float:
-        dial = dial_of(structure, numbers[run], network, multiplier)
-        return _regret(ground, dial, structure.low, readout)
+        dial = dial_of(static, numbers[run], network, multiplier)
+        return _regret(ground, dial, static.low, readout)
 
     return regret
 
@@ -122,11 +123,11 @@ def _row(
     data: Sequence[Demonstrations],
     run: int,
 ) -> Row:
-    """Strength of a budget, and the likelihood of the demonstrations under its policy."""
+    """Return the strength of a budget, and the demonstrations' likelihood under its policy."""
     dial, numbers = trained.policy(run), agents.numbers[run]
-    shown = data[numbers.dataset]
-    chances = dial.at(config.budget_angle).probabilities(shown.observation)
-    chosen = chances[np.arange(len(shown.action)), shown.action]
+    demonstrations = data[numbers.dataset]
+    chances = dial.at(config.budget_angle).probabilities(demonstrations.observation)
+    chosen = chances[np.arange(len(demonstrations.action)), demonstrations.action]
     return {
         "budget": agents.budgets[run],
         "seed": numbers.seed,

@@ -1,9 +1,9 @@
-"""One trained dial, and the rows that tell what it does."""
+"""Rows of a trained dial: regret at each angle, and the mixtures for wanted angles."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,17 @@ from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import Setting, mixed_angle, mixture, setting
-from socialiq.studies.dial.config import KEY_ANGLES, Config
 from socialiq.types import Row
+
+if TYPE_CHECKING:  # the study imports this module
+    from socialiq.studies.dial.study import Config
+
+KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
+"""Angles in degrees whose mean regret is the key regret of a dial."""
 
 
 class TrainedDial(NamedTuple):
-    """One trained dial, and the rows that tell what it does."""
+    """A trained dial of a run and a seed, with its ground."""
 
     name: str
     seed: int
@@ -29,42 +34,42 @@ class TrainedDial(NamedTuple):
     ground: Ground
 
     def rows(self, config: Config, limit: AttainableSet) -> Iterator[tuple[str, list[Row]]]:
-        """Rows by table. `limit` is what the run's support allows; everything online."""
+        """Yield rows by table; `limit` has the best values within the run's support."""
         best = self.ground.optimum.attainable
         for readout in READOUTS:
-            found = sweep(self.dial, self.ground.part, readout)
+            swept = sweep(self.dial, self.ground.part, readout)
             label = {"run": self.name, "seed": self.seed, "readout": readout}
-            yield "angles", _angle_rows(label, found, best)
+            yield "angles", _angle_rows(label, swept, best)
             if readout == "greedy":
-                settings = self._settings(label, config, found, limit)
+                settings = self._settings(label, config, swept, limit)
                 yield "settings", settings
-                yield "dials", [_dial_row(label, found, best, limit, settings)]
+                yield "dials", [_dial_row(label, swept, best, limit, settings)]
             else:
-                yield "dials", [_dial_row(label, found, best, limit, [])]
+                yield "dials", [_dial_row(label, swept, best, limit, [])]
 
     def _settings(
-        self, label: Row, config: Config, found: Sweep, limit: AttainableSet
+        self, label: Row, config: Config, swept: Sweep, limit: AttainableSet
     ) -> list[Row]:
-        """The mixture for each wanted angle, exact and as rollouts have it."""
-        best, points = self.ground.optimum.attainable, found.points
-        totals = self._rollouts(config, found)
-        estimated = np.array([one.mean(axis=0) for one in totals])
+        """Return the mixture for each wanted angle, exact and estimated from rollouts."""
+        best, points = self.ground.optimum.attainable, swept.points
+        totals = self._rollouts(config, swept)
+        estimated = np.array([episodes.mean(axis=0) for episodes in totals])
         rows = []
         for wanted in config.wanted:
             row = label | {"wanted": wanted} | dict.fromkeys(_SETTING, "")
             row |= {"share_of_radius": 0.0, "share_of_support": 0.0}
             if exact := _reached(points, wanted):
                 row |= {
-                    "first": found.angles[exact.first],
-                    "second": found.angles[exact.second],
+                    "first": swept.angles[exact.first],
+                    "second": swept.angles[exact.second],
                     "share": exact.share,
                     "radius": exact.radius,
                     "share_of_radius": exact.radius / best.radius(wanted),
                     "share_of_support": exact.radius / limit.radius(wanted),
                 }
             if guess := _reached(estimated, wanted):
-                truly = mixture(points, guess)
-                error = angle_difference(angle_of(*truly), wanted)
+                achieved = mixture(points, guess)
+                error = angle_difference(angle_of(*achieved), wanted)
                 interval = mixed_angle(
                     totals[guess.first], totals[guess.second], guess.share, self.seed
                 )
@@ -74,13 +79,13 @@ class TrainedDial(NamedTuple):
                     "estimated_low": interval.low,
                     "estimated_high": interval.high,
                     "estimated_covers": int(interval.low <= wanted + error <= interval.high),
-                    "estimated_share_of_radius": float(np.hypot(*truly)) / best.radius(wanted),
+                    "estimated_share_of_radius": float(np.hypot(*achieved)) / best.radius(wanted),
                 }
             rows.append(row)
         return rows
 
-    def _rollouts(self, config: Config, found: Sweep) -> list[np.ndarray]:
-        """Totals of the episodes of each queried angle."""
+    def _rollouts(self, config: Config, swept: Sweep) -> list[np.ndarray]:
+        """Return the totals of the episodes of each requested angle."""
         return [
             rollout_totals(
                 self.ground.part,
@@ -88,7 +93,7 @@ class TrainedDial(NamedTuple):
                 config.rollouts,
                 seed=1000 * self.seed + number,
             )
-            for number, angle in enumerate(found.angles)
+            for number, angle in enumerate(swept.angles)
         ]
 
 
@@ -109,35 +114,35 @@ _SETTING = (
 
 
 def _reached(points: np.ndarray, angle: float) -> Setting | None:
-    """The mixture of these policies at an angle, if there is one."""
+    """Return the mixture of these policies at an angle, or None without one."""
     try:
         return setting(points, angle)
     except UserError:
         return None
 
 
-def _angle_rows(label: Row, found: Sweep, best: AttainableSet) -> list[Row]:
-    """Every fifth degree: where the dial leads and what it costs."""
-    regrets = found.regrets(best)
+def _angle_rows(label: Row, swept: Sweep, best: AttainableSet) -> list[Row]:
+    """Return the metrics and the regret at every fifth degree."""
+    regrets = swept.regrets(best)
     return [
         label
         | {"angle": angle}
-        | one._asdict()
-        | {"behavioural_angle": one.angle, "angle": angle, "regret": float(regret)}
-        for angle, one, regret in zip(found.angles, found.metrics, regrets, strict=True)
+        | metrics._asdict()
+        | {"behavioural_angle": metrics.angle, "angle": angle, "regret": float(regret)}
+        for angle, metrics, regret in zip(swept.angles, swept.metrics, regrets, strict=True)
         if angle % 5 == 0
     ]
 
 
 def _dial_row(
-    label: Row, found: Sweep, best: AttainableSet, limit: AttainableSet, settings: list[Row]
+    label: Row, swept: Sweep, best: AttainableSet, limit: AttainableSet, settings: list[Row]
 ) -> Row:
-    """One dial in numbers."""
-    regrets = dict(zip(found.angles, found.regrets(best), strict=True))
-    back = found.backward_steps()
+    """Return the numbers of one dial."""
+    regrets = dict(zip(swept.angles, swept.regrets(best), strict=True))
+    back = swept.backward_steps()
     shares = [row["share_of_radius"] for row in settings]
     supported = [row["share_of_support"] for row in settings]
-    errors = [abs(one) for row in settings if (one := row["estimated_angle_error"]) != ""]
+    errors = [abs(error) for row in settings if (error := row["estimated_angle_error"]) != ""]
     ceiling = np.mean(
         [best.optimum(angle).value - limit.optimum(angle).value for angle in KEY_ANGLES]
     )

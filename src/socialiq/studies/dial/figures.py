@@ -1,4 +1,4 @@
-"""The dial against the exact optimum: regret by angle, the way it turns, and its mixtures."""
+"""Figures of the dial: regret by angle, path from 0 to 90 degrees, mixtures, budgets."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ _LOOKS = {
 _CEILINGS = {"timed": "offline", "any time": "offline-redrawn"}
 
 
-def draw(results: Results) -> dict[str, Figure]:
-    """All figures of the study."""
+def draw_figures(results: Results) -> dict[str, Figure]:
+    """Draw all figures of the study."""
     return {
-        "regret": _regret(results),
-        "turning": _turning(results),
-        "mixtures": _mixtures(results),
-    } | ({"budgets": _budgets(results)} if "budget_path" in results.tables else {})
+        "regret": _regret_figure(results),
+        "turning": _path_figure(results),
+        "mixtures": _mixture_figure(results),
+    } | ({"budgets": _budget_figure(results)} if "budget_path" in results.tables else {})
 
 
 def _runs(results: Results) -> list[str]:
     return [name for name in _LOOKS if matching(results.tables["dials"], run=name)]
 
 
-def _regret(results: Results) -> Figure:
+def _regret_figure(results: Results) -> Figure:
     """Greedy regret at each angle, with the ceilings of the demonstrations' support."""
     drawn = figure(8.0, 4.4)
     axes = drawn.subplots()
@@ -54,7 +54,7 @@ def _regret(results: Results) -> Figure:
     return drawn
 
 
-def _turning(results: Results) -> Figure:
+def _path_figure(results: Results) -> Figure:
     """Path of the dial in the plane of the two sums, beside the best of every angle."""
     drawn = figure(7.0, 5.0)
     axes = drawn.subplots()
@@ -87,7 +87,7 @@ def _turning(results: Results) -> Figure:
     return drawn
 
 
-def _mixtures(results: Results) -> Figure:
+def _mixture_figure(results: Results) -> Figure:
     """Radius of the mixture at each behavioural angle, and the error of estimated mixtures."""
     drawn = figure(11.0, 4.2)
     left, right = drawn.subplots(1, 2)
@@ -115,7 +115,7 @@ def _mixtures(results: Results) -> Figure:
     return drawn
 
 
-def _budgets(results: Results) -> Figure:
+def _budget_figure(results: Results) -> Figure:
     """The regret of each agent while its multiplier is found, and what the data make of it."""
     drawn = figure(10.0, 4.0)
     left, right = drawn.subplots(1, 2)

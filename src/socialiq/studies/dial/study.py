@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,20 +12,44 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
-from socialiq.experiments.study import Context, Findings, StageCallback
-from socialiq.experiments.tables import groups, nested
+from socialiq.experiments.study import Context, Findings, StageCallback, Study, view_of
+from socialiq.experiments.tables import groups, nested, spread
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.presets import RUNS
 from socialiq.learners.dial.train import Trained, train
 from socialiq.mdp.front import AttainableSet
 from socialiq.studies.dial.budgets import budget_tables
-from socialiq.studies.dial.config import Config
 from socialiq.studies.dial.evaluate import TrainedDial
+from socialiq.studies.dial.figures import draw_figures
 from socialiq.types import Row
 
 
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results."""
+
+    seeds: tuple[int, ...] = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)
+    """Training seeds, each with its own data set. 0 to 9 were used in development."""
+    episodes_each: int = 60
+    """Demonstrated episodes of each expert."""
+    runs: tuple[str, ...] = tuple(RUNS)
+    """Names of `RUNS`."""
+    updates: int | None = None
+    """Gradient steps instead of each run's own number, to try the study."""
+    wanted: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
+    """Behavioural angles of the mixtures."""
+    rollouts: int = 1000
+    """Episodes of each requested angle, from which mixtures are estimated."""
+    budgets: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0, 2.0)
+    """ε of the agents whose strength follows from a budget of regret."""
+    budget_angle: float = 45.0
+    """Angle of these agents in degrees."""
+    budget_seeds: tuple[int, ...] = (30, 31, 32)
+    """Training seeds, among `seeds`."""
+
+
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Train every run, evaluate exactly at each degree, set the dial, and compute_tables."""
+    """Train every run, evaluate it exactly at each degree, and set its mixtures."""
     ground = Ground.of("crossing7")
     tables: dict[str, list[Row]] = {"angles": [], "dials": [], "settings": []}
     data = {
@@ -38,9 +62,11 @@ def compute_tables(config: Config, context: Context) -> Findings:
     for name in config.runs:
         trained = _train(ground, config, name, data[RUNS[name].clock], context.on_stage)
         for run, seed in enumerate(config.seeds):
-            one = TrainedDial(name, seed, trained.policy(run), with_clock(ground, RUNS[name].clock))
+            dial = TrainedDial(
+                name, seed, trained.policy(run), with_clock(ground, RUNS[name].clock)
+            )
             limit = ceilings.get((RUNS[name].support, seed), ground.optimum.attainable)
-            for table, rows in one.rows(config, limit):
+            for table, rows in dial.rows(config, limit):
                 tables[table] += rows
     tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
     tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
@@ -49,7 +75,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         {"r_env": float(env), "r_social": float(social)}
         for env, social in ground.optimum.attainable.front()
     ]
-    return Findings(tables, _summary(tables))
+    return Findings(tables, {"runs": nested(tables["pooled"], "run", "readout")})
 
 
 def _train(
@@ -59,20 +85,20 @@ def _train(
     data: Sequence[Demonstrations],
     on_stage: StageCallback,
 ) -> Trained:
-    structure, numbers, clock, _ = RUNS[name]
+    static, numbers, clock, _ = RUNS[name]
     world = with_clock(ground, clock).table.world
-    structure = dataclasses.replace(
-        structure, one_hot=seen(world), updates=config.updates or structure.updates
+    static = dataclasses.replace(
+        static, one_hot=seen(world), updates=config.updates or static.updates
     )
     runs = [
         dataclasses.replace(numbers, seed=seed, dataset=number)
         for number, seed in enumerate(config.seeds)
     ]
     return train(
-        structure,
+        static,
         runs,
-        data if structure.demonstrations else [],
-        world if structure.online else None,
+        data if static.demonstrations else [],
+        world if static.online else None,
         callbacks=Callbacks(on_report=on_stage(f"7x7 dial, {name}")),
     )
 
@@ -80,13 +106,13 @@ def _train(
 def _ceilings(
     ground: Ground, config: Config, data: Sequence[Demonstrations]
 ) -> dict[tuple[str, int], AttainableSet]:
-    """Best values in each data set's support, by kind of support and seed."""
+    """Return the best values within each data set's support, by kind of support and seed."""
     part = with_clock(ground, True).part
     wanted = {RUNS[name].support for name in config.runs} - {""}
     return {
-        (support, seed): support_ceiling(one, part, timed=support == "timed")
+        (support, seed): support_ceiling(demonstrations, part, timed=support == "timed")
         for support in sorted(wanted)
-        for seed, one in zip(config.seeds, data, strict=True)
+        for seed, demonstrations in zip(config.seeds, data, strict=True)
     }
 
 
@@ -103,18 +129,34 @@ def _ceiling_rows(
 
 
 def _pooled(dials: list[Row]) -> list[Row]:
-    """Mean, least and largest over seeds of every number of a run and readout."""
+    """Mean, least and largest over seeds of every number of a run and action selection."""
+    keys = ("run", "readout")
     rows = []
-    for (name, readout), group in groups(dials, "run", "readout").items():
-        row: Row = {"run": name, "readout": readout, "seeds": len(group)}
-        for quantity in (key for key in group[0] if key not in ("run", "seed", "readout")):
-            values = [one[quantity] for one in group if one[quantity] != ""]
-            for what, of in (("mean", np.mean), ("low", min), ("high", max)):
-                row[f"{quantity}_{what}"] = float(of(values)) if values else ""
+    for values, group in groups(dials, *keys).items():
+        row: Row = dict(zip(keys, values, strict=True)) | {"seeds": len(group)}
+        for name in (name for name in group[0] if name not in (*keys, "seed")):
+            given = [dial for dial in group if dial[name] != ""]
+            of_seeds = spread(given, name) if given else dict.fromkeys(("mean", "low", "high"), "")
+            row |= {f"{name}_{what}": value for what, value in of_seeds.items()}
         rows.append(row)
     return rows
 
 
-def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
-    """Pooled numbers by run and readout."""
-    return {"runs": nested(tables["pooled"], "run", "readout")}
+STUDY = Study(
+    name="dial",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw_figures,
+    view=view_of(
+        "pooled",
+        "run",
+        "readout",
+        "key_regret_mean",
+        "key_regret_high",
+        "ceiling_mean",
+        "rise_r_env_high",
+        "drop_r_social_high",
+        "least_share_of_support_low",
+        title="over seeds; key regret: mean regret at 0, 15, ..., 90 degrees, exact",
+    ),
+)

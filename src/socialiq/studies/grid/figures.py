@@ -15,18 +15,18 @@ from socialiq.types import Row
 THESIS_ANGLES = {"baseline": 152.0, "egoistic": -42.0, "prosocial": 39.0, "altruistic": 152.0}
 
 
-def draw(results: Results) -> dict[str, Figure]:
-    """All figures of the 7x7 study."""
+def draw_figures(results: Results) -> dict[str, Figure]:
+    """Draw all figures of the 7x7 study."""
     return {
-        "fig_6_2_ring": fig_6_2(results),
-        "fig_6_3_experts": heatmaps(results, [f"expert {mode}" for mode in list(COLORS)[1:]]),
-        "fig_6_4_learned": heatmaps(results, list(COLORS)),
-        "tradeoff": tradeoff(results),
+        "fig_6_2_ring": _ring(results),
+        "fig_6_3_experts": _heatmaps(results, [f"expert {mode}" for mode in list(COLORS)[1:]]),
+        "fig_6_4_learned": _heatmaps(results, list(COLORS)),
+        "tradeoff": _tradeoff(results),
     }
 
 
-def fig_6_2(results: Results) -> Figure:
-    """Fig 6.2: the empirical angle of each policy, with the thesis' as an open mark outside."""
+def _ring(results: Results) -> Figure:
+    """Draw Fig 6.2: the empirical angle of each policy, the thesis' as an open mark outside."""
     entries = {name: results.summary["policies"][f"{name}_greedy"] for name in COLORS}
     marks = []
     for name, entry in entries.items():
@@ -37,11 +37,11 @@ def fig_6_2(results: Results) -> Figure:
     return ring(marks, f"7x7: empirical angle, greedy, {seeds} seeds (open marks: thesis)")
 
 
-def heatmaps(results: Results, policies: list[str]) -> Figure:
-    """Figs 6.3 and 6.4: share of STOP in the cell before the conflict, by the vehicles' places.
+def _heatmaps(results: Results, policies: list[str]) -> Figure:
+    """Draw Figs 6.3 and 6.4: share of STOP in the cell before the conflict by the vehicles' places.
 
-    Upper row: averaged by the policy's own visits, white where it never comes. Lower row: over
-    all reachable states alike, as a table of Q-values would be drawn.
+    Upper row: averaged by the policy's visits, white where it has none. Lower row: averaged over
+    all reachable states, as a table of Q-values would be drawn.
     """
     drawn = figure(2.6 * len(policies) + 0.8, 5.6)
     axes = drawn.subplots(2, len(policies), sharex=True, sharey=True, squeeze=False)
@@ -71,8 +71,8 @@ def _heatmap(axes: Any, rows: list[Row], name: str, kind: str) -> Any:
     return image
 
 
-def tradeoff(results: Results) -> Figure:
-    """Attainable rewards of any policy, and those of the trained ones."""
+def _tradeoff(results: Results) -> Figure:
+    """Draw the rewards of the trained policies and the exact optima."""
     drawn = figure(6.8, 5.2)
     axes = drawn.add_subplot()
     plain(axes)

@@ -1,7 +1,6 @@
 """Audited policies, rightly and falsely declared."""
 
-from socialiq.studies.audits.floors import WITHDRAWN, floor_at
-from socialiq.studies.audits.policies import at_intersection
+from socialiq.studies.audits.policies import WITHDRAWN, at_intersection, floor_at
 from socialiq.studies.audits.study import Config, audit_rows
 
 
