@@ -40,9 +40,12 @@ def sweep_file(tmp_path_factory):
 
 @pytest.fixture(name="done", scope="module")
 def finished_sweep(sweep):
-    out = sweep.with_name("out")
-    assert main(["sweep", str(sweep), "--out", str(out), "--processes", "1"]) == 0
-    return out
+    """Done task by task in this process; the last command finds every job finished."""
+    words = ["sweep", str(sweep), "--out", str(sweep.with_name("out"))]
+    for number in "01":
+        assert main([*words, "--task", number]) == 0
+    assert main(words) == 0
+    return sweep.with_name("out")
 
 
 def test_the_table_has_every_run_with_its_exact_metrics(done):
@@ -95,35 +98,47 @@ def test_another_learner_is_trained_as_train_does_and_evaluated_exactly(sweep, t
         assert found.files[f"policies/{ours}.safetensors"] == made
 
 
-def test_tasks_of_the_slurm_script_do_the_jobs_and_skip_finished_ones(
-    sweep, done, tmp_path, capsys
-):
-    """The shell runs the script as Slurm would, a number for each task."""
+def test_the_slurm_script_names_the_jobs_that_are_open(sweep, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["sweep", str(sweep), "--out", str(out)]
     assert main([*words, "--slurm"]) == 0
     script = tmp_path / "out.work" / "sweep.sh"
     assert capsys.readouterr().out.startswith(f"sbatch {script}\n")
     assert "#SBATCH --array=0-1\n" in script.read_text()
-
-    def task(number):
-        variables = os.environ | {"SLURM_ARRAY_TASK_ID": number}
-        return subprocess.run(
-            ["bash", script], env=variables, capture_output=True, text=True, check=True
-        ).stdout
-
-    assert task("0").startswith("training/00000: finished, ")
+    assert main([*words, "--task", "0"]) == 0
+    assert capsys.readouterr().out.startswith("training/00000: finished, ")
+    job = tmp_path / "out.work" / "training" / "00000" / "job.json"
+    before = job.stat().st_mtime_ns
+    assert main([*words, "--task", "0"]) == 0
+    assert capsys.readouterr().out == "training/00000: finished, 0.0 s\n"
+    assert job.stat().st_mtime_ns == before
     assert main([*words, "--slurm"]) == 0
     assert "#SBATCH --array=1\n" in script.read_text()
-    before = (tmp_path / "out.work" / "training" / "00000" / "job.json").stat().st_mtime_ns
-    assert task("0") == "training/00000: finished, 0.0 s\n"
-    assert (tmp_path / "out.work" / "training" / "00000" / "job.json").stat().st_mtime_ns == before
-    task("1")
+    assert main([*words, "--task", "1"]) == 0
     assert main([*words, "--slurm"]) == 2
     assert "every job is finished" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_shell_runs_the_script_as_slurm_does_and_gives_the_same_files(sweep, done, tmp_path):
+    words = ["sweep", str(sweep), "--out", str(tmp_path / "out")]
+    assert main([*words, "--slurm"]) == 0
+    for number in "01":
+        subprocess.run(
+            ["bash", tmp_path / "out.work" / "sweep.sh"],
+            env=os.environ | {"SLURM_ARRAY_TASK_ID": number},
+            check=True,
+        )
     assert main(words) == 0
     for path in sorted(done.rglob("*.*")):
-        assert (out / path.relative_to(done)).read_bytes() == path.read_bytes(), path
+        assert (tmp_path / "out" / path.relative_to(done)).read_bytes() == path.read_bytes(), path
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_files(sweep, done, tmp_path):
+    assert main(["sweep", str(sweep), "--out", str(tmp_path / "out"), "--processes", "2"]) == 0
+    for path in sorted(done.rglob("*.*")):
+        assert (tmp_path / "out" / path.relative_to(done)).read_bytes() == path.read_bytes(), path
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import itertools
+import math
 import tomllib
 import typing
 from collections.abc import Mapping, Sequence
@@ -97,7 +98,7 @@ class _Reader:
                 for first in range(0, len(runs), size):
                     found.append(self.config(world, data, one, tuple(runs[first : first + size])))
                     if len(found) * size > MOST_RUNS + size:
-                        raise UserError(f"{self.file}: more than {MOST_RUNS:,} runs: split it")
+                        raise self.too_many()
         jobs = tuple(
             Job(f"training/{number:05d}", train_runs, one, cost=float(len(one.hyperparameters)))
             for number, one in enumerate(found)
@@ -176,6 +177,8 @@ class _Reader:
         if not seeds or len({*seeds}) < len(seeds):
             raise self.error("seeds", "must be one or more different whole numbers")
         values.append([_Entry("seeds", "seed", seed) for seed in seeds])
+        if math.prod(map(len, values)) > MOST_RUNS:
+            raise self.too_many()
         return [self.replaced(base, entries) for entries in itertools.product(*values)]
 
     def statics(self, base: Any, online: bool) -> list[Any]:
@@ -256,6 +259,10 @@ class _Reader:
             if name not in names:
                 key = f"{where}.{name}" if where else name
                 raise self.error(key, f"unknown key: choose from {', '.join(names)}")
+
+    def too_many(self) -> UserError:
+        """Return the refusal of a file with too many runs."""
+        return UserError(f"{self.file}: more than {MOST_RUNS:,} runs: split it")
 
     def error(self, key: str, line: str) -> UserError:
         """Return the refusal of a key."""
