@@ -32,7 +32,13 @@ def test_the_page_names_a_command_for_each_kind():
     assert {"--prior", "--divergence", "--loss", "--learner", "--allow-code"} <= given
 
 
-@pytest.mark.parametrize("number", range(len(COMMANDS)))
+def slow_unless_first_or_last(number):
+    """One command with a function and the one with a learner are quick tests."""
+    ends = number in (0, len(COMMANDS) - 1)
+    return number if ends else pytest.param(number, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("number", [*map(slow_unless_first_or_last, range(len(COMMANDS)))])
 def test_commands_train_and_tell_whose_code_it_was(folder, number, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     words = shlex.split(COMMANDS[number])

@@ -66,6 +66,7 @@ def process_of(work, name, until):
     return int(note.read_text())
 
 
+@pytest.mark.slow
 def test_a_worker_killed_in_the_middle_of_a_job_changes_nothing(
     quick, start_cluster, until, undisturbed, tmp_path
 ):

@@ -109,6 +109,7 @@ def test_a_job_whose_process_is_killed_is_tried_again(quick, tmp_path):
     assert (tmp_path / "calls").read_text() == "before.part after.part "
 
 
+@pytest.mark.slow
 def test_a_job_that_kills_its_process_again_and_again_is_named(quick, tmp_path):
     jobs = [
         Job("before", quick.add, quick.Config(1)),
@@ -121,7 +122,9 @@ def test_a_job_that_kills_its_process_again_and_again_is_named(quick, tmp_path):
     assert (tmp_path / "before" / "value").read_text() == "1"
 
 
-@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["parent", "terminal"])
+@pytest.mark.parametrize(
+    "send", [pytest.param(os.kill, id="parent", marks=pytest.mark.slow), os.killpg]
+)
 def test_ctrl_c_stops_and_the_same_command_goes_on(command, until, tmp_path, send):
     """From `kill` it reaches the command alone, from a terminal its workers too."""
     process = command("stop_at_first")
