@@ -11,6 +11,7 @@ import pytest
 
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.grid_world import GridWorld
 
 EXTRAS = Path(__file__).parent / "extras"
 EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows)")
@@ -67,7 +68,9 @@ def pytest_terminal_summary(
 
 @cache
 def tabulated(name: str, **options: Any) -> Table:
-    return tabulate(registry.make(name, **options))
+    world = registry.make(name, **options)
+    assert isinstance(world, GridWorld)
+    return tabulate(world)
 
 
 @pytest.fixture(name="tabulated", scope="session")
