@@ -18,7 +18,7 @@ import numpy as np
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.record import record
+from socialiq.evaluation.play import record
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
 from socialiq.experiments.intersection.jobs import source_of
 from socialiq.learners.callbacks import Callbacks

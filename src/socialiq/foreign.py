@@ -45,7 +45,7 @@ def _run(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
-    # A dataclass looks its own module up there, and Gymnasium an entry point's.
+    # Dataclasses and Gymnasium's entry points look their module up there.
     there = sys.modules.get(path.stem)
     if there is None or getattr(there, "__file__", None) == str(path):
         sys.modules[path.stem] = module

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-DECIMALS = 6  # of a rounded number; exact evaluation is good to more, reading is not
+DECIMALS = 6  # of a rounded number
 
 
 def to_json(value: Any) -> Any:

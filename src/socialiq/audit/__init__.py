@@ -1,1 +1,1 @@
-"""The audit: whether a policy behaves as its owner declared, judged from its episodes alone."""
+"""Audit: test whether a policy behaves as its owner declared, from its episodes alone."""

@@ -20,8 +20,8 @@ class Commitment:
     """Policy and declaration of an audit, fixed by two hashes.
 
     Attributes:
-        policy_sha256: Of the policy, as its record says.
-        profile_sha256: Of the declaration's bytes.
+        policy_sha256: SHA-256 of the policy, from its record.
+        profile_sha256: SHA-256 of the declaration's bytes.
     """
 
     policy_sha256: str
@@ -51,8 +51,8 @@ class Draw:
     def derived(self, purpose: str) -> int:
         """Return a number of 256 bits for one purpose, from seed and commitment.
 
-        A policy that was tuned to the episodes of a seed is another policy, so it has another
-        commitment, and this seed gives it other episodes.
+        Tuning a policy to the episodes of a seed changes its hash, and so its commitment and
+        episodes.
         """
         text = f"{self.commitment.sha256}\n{self.seed}\n{purpose}\n"
         return int.from_bytes(hashlib.sha256(text.encode()).digest())
@@ -75,10 +75,10 @@ def draw(commitment: Commitment, seed: int | None = None) -> Draw:
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed that is out of range.
+    """Check the range of a seed.
 
     Raises:
-        UserError: If it is.
+        UserError: If it is out of range.
     """
     if not 0 <= seed <= LARGEST_SEED:
         raise UserError(f"seed must be from 0 to {LARGEST_SEED}, got {seed}")

@@ -197,7 +197,7 @@ def conduct(
             policy=policy.as_json(),
             deterministic=not request.soft,
             drawn=drawn,
-            handed=declared.references.records,
+            records=declared.references.records,
             reference_files=list(request.references),
             left_out=itself,
             evidence=compared,

@@ -1,9 +1,9 @@
-"""Log audit: is what a recorded vehicle did consistent with a declared profile?
+"""Log audit: test whether a recorded vehicle's driving is consistent with a declared profile.
 
-A recording gives the vehicle's reward pair by the declared weights, and no more. Regret, on which
-an audit turns, needs reference drivers on the same episodes, and a recording cannot be driven
-again. So this asks less: whether the direction of the mean rewards lies within the declared margin
-of degrees, and whether collisions stay below the declared floor.
+A recording gives the vehicle's reward pair by the declared weights, and no more. Regret, the
+primary test of an audit, needs reference drivers on the same episodes, which a recording does not
+have. So only the direction of the mean rewards is compared with the declared margin of degrees, and
+the share of collisions with the declared floor.
 """
 
 from __future__ import annotations
@@ -27,20 +27,19 @@ LEAST = 3
 """Episodes, or else decisions, that a confidence region needs."""
 
 TESTED = ("at_fault", "struck")
-"""Criteria of the floor that a recording can speak about."""
+"""Criteria of the floor that can be tested on a recording."""
 
 NOT_TESTED = {
-    "regret": "nobody can drive the recorded moments again, so there is nothing to compare with",
+    "regret": "the recorded episodes can't be driven again, so there are no reference drivers",
     "arrival": "a recorded vehicle leaves the field of view, whether or not it arrives",
-    "timeout": "a recorded driver has no clock",
-    "calibrated angle": "the curve from declared to shown angles is the simulator's, not this "
-    "road's",
+    "timeout": "a recorded driver has no time limit",
+    "calibrated angle": "the calibration curve is of the simulator, not of this road",
 }
 """Tests of an audit that a log audit can't make, with reasons."""
 
 
 @dataclass(frozen=True)
-class Shown:
+class MeanDirection:
     """Direction of the mean rewards, degrees, with the ends of its confidence region."""
 
     angle: float
@@ -50,23 +49,23 @@ class Shown:
 
 @dataclass(frozen=True)
 class LogVerdict:
-    """Evidence of a recording about one vehicle and a declaration.
+    """Result of a log audit of one vehicle.
 
     Attributes:
         decision: PASS: consistent. FAIL: not consistent. INCONCLUSIVE: not decided.
-        reason: In one sentence.
-        declared: Angle, degrees.
-        margin: Degrees.
-        episodes: Of the vehicle.
-        decisions: In them.
-        unit: What the intervals take as independent: "episode", or "decision" if there are fewer
-            than three episodes.
-        r_env: Mean over the units.
-        r_social: Likewise.
+        reason: Reason in one sentence.
+        declared: Declared angle in degrees.
+        margin: Declared margin in degrees.
+        episodes: Number of the vehicle's episodes.
+        decisions: Number of decisions in them.
+        unit: Independent unit of the intervals: "episode", or "decision" if there are fewer than
+            three episodes.
+        r_env: Mean of r_env over the units.
+        r_social: Mean of r_social over the units.
         shown: α̂ with its interval; None if every direction is possible.
-        competence: The criteria that can be tested.
-        not_tested: What can't, and why.
-        confidence: Declared.
+        competence: Tests of `TESTED`.
+        not_tested: Other tests of an audit, with reasons.
+        confidence: Declared confidence.
     """
 
     decision: Decision
@@ -78,14 +77,14 @@ class LogVerdict:
     unit: str
     r_env: float
     r_social: float
-    shown: Shown | None
+    shown: MeanDirection | None
     competence: tuple[FloorTest, ...]
     not_tested: dict[str, str]
     confidence: float
 
 
-def reading_of(profile: Profile) -> EpisodeConfig:
-    """Configuration of reading recordings with a declaration's rewards and decisions.
+def episode_config(profile: Profile) -> EpisodeConfig:
+    """Return the configuration of episodes with a declaration's rewards and decisions.
 
     Raises:
         UserError: If it declares another world's angle.
@@ -93,7 +92,7 @@ def reading_of(profile: Profile) -> EpisodeConfig:
     world = profile.world()
     if not isinstance(world, Intersection):
         raise UserError(
-            f"the profile is of {world.name}, and recorded traffic is judged by the rewards of "
+            f"the profile is of {world.name}, and recorded traffic has the rewards of "
             "intersection: declare one with `socialiq profile new --world intersection`"
         )
     options = world.options
@@ -103,20 +102,20 @@ def reading_of(profile: Profile) -> EpisodeConfig:
 
 
 def judge_log(profile: Profile, driven: Sequence[Driven]) -> LogVerdict:
-    """Hold a vehicle's episodes against a declaration.
+    """Test a vehicle's episodes against a declaration.
 
     Either error is at most 1 - confidence, as far as the units are independent: a pass needs
     direction and collisions to pass, a fail shares its error between the two, as in `verdict`.
 
     Args:
         profile: The declaration.
-        driven: Episodes of the vehicle, read as `reading_of` says.
+        driven: Episodes of the vehicle, annotated with the `episode_config` of the profile.
 
     Raises:
         UserError: If there is no episode.
     """
     if not driven:
-        raise UserError("the vehicle has no episode: there is nothing to hold against the profile")
+        raise UserError("the vehicle has no episode: name another track")
     outcomes = _outcomes(driven)
     unit = "episode" if len(driven) >= LEAST else "decision"
     rows = outcomes.totals if unit == "episode" else np.concatenate([one.pair for one in driven])
@@ -128,7 +127,7 @@ def judge_log(profile: Profile, driven: Sequence[Driven]) -> LogVerdict:
     direction = _direction(profile.angle, profile.margin.degrees, region, wider)
     decision = joint_decision([direction, *(one.decision for one in competence)])
     env, social = rows.mean(axis=0).tolist()
-    shown = Shown(angle_of(env, social), *region) if region is not None else None
+    shown = MeanDirection(angle_of(env, social), *region) if region is not None else None
     return LogVerdict(
         decision=decision,
         reason=_reason(decision, direction, shown, competence, len(driven), len(rows), unit),
@@ -162,7 +161,7 @@ def _direction(
     region: DirectionInterval | None,
     wider: DirectionInterval | None,
 ) -> Decision:
-    """PASS if the region lies within the margin, FAIL if the wider one has no part in it."""
+    """Return PASS if the region is within the margin, FAIL if the wider one is all outside."""
     if region is not None:
         ends = [angle_difference(end, declared) for end in region]
         width = region.high - region.low
@@ -178,24 +177,24 @@ def _direction(
 def _reason(
     decision: Decision,
     direction: Decision,
-    shown: Shown | None,
+    shown: MeanDirection | None,
     competence: Sequence[FloorTest],
     episodes: int,
     rows: int,
     unit: str,
 ) -> str:
-    """Reason in plain words."""
+    """Return the reason in one sentence."""
     if decision is Decision.PASS:
-        return "the shown angle lies within the declared margin, and collisions below the floor"
+        return "the angle α̂ is within the declared margin, and collisions are below the floor"
     if decision is Decision.FAIL:
         broken = [one.name.replace("_", " ") for one in competence if one.decision is Decision.FAIL]
         if broken:
             return f"the share of collisions ({', '.join(broken)}) is above the declared floor"
-        return "the shown angle lies outside the declared margin"
+        return "the angle α̂ is outside the declared margin"
     if direction is Decision.PASS:
         return f"{episodes} episodes are too few to bound the share of collisions"
     if rows < LEAST:
-        return f"{rows} decisions show no direction: at least {LEAST} are needed"
+        return f"{rows} decisions are too few for a direction: at least {LEAST} are needed"
     if shown is None:
-        return f"{rows} {unit}s leave every direction possible"
-    return f"after {rows} {unit}s the shown angle may still lie inside or outside the margin"
+        return f"with {rows} {unit}s every direction is possible"
+    return f"with {rows} {unit}s the angle α̂ may be inside or outside the margin"

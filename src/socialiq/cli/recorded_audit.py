@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.log import LogVerdict, judge_log, reading_of
+from socialiq.audit.log import LogVerdict, episode_config, judge_log
 from socialiq.audit.profile.reader import load as load_profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import print_json, print_table
@@ -45,7 +45,7 @@ class AuditLog:
     def run(self) -> int:
         """Annotate the vehicle, compare it with the profile, print the verdict."""
         declared = load_profile(self.profile)
-        reading = reading_of(declared)
+        config = episode_config(declared)
         if len(self.track) not in (1, len(self.recordings)):
             raise UserError("--track takes one number for all files, or one for each")
         tracks = self.track * (len(self.recordings) if len(self.track) == 1 else 1)
@@ -54,7 +54,7 @@ class AuditLog:
         for path, track in zip(self.recordings, tracks, strict=True):
             recording = files.load(path)
             recording = recording if road is None else Recording(recording.tracks, road)
-            driven.append(ego_swap.episode_of(recording, track, reading))
+            driven.append(ego_swap.episode_of(recording, track, config))
         verdict = judge_log(declared, driven)
         status = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}[verdict.decision]
         if self.json:

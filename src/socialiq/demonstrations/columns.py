@@ -1,7 +1,7 @@
 """Layout of the columns of a demonstrations table, and the checks that make them one table.
 
-A message names the column, its first bad row and what mends it. Later checks rely on earlier ones,
-so the order here is the order of the messages.
+A message names the column, its first bad row and the correction. Later checks rely on earlier
+ones, so the order here is the order of the messages.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Demonstrations as columns: the extended tuples of thesis 5.2, one row per transition.
 
-The two rewards stay apart, as the thesis wants it, so that one recording serves every social
+The two rewards are kept separate, as in the thesis, so that one recording serves every social
 angle. The cumulative returns G_env and G_social of its tuple are not stored but derived
 (`Demonstrations.returns`), because the thesis leaves open what "cumulative" means (5.3.1).
 """
@@ -207,7 +207,7 @@ class Demonstrations:
         return RewardPair(env, social)
 
     def _advantages(self, kind: str, discount: float) -> RewardPair:
-        """Return the advantages, cached: fitting a network takes long, and a learner asks twice."""
+        """Return the advantages, cached: a learner needs them twice, and a fit takes long."""
         known, key = _ADVANTAGES.setdefault(self, {}), (kind, discount)
         if key not in known:
             known[key] = advantages(
@@ -233,7 +233,7 @@ class Demonstrations:
     def select(self, episodes: Shaped[np.ndarray, " chosen"]) -> Demonstrations:
         """Keep the given episodes, renumbered, in the order given; repeats are allowed.
 
-        `source` stays as it is: it tells where the episodes came from.
+        `source` stays as it is: the provenance of the episodes.
 
         Raises:
             UserError: If there are none, or one isn't an episode of this table.
@@ -297,7 +297,7 @@ class Demonstrations:
         return f"{self.n_episodes} episodes, {self.n_transitions} transitions ({modes})"
 
     def _check_whole(self) -> None:
-        """Refuse to sum over episodes that miss steps: the sum would be wrong without notice."""
+        """Refuse to sum over episodes with missing steps: the sum would be wrong."""
         within = np.arange(self.n_transitions) - self.episode_starts[self.episode]
         last = np.diff(self.episode, append=self.n_episodes) != 0
         gaps = (self.step != within) | (last & (self.ending == Ending.NONE))

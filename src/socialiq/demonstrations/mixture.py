@@ -33,7 +33,7 @@ def equal_trajectories(pools: Pools, episodes_each: int, seed: int) -> Demonstra
     Args:
         pools: Mode name -> that mode's demonstrations.
         episodes_each: Number of episodes of each mode.
-        seed: Of the draw.
+        seed: Seed of the draw.
 
     Raises:
         UserError: If a pool has too few episodes; the line names both numbers.
@@ -52,7 +52,7 @@ def equal_transitions(pools: Pools, transitions_each: int, seed: int) -> Demonst
     Args:
         pools: Mode name -> that mode's demonstrations.
         transitions_each: Number of transitions of each mode.
-        seed: Of the draw.
+        seed: Seed of the draw.
 
     Raises:
         UserError: If a pool has too few transitions; the line names both numbers.
@@ -80,10 +80,10 @@ def weighted(
         pools: Mode name -> that mode's demonstrations.
         weights: Mode name -> weight; only their proportions matter. See `apportion`.
         episodes: Number of episodes in all.
-        seed: Of the draw.
+        seed: Seed of the draw.
 
     Raises:
-        UserError: If weights and pools name different modes, the weights are no proportions, or
+        UserError: If weights and pools name different modes, the weights are invalid, or
             a pool has too few episodes.
     """
     if set(weights) != set(pools):
@@ -112,7 +112,7 @@ def contaminated(
         contaminant: The mode that contaminates it.
         share: Share of the contaminant's episodes, in [0, 1]. See `apportion`.
         episodes: Number of episodes in all.
-        seed: Of the draw.
+        seed: Seed of the draw.
 
     Raises:
         UserError: If a mode has no pool or both are one, the share lies outside, or a pool has
@@ -147,7 +147,7 @@ MIXTURES: dict[str, Callable[..., Demonstrations]] = {
 def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:
     """Put tables end to end, their episodes renumbered in order.
 
-    Mode names are matched by name and stand in the order of their first appearance. Where all
+    Modes are matched by name, in the order of their first appearance. Where all
     sources are one, it is kept; otherwise the distinct ones are listed.
 
     Raises:

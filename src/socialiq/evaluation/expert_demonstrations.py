@@ -22,12 +22,12 @@ def expert_pools(table: Table, episodes: dict[str, int], seed: int) -> dict[str,
         seed: Seed; each mode has its own stream.
 
     Returns:
-        Pool of each mode.
+        Demonstrations of each mode.
     """
-    pools = {}
+    found = {}
     for number, (mode, angle) in enumerate(MODES.items()):
         source = {"expert": "value iteration, deterministic variant", "angle": angle}
-        pools[mode] = rollout_table(
+        found[mode] = rollout_table(
             table,
             expert_policy(table, angle),
             episodes[mode],
@@ -35,7 +35,7 @@ def expert_pools(table: Table, episodes: dict[str, int], seed: int) -> dict[str,
             mode=mode,
             source=source,
         ).transitions
-    return pools
+    return found
 
 
 def trajectory_datasets(

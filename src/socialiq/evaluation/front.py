@@ -14,7 +14,6 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
-from socialiq.statistics.bootstrap import resample_rows
 from socialiq.types import RewardPair
 
 Points = Mapping[str, Sequence[float]]
@@ -87,46 +86,6 @@ def regret_at(points: Points, angle: float) -> dict[str, float]:
     """
     values = score(exact_weights(angle), RewardPair(*_checked(points).T))
     return dict(zip(points, (values.max() - values).tolist(), strict=True))
-
-
-def support_shares(
-    totals: Mapping[str, Float[np.ndarray, "episodes 2"]],
-    angle: float,
-    resamples: int = 2000,
-    seed: int = 0,
-) -> dict[str, float]:
-    """Return the share of bootstrap resamples in which each policy is the best at an angle.
-
-    A resample draws whole episodes, the same for all policies, so the common effect of an episode's
-    seed cancels. Policies that tie share a resample equally.
-
-    Args:
-        totals: R_env and R_social of each episode by name, on common episode seeds.
-        angle: α in degrees.
-        resamples: Number of resamples.
-        seed: Seed of the resampling.
-
-    Returns:
-        Shares, which sum to 1.
-
-    Raises:
-        UserError: If there is nothing to compare, the episodes are not common, or a total is not
-            finite.
-    """
-    columns = [np.asarray(one, np.float64) for one in totals.values()]
-    if len({len(one) for one in columns}) != 1 or not len(columns[0]):
-        sizes = {name: len(one) for name, one in totals.items()}
-        raise UserError(f"policies must be compared on the same episodes, got {sizes} of them")
-    if not all(np.isfinite(one).all() for one in columns):
-        raise UserError("shares need finite reward totals")
-    weights = exact_weights(angle)
-    scores = [score(weights, RewardPair(*one.T)) for one in columns]
-    wins = np.zeros(len(scores))
-    for rows in resample_rows(len(scores[0]), resamples, seed):
-        means = np.stack([one[rows].mean(axis=1) for one in scores])
-        best = means == means.max(axis=0)
-        wins += (best / best.sum(axis=0)).sum(axis=1)
-    return dict(zip(totals, (wins / resamples).tolist(), strict=True))
 
 
 def _checked(points: Points) -> Float[np.ndarray, "point 2"]:

@@ -44,7 +44,7 @@ class RolloutPolicy:
         angle: Angle of the score in degrees: that of the network.
         draws: Number of states drawn for each observation.
         decisions: Number of simulated decisions, including the first.
-        doubt: Standard errors, over the draws, by which an action must beat the network's own.
+        doubt: Standard errors, over the draws, by which an action must exceed the network's own.
         discount: Discount γ of the network.
 
     Raises:
@@ -109,16 +109,16 @@ class RolloutPolicy:
     def _played(
         self, batch: Batch, action: Int64[np.ndarray, " copy"]
     ) -> Float[np.ndarray, " copy"]:
-        earned = np.zeros(batch.size)
+        total = np.zeros(batch.size)
         running, factor, worth = np.ones(batch.size, bool), 1.0, np.zeros(batch.size)
         for _ in range(self._decisions):
             made = batch.step(action, auto_reset=False, rows=running)
-            earned[running] += factor * score(self._weights, made.rewards)[running]
+            total[running] += factor * score(self._weights, made.rewards)[running]
             running &= made.ending == int(Ending.NONE)
             factor *= self._discount
             if not running.any():
-                return earned
+                return total
             values = np.asarray(self._policy.q_values(batch.observation))
             action, worth = values.argmax(axis=1), values.max(axis=1)
-        earned[running] += factor * worth[running]
-        return earned
+        total[running] += factor * worth[running]
+        return total

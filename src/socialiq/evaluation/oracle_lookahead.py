@@ -1,4 +1,4 @@
-"""Oracle lookahead: performance of a policy that knows the future traffic.
+"""Oracle lookahead: performance of a policy with the true future traffic.
 
 At every decision the state is copied once for each action, the action is taken, and the policy
 drives each copy to the end of its episode. The copies draw the same random numbers as the episode
@@ -49,14 +49,14 @@ class OracleLookahead:
         now = self._batch.save()
         self._copies.restore(now.rows(np.repeat(np.arange(size), len(ACTIONS))))
         running = np.repeat(~now.waiting, len(ACTIONS))
-        earned = np.zeros(len(running))
+        total = np.zeros(len(running))
         action = np.tile(np.arange(len(ACTIONS)), size)
         while running.any():
             made = self._copies.step(action, auto_reset=False, rows=running)
-            earned[running] += score(self._weights, made.rewards)[running]
+            total[running] += score(self._weights, made.rewards)[running]
             running &= made.ending == int(Ending.NONE)
             action = np.asarray(self._policy.predict(self._copies.observation)[0], np.int64)
-        return earned.reshape(size, len(ACTIONS))
+        return total.reshape(size, len(ACTIONS))
 
 
 def with_oracle_lookahead(

@@ -1,14 +1,15 @@
-"""Seeded episodes of the intersection, summed up: totals, endings, conflicts, collision rates."""
+"""Seeded episodes of the intersection: driven, summed up, or recorded as demonstrations."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.conflicts import conflict_at_junction, entered
 from socialiq.evaluation.metrics import Metrics
 from socialiq.evaluation.simulate import SoftActor, SoftPolicy, Step, simulate
@@ -17,7 +18,7 @@ from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.intersection.batch import Batch, Decisions
 from socialiq.worlds.intersection.policies import SLOWER
 from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.intersection.state import ACTIONS, Contact
 
 STOPPED_BELOW = 0.5  # m/s
 
@@ -33,29 +34,29 @@ class BatchSimulator:
         self.batch.reset(seeds, rows=rows)
 
     def observe(self) -> Float32[np.ndarray, "batch feature"]:
-        """Return what all egos see."""
+        """Return the observations of all egos."""
         return self.batch.observation
 
     def step(self, action: np.ndarray, running: np.ndarray) -> Decisions:
-        """Let the egos of the running rows decide."""
+        """Take a decision in the running rows."""
         return self.batch.step(action, auto_reset=False, rows=running)
 
 
 class BatchActor:
-    """A policy that answers for all rows at once, and draws by itself if it draws at all."""
+    """A policy that acts for all rows at once; a stochastic one has its own random numbers."""
 
     def __init__(self, policy: Policy, deterministic: bool) -> None:
         self._policy, self._deterministic = policy, deterministic
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: the policy doesn't know of episodes."""
+        """Do nothing: the policy has no state."""
 
     def decide(
         self,
         observation: np.ndarray,
         running: np.ndarray,  # noqa: ARG002
     ) -> Int64[np.ndarray, " batch"]:
-        """Ask the policy."""
+        """Return the policy's actions."""
         chosen, _ = self._policy.predict(observation, deterministic=self._deterministic)
         return np.asarray(chosen, np.int64)
 
@@ -63,19 +64,19 @@ class BatchActor:
 def play(
     batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
 ) -> Iterator[Step]:
-    """Let a policy drive one episode of the intersection for each seed.
+    """Run a policy on one episode of the intersection for each seed.
 
     A `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
     depend on the batch (`SoftActor`).
 
     Args:
-        batch: Where to play.
-        policy: Decides for the whole batch at once.
-        seeds: One for each episode.
-        deterministic: Whether it takes its best action; a policy without `probabilities` is told.
+        batch: Batch of episodes to drive.
+        policy: Policy of the whole batch.
+        seeds: Seed of each episode.
+        deterministic: Whether it takes its best action; passed to policies without `probabilities`.
 
     Raises:
-        UserError: If there is no seed.
+        UserError: If there are no seeds.
     """
     actor = BatchActor(policy, deterministic)
     if not deterministic and isinstance(policy, SoftPolicy):
@@ -138,13 +139,13 @@ def episodes_of(
     """Run one episode for each seed and return its sums.
 
     Args:
-        batch: Where to play.
-        policy: Who decides.
-        seeds: One for each episode.
-        deterministic: See `play`.
+        batch: Batch of episodes to drive.
+        policy: Policy of the whole batch.
+        seeds: Seed of each episode.
+        deterministic: As for `play`.
 
     Raises:
-        UserError: If there is no seed.
+        UserError: If there are no seeds.
     """
     sums: dict[str, np.ndarray] = {}
     last = {name: np.zeros(len(seeds), np.int64) for name in ("ending", "contact")}
@@ -196,14 +197,14 @@ def _quantities(played: Step) -> dict[str, np.ndarray]:
 
 
 KINDS = {"at_fault": Contact.EGO_STRUCK, "struck": Contact.EGO_WAS_STRUCK}
-"""Kinds of collision, by whose motion closed the gap: the ego's, or the other's."""
+"""Kinds of collision: the gap was closed by the ego's motion, or by the other's."""
 
 
 def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, float | int | None]:
     """Return rates of the ego's collisions, at fault and struck, per episode, entry and conflict.
 
-    A policy that never enters the junction has no collisions there, so its rate per episode says
-    nothing about its driving. An episode or an entry is a trial: its share has a Wilson interval.
+    A policy that never enters the junction has no collisions there, so its rate per episode is no
+    evidence about its driving. An episode or an entry is a trial: its share has a Wilson interval.
     Conflicts are decisions and not independent, so a rate per conflict has none; it divides the
     collisions of all episodes by the conflicts of all episodes.
 
@@ -238,3 +239,66 @@ def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, fl
 def _share(name: str, count: int, trials: int, confidence: float) -> dict[str, float | None]:
     share = wilson(count, trials, confidence) if trials else (None, None, None)
     return dict(zip((name, f"{name}_low", f"{name}_high"), share, strict=True))
+
+
+class Recorded(NamedTuple):
+    """Demonstrations, with the classical rewards for comparison.
+
+    Attributes:
+        transitions: One row for each decision.
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (transition,).
+    """
+
+    transitions: Demonstrations
+    classical: RewardPair
+
+
+def record(
+    batch: Batch,
+    policy: Policy,
+    seeds: Sequence[int] | np.ndarray,
+    mode: str,
+    source: Mapping[str, Any] | None = None,
+) -> Recorded:
+    """Run one greedy episode for each seed, and record every transition.
+
+    Args:
+        batch: Batch of episodes to drive.
+        policy: Policy of the ego.
+        seeds: Seed of each episode.
+        mode: Name of the driver mode to record.
+        source: Provenance to record.
+
+    Raises:
+        UserError: If there is no seed.
+    """
+    rows: list[dict[str, np.ndarray]] = []
+    for played in play(batch, policy, seeds):
+        made, running = played.made, played.running
+        columns = {
+            "episode": played.episode,
+            "observation": played.observation,
+            "action": played.action,
+            "after": made.observation,
+            "ending": made.ending,
+            "env": made.rewards.env,
+            "social": made.rewards.social,
+            "own": made.classical.env,
+            "others": made.classical.social,
+        }
+        rows.append({name: column[running] for name, column in columns.items()})
+    joined = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    order = np.argsort(joined["episode"], kind="stable")
+    kept = {name: column[order] for name, column in joined.items()}
+    transitions = Demonstrations.of(
+        observation=kept["observation"],
+        action=kept["action"],
+        next_observation=kept["after"],
+        ending=kept["ending"],
+        rewards=RewardPair(kept["env"], kept["social"]),
+        episode=kept["episode"],
+        mode_names=(mode,),
+        n_actions=len(ACTIONS),
+        source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
+    )
+    return Recorded(transitions, RewardPair(kept["own"], kept["others"]))

@@ -11,10 +11,9 @@ from jaxtyping import Float, Int, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
-from socialiq.evaluation.gym_simulator import GymActor, GymSimulator
 from socialiq.evaluation.metrics import Metrics
 from socialiq.evaluation.simulate import simulate
-from socialiq.evaluation.table_simulator import SharedChance, TableSimulator
+from socialiq.evaluation.simulators import GymActor, GymSimulator, SharedChance, TableSimulator
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
@@ -63,13 +62,13 @@ def rollout_table(
     Args:
         table: The world with all its states (not the reachable part, which lacks final states).
         policy: Action probabilities by state, or by time and state.
-        episodes: How many.
-        seed: Of chance and of the policy's draws.
+        episodes: Number of episodes.
+        seed: Seed of chance and of the policy's draws.
         mode: Name of the driver mode to record.
         source: Provenance to record.
 
     Raises:
-        UserError: If no episode is asked for.
+        UserError: If `episodes` is less than 1.
     """
     episode, step, state, action, after, ending = _steps(table, policy, episodes, seed)
     mdp = table.mdp
@@ -96,11 +95,11 @@ def rollout_totals(
     Args:
         table: The world or its reachable part.
         policy: Action probabilities by state, or by time and state.
-        episodes: How many.
-        seed: Of chance and of the policy's draws.
+        episodes: Number of episodes.
+        seed: Seed of chance and of the policy's draws.
 
     Raises:
-        UserError: If no episode is asked for.
+        UserError: If `episodes` is less than 1.
     """
     episode, _, state, action, _, _ = _steps(table, policy, episodes, seed)
     return np.stack(
@@ -130,7 +129,7 @@ def _steps(
 
 
 class _DrawnActions:
-    """Actions drawn from a table of probabilities by the stream that draws chance too."""
+    """Actions drawn from a table of probabilities, from the same stream as chance."""
 
     def __init__(
         self, policy: Float[np.ndarray, "*time state action"], rng: np.random.Generator
@@ -174,7 +173,7 @@ def rollout_env(
         source: Provenance to record.
 
     Raises:
-        UserError: If no episode is asked for, or the actions are not discrete.
+        UserError: If `episodes` is less than 1, or the actions are not discrete.
     """
     _check_episodes(episodes)
     seeds = np.arange(seed, seed + episodes)

@@ -1,8 +1,8 @@
-"""One loop that drives seeded episodes, whatever simulates them and whatever policy acts.
+"""One loop for seeded episodes of any simulator and any policy.
 
 A `Simulator` is a back end: the compiled intersection (`play`), an enumerated gridworld or a
-Gymnasium environment (`rollout`). An `Actor` adapts a policy to it. Experience for online learners
-has no seeded episodes; its loops are in `learners.collect`.
+Gymnasium environment (`simulators`). An `Actor` adapts a policy to it. Experience for online
+learners has no seeded episodes; its loops are in `learners.collect`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int64
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
 
-SOFT = 4172  # what is drawn by a seed for this purpose is independent of all else drawn by it
+SOFT = 4172  # makes these draws independent of other draws from the same seed
 
 
 class Step(NamedTuple):
@@ -25,9 +25,9 @@ class Step(NamedTuple):
     Attributes:
         episode: Number of the episode in each row.
         running: Rows that decided.
-        observation: Of all rows, before the decision.
-        action: Of all rows; only those of running rows count.
-        made: What the simulator returned: `rewards` and `ending` of all rows, and more.
+        observation: Observations of all rows before the decision.
+        action: Actions of all rows; only those of running rows are used.
+        made: Result of the simulator: at least `rewards` and `ending` of all rows.
     """
 
     episode: Int64[np.ndarray, " row"]
@@ -72,17 +72,17 @@ class Actor(Protocol):
 def simulate(
     simulator: Simulator, actor: Actor, seeds: Sequence[int] | np.ndarray
 ) -> Iterator[Step]:
-    """Drive one episode for each seed, decision by decision.
+    """Run one episode for each seed, decision by decision.
 
-    Rows take the next seed as they become free, so the rows stay full until the seeds run out.
+    A row takes the next seed as soon as its episode has ended.
 
     Args:
-        simulator: Where.
-        actor: Chooses the actions.
-        seeds: One for each episode.
+        simulator: Back end.
+        actor: Source of the actions.
+        seeds: Seed of each episode.
 
     Raises:
-        UserError: If there is no seed.
+        UserError: If there are no seeds.
     """
     wanted = np.asarray(seeds)
     if not len(wanted):
@@ -107,12 +107,12 @@ def simulate(
 
 @runtime_checkable
 class SoftPolicy(Policy, Protocol):
-    """A policy that tells the distribution it draws from, as `nn.q_policy.QPolicy` does."""
+    """Protocol of a policy that gives its action probabilities, as `nn.q_policy.QPolicy`."""
 
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]
     ) -> Float[np.ndarray, "batch action"]:
-        """Probability of each action."""
+        """Return the probability of each action."""
         ...
 
 
@@ -126,7 +126,7 @@ class SoftActor:
     Args:
         policy: The policy.
         size: Rows of the simulator.
-        block: Numbers drawn at once for an episode; drawing more later continues its stream.
+        block: Number of random numbers drawn at once for an episode.
     """
 
     def __init__(self, policy: SoftPolicy, size: int, block: int = 64) -> None:

@@ -32,21 +32,21 @@ _COLUMNS = ("totals", "ending", "contact", "length")
 
 @dataclass(frozen=True)
 class PartConfig:
-    """Episodes `first` to `last` of a collection, and all that decides them.
+    """Configuration of a part of a collection: some of its episodes.
 
     Attributes:
         policy: As `Request.policy`.
-        sha256: Of the policy.
+        sha256: SHA-256 of the policy.
         profile: Absolute path of the declaration.
-        profile_sha256: Of the declaration.
+        profile_sha256: SHA-256 of the declaration.
         references: As `Request.references`.
-        reference_sha256: Of those of them that are files, else "".
+        reference_sha256: SHA-256 of each reference that is a file, else "".
         soft: As `Request.soft`.
         allow_code: As `Trust.allow_code`.
         limits: As `Trust.limits`.
         traffic: As `Collection.traffic`.
-        side_by_side: Episodes at once, the same for every part.
-        seeds: Of this part's episodes.
+        side_by_side: Number of episodes at once, the same for every part.
+        seeds: Seeds of this part's episodes.
     """
 
     policy: str
@@ -69,10 +69,11 @@ def collector(
     """Return a function that collects evidence in parts, for `conduct`.
 
     Args:
-        engine: Where the parts are played.
-        work: Folder of their folders.
-        on_stage: Given the name of a stage, returns the callback for its progress.
-        parts: How many; by default one for each process, or for each 1,000 episodes on a cluster.
+        engine: Engine of the jobs.
+        work: Folder of the jobs' folders.
+        on_stage: Returns the progress callback of a stage, given its name.
+        parts: Number of parts; by default one for each process, on a cluster one for each 1,000
+            episodes.
     """
 
     def collect(collection: Collection) -> Evidence:
@@ -86,7 +87,7 @@ def collector(
 
 
 def _check(collection: Collection) -> None:
-    """Refuse draws whose order over all episodes matters."""
+    """Refuse a stochastic policy whose draws depend on the order of all episodes."""
     draws_by_seed = isinstance(collection.world, Intersection) and isinstance(
         collection.loaded.policy, SoftPolicy
     )
@@ -95,7 +96,7 @@ def _check(collection: Collection) -> None:
 
 
 def jobs_of(collection: Collection, parts: int) -> list[Job]:
-    """Return the jobs that play the parts of a collection."""
+    """Return the jobs of the parts of a collection."""
     request, record = collection.request, collection.loaded.record
     stage = "episodes" if collection.traffic is None else f"traffic-{collection.traffic}"
     blocks = np.array_split(collection.seeds, parts)
@@ -131,10 +132,10 @@ def _sha256(reference: str) -> str:
 def play_part(
     config: PartConfig, folder: Path, _: Mapping[str, Path], __: ProgressCallback
 ) -> None:
-    """Let everybody drive the episodes of a part, and write what became of each.
+    """Run all drivers on the episodes of a part, and write the evidence.
 
     Raises:
-        UserError: If the policy or the declaration is no longer the one that was committed to.
+        UserError: If policy or declaration have changed since the commitment.
     """
     profile = load(Path(config.profile))
     trust = Trust(config.allow_code, Limits(*config.limits))
@@ -206,8 +207,8 @@ def _joined(collection: Collection, parts: Sequence[Evidence]) -> Evidence:
     columns = [[one.policy, *one.references] for one in parts]
     drivers = [_joined_outcomes(one) for one in zip(*columns, strict=True)]
     if isinstance(collection.world, GridWorld):
-        # The exact optima's own numbers are this process's: their last bits differ between
-        # processes with other numbers of threads.
+        # Angles and expectations of the exact optima are computed here: their last bits depend on
+        # the number of threads of a process.
         first = collection._replace(seeds=collection.seeds[:1]).collect()
         drivers = [
             replace(one, angles=own.angles, expected=own.expected)

@@ -21,14 +21,14 @@ def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy
 
     Args:
         name: As above.
-        source: How messages call it.
-        world: The interface that it must have; its answers are checked against it.
+        source: Its name in messages.
+        world: The interface for the check of its answers.
 
     Returns:
         The policy, and the source text of its module.
 
     Raises:
-        UserError: If there is no such module or attribute, or its code fails.
+        UserError: If the module or attribute is missing, or its code fails.
     """
     place, _, attribute = name.rpartition(":")
     if not place or not attribute.isidentifier():
@@ -47,7 +47,7 @@ def read_callable(name: str, source: str, world: Interface) -> tuple[BatchPolicy
     except FAILURES as error:
         raise failure(source, error) from error
     if not callable(getattr(found, "predict", found)):
-        raise UserError(f"{source} is no policy: it needs `predict`, or to be a function")
+        raise UserError(f"{source} is not a policy: it must be a function or have `predict`")
     return BatchPolicy(source, world, _decider(found, source)), text
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ KINDS = (
 )
 """Forms of a policy specification."""
 
-_BYTES = "the file's bytes"
+_SUFFIXES = (".safetensors", ".zip", ".onnx")
 
 
 def load_policy(
@@ -47,7 +46,7 @@ def load_policy(
             table), a .zip one of Stable-Baselines3. A command is run, and a Python module imported.
         n_features: Length of the world's observations.
         n_actions: Number of the world's actions.
-        angle: Of a dial, in degrees.
+        angle: Angle of a dial, in degrees.
         allow_code: Whether a Python module may be imported, which runs its author's code with
             your rights.
         limits: Time and memory of a process.
@@ -65,53 +64,30 @@ def load_policy(
         return _process(rest.strip(), source, world, limits or Limits())
     if colon and head == "python":
         return _callable(rest, source, world, allow_code)
-    path = Path(spec)
-    readers: dict[str, Callable[[Path, str, Interface], Loaded]] = {
-        ".zip": _zip,
-        ".onnx": _onnx,
-        ".safetensors": lambda path, source, world: _native(path, source, world, angle),
-    }
-    if path.suffix.lower() not in readers:
+    path, suffix = Path(spec), Path(spec).suffix.lower()
+    if suffix not in _SUFFIXES:
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
-    return readers[path.suffix.lower()](path, source, world)
-
-
-def _loaded(
-    policy: Policy,
-    kind: str,
-    source: str,
-    content: bytes,
-    world: Interface,
-    details: dict[str, Any],
-) -> Loaded:
+    content = read_content(path)
+    if suffix == ".safetensors":
+        kind, (policy, details) = _native(path, world, angle)
+        if read_content(path) != content:
+            raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
+    else:
+        kind, read = ("sb3", read_sb3) if suffix == ".zip" else ("onnx", read_onnx)
+        policy, details = read(content, source, world)
     soft = isinstance(policy, SoftPolicy)
-    return Loaded(policy, Record(kind, source, sha256_of(content), _BYTES, world, soft, details))
+    sha256 = sha256_of(content)
+    return Loaded(policy, Record(kind, source, sha256, "the file's bytes", world, soft, details))
 
 
-def _zip(path: Path, source: str, world: Interface) -> Loaded:
-    content = read_content(path)
-    policy, details = read_sb3(content, source, world)
-    return _loaded(policy, "sb3", source, content, world, details)
-
-
-def _onnx(path: Path, source: str, world: Interface) -> Loaded:
-    content = read_content(path)
-    policy, details = read_onnx(content, source, world)
-    return _loaded(policy, "onnx", source, content, world, details)
-
-
-def _native(path: Path, source: str, world: Interface, angle: float | None) -> Loaded:
-    content = read_content(path)
+def _native(
+    path: Path, world: Interface, angle: float | None
+) -> tuple[str, tuple[Policy, dict[str, Any]]]:
+    """Read a file of this package; return its kind, the policy and details."""
     kind = kind_of(path)
     if kind == "dial":
-        policy, details = read_dial(path, angle, world)
-    elif kind == "table":
-        policy, details = read_table(path, world)
-    else:
-        policy, details = read_policy(path, world)
-    if read_content(path) != content:
-        raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
-    return _loaded(policy, kind, source, content, world, details)
+        return kind, read_dial(path, angle, world)
+    return kind, (read_table if kind == "table" else read_policy)(path, world)
 
 
 def _process(command_line: str, source: str, world: Interface, limits: Limits) -> Loaded:
@@ -126,7 +102,7 @@ def _callable(name: str, source: str, world: Interface, allowed: bool) -> Loaded
     if not allowed:
         raise UserError(
             f"{source} would run its author's code with your rights: allow that, or audit it as "
-            "ONNX or in a process of its own"
+            "ONNX or in a separate process"
         )
     policy, text = read_callable(name, source, world)
     covers = "the module's source, not what it imports"

@@ -1,7 +1,7 @@
 """Files of this package as policies: policies, dials and tables.
 
-The container's checksum finds damage; it is no signature. So the header is checked against the
-arrays before it is used.
+The container's checksum detects damage; it is not a signature. So the header is checked against
+the arrays before it is used.
 """
 
 from __future__ import annotations
@@ -66,12 +66,12 @@ def read_dial(
     """
     arrays, header = load_arrays(path, "dial", dial_policy.SCHEMA_VERSION)
     if angle is None:
-        raise UserError(f"{path} is a dial: say at which angle it is audited")
-    turned = _policy(path, arrays, header, world, extra=2)
+        raise UserError(f"{path} is a dial: name an angle")
+    policy = _policy(path, arrays, header, world, extra=2)
     low, high = header.get("low"), header.get("high")
     if not isinstance(low, float) or not isinstance(high, float):
-        raise _refusal(path, "tells no range of angles")
-    policy = DialPolicy(turned, low, high).at(angle)
+        raise _refusal(path, "has no range of angles")
+    policy = DialPolicy(policy, low, high).at(angle)
     return policy, _details(policy, header) | {"angle": angle, "low": low, "high": high}
 
 
@@ -101,8 +101,8 @@ def _policy(
 
     Args:
         path: Name in messages.
-        arrays: Of the file.
-        header: Of the file.
+        arrays: Arrays of the file.
+        header: Header of the file.
         world: The interface that the policy must have, if any.
         extra: Inputs of the first layer that are not part of the observation.
     """
@@ -113,13 +113,13 @@ def _policy(
         raise _refusal(path, f"must have 1 to {MOST_LAYERS} layers")
     for array in arrays.values():
         if array.dtype.kind != "f" or not np.isfinite(array).all():
-            raise _refusal(path, "has a weight that is NaN, infinity or no number")
+            raise _refusal(path, "has a weight that is not a finite number")
     try:
         policy = QPolicy.of_content(arrays, header)
         fits = _consistent(policy, extra)
         interface = Interface(_n_features(policy, extra), policy.n_actions)
     except _FAULTS as error:
-        raise _refusal(path, "has a header that its arrays don't bear out") from error
+        raise _refusal(path, "has a header that doesn't fit its arrays") from error
     if not fits:
         raise _refusal(path, "has layers that don't follow one another")
     if world is not None:
@@ -208,7 +208,7 @@ def read_table(path: Path, world: Interface) -> tuple[TabularPolicy, dict[str, A
     arrays, header = load_arrays(path, _TABLE_KIND, _TABLE_VERSION)
     name = header.get("world")
     if not isinstance(name, str) or name not in GRIDWORLDS:
-        raise UserError(f"{path} is for no world of {', '.join(GRIDWORLDS)}: make it again")
+        raise UserError(f"{path} is not for a world of {', '.join(GRIDWORLDS)}: make it again")
     grid = make_grid(name)
     if header.get("description") != grid.description:
         raise UserError(f"{path} was made for other options of {name}: make it for the default")

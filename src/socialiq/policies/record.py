@@ -22,9 +22,9 @@ class Record:
     Attributes:
         kind: "policy", "dial", "table", "sb3", "onnx", "process" or "python".
         source: The specification that it was loaded from, as one printable line.
-        sha256: Of the file's bytes. Of a process: of its command and of the files named in it. Of
-            Python: of the module's source. `covers` says which.
-        covers: What `sha256` is the hash of.
+        sha256: SHA-256 of the file's bytes; for a process, of its command and the files named in
+            it; for Python, of the module's source.
+        covers: Description of the hashed content.
         interface: Sizes of its observations and actions.
         soft: Whether it gives the distribution of its stochastic actions.
         details: Further facts from its file.
@@ -82,14 +82,14 @@ def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
     """Read a regular file of bounded size.
 
     Raises:
-        UserError: If it is missing, no regular file, unreadable or too large.
+        UserError: If it is missing, not a regular file, unreadable or too large.
     """
     path = shipped(path)
     if not path.is_file():
         raise UserError(f"no such file: {path}")
     try:
         with path.open("rb") as file:
-            # Not more than it has: the buffer is made at once.
+            # Not more than the file's size: the buffer is allocated at once.
             content = file.read(min(path.stat().st_size, most) + 1)
     except OSError as error:
         raise UserError(f"cannot read {path}: {error.strerror}") from error

@@ -20,8 +20,8 @@ def resample_rows(
 
     Args:
         episodes: Number of rows, and of draws in a resample.
-        resamples: How many resamples.
-        seed: Of the draws.
+        resamples: Number of resamples.
+        seed: Seed of the draws.
     """
     rng = np.random.default_rng(seed)
     block = max(1, _BLOCK // episodes)
@@ -76,7 +76,7 @@ class Moments(NamedTuple):
         Args:
             gains: Result of `Evidence.gains`.
             seed: Seed of the resampling.
-            resamples: How many.
+            resamples: Number of resamples.
         """
         references, episodes, _ = gains.shape
         mean = gains.mean(axis=1)
@@ -116,8 +116,8 @@ def resampled_means(
 
     Args:
         totals: Sums of r_env and r_social.
-        seed: Of the resampling.
-        resamples: How many.
+        seed: Seed of the resampling.
+        resamples: Number of resamples.
     """
     drivers, episodes, _ = totals.shape
     flat = np.moveaxis(totals, 1, 0).reshape(episodes, -1)
@@ -144,13 +144,13 @@ def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " refere
 
     Their maximum bounds the largest mean at the same error, whatever the number of references
     and without a correction: that largest mean is one of these means, so it exceeds the maximum
-    only if it exceeds its own bound. Seen as tests, "every reference is within the margin" is
-    shown only if it is shown of each: an intersection-union test (Berger 1982), which is exact
-    where one reference stands out and conservative where several tie.
+    only if it exceeds its own bound. As a test of "every reference is within the margin" it is an
+    intersection-union test (Berger 1982), which is exact where one reference is clearly the best
+    and conservative where several tie.
 
     Args:
         found: Means with their bootstrap.
-        error: Of each bound, one-sided.
+        error: One-sided error of each bound.
     """
     low = np.quantile(found.resampled, error, axis=0)
     return found.mean - low * found.error
@@ -159,17 +159,17 @@ def upper_bounds(found: Studentised, error: float) -> Float[np.ndarray, " refere
 def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
     """Whether the largest mean is significantly above a limit.
 
-    Here one reference is enough, and the apparently best reference was chosen by the data, so the
-    error must be divided. Bonferroni would divide it by the number of references, though most
-    are correlated and many hopeless. Instead the critical value is the quantile of the largest of
-    the bootstrapped t, in which each reference is lowered by how far its own mean must lie below
-    the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to that
+    Here one reference is enough, and the apparently best reference was selected by the data, so the
+    error must be divided. Bonferroni would divide it by the number of references, though most are
+    correlated and many far below the limit. Instead the critical value is the quantile of the
+    largest of the bootstrapped t, in which each reference is lowered by how far its own mean must
+    be below the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to that
     first step). With one reference it is Student's one-sided test, but for that tenth.
 
     Args:
         found: Means with their bootstrap; all standard errors positive.
         limit: The largest value allowed.
-        error: One-sided, of the whole.
+        error: One-sided error.
     """
     highest = _highest(found, error)
     first = 0.0 if len(found.mean) == 1 else _FIRST_STEP
@@ -186,7 +186,7 @@ def largest_lower_bound(found: Studentised, error: float) -> float:
 
     Args:
         found: Means with their bootstrap; all standard errors positive.
-        error: One-sided, of the whole.
+        error: One-sided error.
     """
     high = float(found.mean.max())
     low = high - 50.0 * float(found.error.max())

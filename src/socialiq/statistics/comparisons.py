@@ -67,7 +67,7 @@ def paired_difference(
     Args:
         first: A measure of one policy in each replicate, at least two.
         second: The measure of the other policy, in the same order.
-        confidence: Of the interval.
+        confidence: Confidence of the interval.
 
     Returns:
         The difference. Where all differences are equal the t statistic is undefined: the interval
@@ -120,7 +120,7 @@ def mean_contrast(
     Args:
         first: At least two numbers.
         second: At least two numbers.
-        confidence: Of the interval.
+        confidence: Confidence of the interval.
 
     Raises:
         UserError: If there are fewer.
@@ -150,7 +150,7 @@ def share_contrast(
         trials: Trials of the first sample.
         other_count: Successes of the second sample.
         other_trials: Trials of the second sample.
-        confidence: Of the interval.
+        confidence: Confidence of the interval.
 
     Raises:
         UserError: If a sample has no trial.

@@ -33,7 +33,7 @@ def hotelling_region(pairs: Float[np.ndarray, "row 2"], confidence: float) -> Re
 
     Args:
         pairs: At least three rows.
-        confidence: Of the region.
+        confidence: Confidence of the region.
     """
     from scipy.stats import f
 
@@ -61,7 +61,7 @@ class Ellipse:
         major: Longer half-axis, reward.
         minor: Shorter half-axis, reward.
         tilt: Direction of the longer axis, degrees in (-90, 90].
-        confidence: Of the ellipse.
+        confidence: Confidence of the ellipse.
         holds_origin: Whether (0, 0) is inside: then no direction is excluded, and no angle is
             reported.
     """
@@ -80,7 +80,7 @@ def confidence_ellipse(totals: Float[np.ndarray, "episode 2"], confidence: float
 
     Args:
         totals: Totals of each episode, at least three.
-        confidence: Of the region.
+        confidence: Confidence of the region.
     """
     region = hotelling_region(totals, confidence)
     first, second = region.axes[:, 1]

@@ -25,12 +25,12 @@ def wilson(count: int, trials: int, confidence: float = 0.95) -> Share:
     """Return a share with its Wilson score interval (Wilson 1927).
 
     Args:
-        count: How often it happened.
-        trials: How often it could have.
-        confidence: Of the interval.
+        count: Number of successes.
+        trials: Number of trials.
+        confidence: Confidence of the interval.
 
     Raises:
-        UserError: If there was no trial.
+        UserError: If there are no trials.
     """
     _check_trials(trials)
     from scipy.stats import binomtest
@@ -46,12 +46,12 @@ def clopper_pearson(count: int, trials: int, confidence: float = 0.95) -> Share:
     shorter and keeps its level on average only.
 
     Args:
-        count: How often it happened.
-        trials: How often it could have.
-        confidence: Of the interval.
+        count: Number of successes.
+        trials: Number of trials.
+        confidence: Confidence of the interval.
 
     Raises:
-        UserError: If there was no trial.
+        UserError: If there are no trials.
     """
     _check_trials(trials)
     from scipy.special import betaincinv

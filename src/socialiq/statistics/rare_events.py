@@ -25,7 +25,7 @@ def deviating(values: Float[np.ndarray, " episode"], reach: float) -> int:
     """Return the number of values that differ from the median, the most frequent value.
 
     Args:
-        values: Of a difference.
+        values: Difference in each episode.
         reach: Largest absolute value that the difference can have.
     """
     return int((np.abs(values - np.median(values)) > _EQUAL * max(reach, 1e-300)).sum())
@@ -37,7 +37,7 @@ def seldom(values: Float[np.ndarray, " episode"], reach: float) -> bool:
     If enough of the first values differ from their own median, enough of all do; this is fast.
 
     Args:
-        values: Of a difference.
+        values: Difference in each episode.
         reach: As for `deviating`.
     """
     if deviating(values[: 4 * FEWEST], reach) >= FEWEST:

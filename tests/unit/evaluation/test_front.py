@@ -12,10 +12,8 @@ from socialiq.evaluation.front import (
     hypervolume,
     regret_at,
     support_intervals,
-    support_shares,
 )
 from socialiq.mdp.front import AttainableSet
-from socialiq.statistics import bootstrap
 
 TABLE_A1 = {"ego": (7.13, -2.00), "pro": (4.88, 0.68), "alt": (0.01, 1.76)}
 
@@ -126,53 +124,6 @@ def test_the_first_of_those_that_tie_is_named():
 def test_nothing_and_not_finite_have_no_support(points):
     with pytest.raises(UserError, match="at least one policy is needed"):
         support_intervals(points)
-
-
-def test_shares_of_two_episodes_by_hand():
-    # At 0 degrees a earns (0, 4) and b (1, 1): a loses only where both draws are the first
-    # episode, a quarter of the resamples.
-    totals = {"a": np.array([[0.0, 9.0], [4.0, 9.0]]), "b": np.array([[1.0, 0.0], [1.0, 0.0]])}
-    found = support_shares(totals, 0.0, resamples=4000, seed=0)
-    assert found["b"] == pytest.approx(0.25, abs=0.03)
-    assert sum(found.values()) == pytest.approx(1.0)
-
-
-def test_what_episodes_do_to_everybody_drops_out_of_the_shares():
-    hard = np.random.default_rng(0).normal(0.0, 100.0, (50, 2))
-    found = support_shares({"a": hard + 0.1, "b": hard}, 45.0, 200)
-    assert found == {"a": 1.0, "b": 0.0}
-
-
-def test_equal_policies_share_equally():
-    one = np.random.default_rng(0).normal(size=(20, 2))
-    assert support_shares({"a": one, "b": one, "worse": one - 5.0}, 30.0, 100) == {
-        "a": 0.5,
-        "b": 0.5,
-        "worse": 0.0,
-    }
-
-
-def test_shares_do_not_depend_on_the_blocks(monkeypatch):
-    rng = np.random.default_rng(2)
-    totals = {name: rng.normal(size=(40, 2)) for name in "abc"}
-    whole = support_shares(totals, 20.0, 101, seed=4)
-    monkeypatch.setattr(bootstrap, "_BLOCK", 300)
-    assert support_shares(totals, 20.0, 101, seed=4) == pytest.approx(whole, abs=1e-12)
-    assert support_shares(totals, 20.0, 101, seed=5) != whole
-
-
-@pytest.mark.parametrize(
-    ("totals", "line"),
-    [
-        ({}, "the same episodes, got {}"),
-        ({"a": np.zeros((0, 2))}, "the same episodes, got {'a': 0}"),
-        ({"a": np.zeros((2, 2)), "b": np.zeros((3, 2))}, "got {'a': 2, 'b': 3} of them"),
-        ({"a": np.full((2, 2), np.inf)}, "finite"),
-    ],
-)
-def test_episodes_that_are_not_common_are_refused(totals, line):
-    with pytest.raises(UserError, match=line):
-        support_shares(totals, 0.0)
 
 
 CORNER = np.zeros(2)

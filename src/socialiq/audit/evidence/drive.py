@@ -10,10 +10,9 @@ from jaxtyping import Float, Int, Int8, Int64
 
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import LARGEST_SEED, Environment
-from socialiq.evaluation.gym_simulator import GymActor, GymSimulator
 from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
-from socialiq.evaluation.table_simulator import FixedChance, TableSimulator
+from socialiq.evaluation.simulators import FixedChance, GymActor, GymSimulator, TableSimulator
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.policies.interface import checked_actions

@@ -1,4 +1,4 @@
-"""A user's Gymnasium environment as the scenario of an audit: its description and its hashes."""
+"""Gymnasium environments of users as scenarios: description and hashes."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from socialiq.worlds.wrapper import RewardPairWrapper
 LARGEST_SEED = 2**31
 """Environments are reset with the seed of an episode modulo this: not all take larger ones."""
 
-_REPEATED = 50  # steps in which an environment must show that its seed decides
+_REPEATED = 50  # steps for the check that the seed determines an episode
 
 _OWN = ("gymnasium", "socialiq")
 
 
 @dataclass(frozen=True)
 class Environment:
-    """A Gymnasium environment with a reward pair, under the name that a declaration gives it.
+    """A Gymnasium environment with a reward pair, and its name in a declaration.
 
     Attributes:
-        name: As `worlds.environment.make_environment` takes it.
+        name: Name as for `worlds.environment.make_environment`.
         options: Its keyword arguments.
         env: The environment.
     """
@@ -66,8 +66,8 @@ class Environment:
         """Name, options, spaces, time limit, sources and versions as JSON with sorted keys.
 
         The sources are those of the files that define the environment's class, its wrappers, its
-        registered entry point or the function that was named, and the functions of the pair; of
-        files they import only versions of installed packages are known.
+        registered entry point or the named function, and the functions of the pair; of the files
+        that they import, only the versions of installed packages are included.
         """
         spec = self.env.spec
         described = {
@@ -90,7 +90,7 @@ class Environment:
         return {"sources": _sources(parts), "versions": _versions(parts)}
 
     def _parts(self) -> list[Any]:
-        """The code that is hashed."""
+        """Return the classes and functions whose code is hashed."""
         found: list[Any] = [type(self.env.unwrapped)]
         env = self.env
         while isinstance(env, gymnasium.Wrapper):
@@ -101,16 +101,16 @@ class Environment:
         return found
 
     def _named(self) -> dict[str, str]:
-        """The file of the module that the name begins with."""
+        """Return the hash of the file of the module in the name."""
         place = self.name.rpartition(":")[0]
         file = place if place.endswith(".py") else getattr(sys.modules.get(place), "__file__", None)
         return {place: _sha256(file)} if file else {}
 
     def check_repeats(self, seed: int) -> None:
-        """Refuse an environment whose episodes are not decided by their seeds.
+        """Check that the seed determines an episode.
 
         Args:
-            seed: Of the episode that is begun twice, with the first action at every step.
+            seed: Seed of the episode that is started twice, with the first action at every step.
 
         Raises:
             UserError: If observations, rewards or endings differ.
@@ -118,8 +118,8 @@ class Environment:
         first, second = (self._first_actions(seed) for _ in range(2))
         if first != second:
             raise UserError(
-                f"{self.name} is not decided by its seed: draw every random number from "
-                "self.np_random, which reset(seed=...) seeds"
+                f"an episode of {self.name} is not determined by its seed: draw every random "
+                "number from self.np_random, which reset(seed=...) seeds"
             )
 
     def _first_actions(self, seed: int) -> list[Any]:
@@ -134,12 +134,12 @@ class Environment:
 
 
 def _module_of(part: Any) -> str:
-    """Name of the module of a class, a function, or an object that can be called."""
+    """Return the name of the module of a class, a function or a callable object."""
     return getattr(part, "__module__", None) or type(part).__module__
 
 
 def _file_of(part: Any) -> str | None:
-    """The file that its code was compiled from; a module's name may be taken by another file."""
+    """Return the file of the code; a module's name could belong to another file."""
     kind = part if isinstance(part, type) else type(part)
     methods = [getattr(one, "__code__", None) for one in vars(kind).values()]
     codes = [one for one in (getattr(part, "__code__", None), *methods) if one is not None]
@@ -148,13 +148,13 @@ def _file_of(part: Any) -> str | None:
 
 
 def _foreign(parts: list[Any]) -> list[Any]:
-    """Wrappers that are neither Gymnasium's nor ours."""
+    """Return the parts that are neither of Gymnasium nor of this package."""
     bare = (part.func if isinstance(part, functools.partial) else part for part in parts)
     return [part for part in bare if _module_of(part).split(".")[0] not in _OWN]
 
 
 def _sources(parts: list[Any]) -> dict[str, str]:
-    """SHA-256 of the file of each part, by module."""
+    """Return the SHA-256 of the file of each part, by module."""
     files = {_module_of(part): _file_of(part) for part in _foreign(parts)}
     return {name: _sha256(file) for name, file in sorted(files.items()) if file is not None}
 
@@ -164,7 +164,7 @@ def _sha256(file: str) -> str:
 
 
 def _versions(parts: list[Any]) -> dict[str, str]:
-    """Versions of Gymnasium and of the installed packages that these modules belong to."""
+    """Return the versions of Gymnasium and of the installed packages of these modules."""
     owners = importlib.metadata.packages_distributions()
     tops = {_module_of(part).split(".")[0] for part in _foreign(parts)}
     names = {"gymnasium", *(one for top in tops for one in owners.get(top, ()))}
@@ -172,6 +172,6 @@ def _versions(parts: list[Any]) -> dict[str, str]:
 
 
 def _json_kwargs(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Keyword arguments of a registration as JSON holds them; of others, the kind alone."""
+    """Return keyword arguments as JSON; values without a JSON form become their type's name."""
     kept = json.dumps(dict(kwargs), default=lambda one: type(one).__name__, sort_keys=True)
     return json.loads(kept)

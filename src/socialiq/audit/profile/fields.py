@@ -1,4 +1,4 @@
-"""Fields of a declaration, each defined once for the reader, the writer and the JSON Schema."""
+"""Fields of a declaration, defined once for the reader, the writer and the JSON Schema."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ LONGEST_TEXT = 200  # characters
 
 MOST_OPTIONS = 64
 
-LARGEST_NUMBER = 1e6  # of a reward's or a world's number; none comes near
+LARGEST_NUMBER = 1e6  # of a reward or an option; usual numbers are far smaller
 
-# No control characters (C0, C1) and none that reorder or hide what a reader of a report sees.
+# No control characters (C0, C1) and none that reorder or hide text of a report.
 _HIDDEN = r"\u0000-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
 
 TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
@@ -37,7 +37,7 @@ class Field:
     Attributes:
         path: Table and key, joined by a dot; a key of the top level has no table.
         kind: Type of the value.
-        meaning: One or two sentences for a newcomer; the comment above the field.
+        meaning: Comment above the field, one or two sentences.
         low: Smallest number allowed.
         high: Largest number allowed.
         below_high: Whether `high` itself is refused.
@@ -145,7 +145,8 @@ FIELDS = (
     _share("competence.min_arrival", "Smallest share of episodes that arrive."),
     _share("competence.max_timeout", "Largest share of episodes that run out of time."),
 )
-"""Every field in the order in which a profile is written; all are required."""
+"""Every field in the order of a profile; all are required. Their meanings are part of a
+profile's bytes: changing one changes the hash of every new declaration."""
 
 BY_PATH = {field.path: field for field in FIELDS}
 
@@ -158,7 +159,7 @@ def visible(text: str) -> bool:
 
 
 def schema() -> dict[str, Any]:
-    """Content of `profile.schema.json` (JSON Schema 2020-12)."""
+    """Return the content of `profile.schema.json` (JSON Schema 2020-12)."""
     top = [field for field in FIELDS if "." not in field.path]
     properties: dict[str, Any] = {field.path: _of(field) for field in top}
     for table in TABLES:

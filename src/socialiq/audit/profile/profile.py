@@ -1,4 +1,4 @@
-"""A declaration: what a policy is audited against."""
+"""Declaration of a policy's behaviour: the data of `profile.toml`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a declaration from `profile.toml`; a mistake is reported with its file and line."""
+"""Read a declaration from `profile.toml`; errors name the file and the line."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def load(path: Path) -> Profile:
     """Read a declaration.
 
     Args:
-        path: Of a TOML file of at most 64 KiB.
+        path: TOML file of at most 64 KiB.
 
     Raises:
         UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
@@ -58,7 +58,7 @@ def parse(content: bytes, name: str = "profile.toml") -> Profile:
 
     Args:
         content: UTF-8 TOML.
-        name: Of the file, for complaints.
+        name: Name of the file in messages.
 
     Raises:
         UserError: As `load`.
@@ -74,18 +74,18 @@ def parse(content: bytes, name: str = "profile.toml") -> Profile:
 
 
 class _Reader:
-    """One file being read; every complaint passes through `refuse`."""
+    """Reader of one file; its errors name the line of the field."""
 
     def __init__(self, text: str, name: str) -> None:
         self._text, self._name = text, name
         for number, line in enumerate(text.split("\n"), 1):
-            # Without these, a line that looks like a field is one: `line_of` is exact.
+            # Without multi-line text `line_of` is exact.
             if '"""' in line or "'''" in line:
                 self._stop(number, "multi-line text is not used here: write it on one line")
             # A dotted key takes `tomllib` time that grows with the square of its parts, and a
             # number of thousands of digits makes it raise something else.
             if len(line) > _LONGEST_LINE or line.count(".") > _MOST_DOTS:
-                self._stop(number, "this line is longer than any field's: break or shorten it")
+                self._stop(number, "this line is too long for a field: shorten it")
         self._content = self._parsed()
 
     def profile(self, source: bytes) -> Profile:
@@ -109,11 +109,11 @@ class _Reader:
             source=source,
         )
 
-    def refuse(self, path: str, complaint: str) -> NoReturn:
-        self._stop(line_of(self._text, path), complaint)
+    def refuse(self, path: str, message: str) -> NoReturn:
+        self._stop(line_of(self._text, path), message)
 
-    def _stop(self, line: int, complaint: str) -> NoReturn:
-        raise UserError(f"{self._name}:{line}: {complaint}")
+    def _stop(self, line: int, message: str) -> NoReturn:
+        raise UserError(f"{self._name}:{line}: {message}")
 
     def _parsed(self) -> dict[str, Any]:
         try:
@@ -124,10 +124,10 @@ class _Reader:
             where = re.search(r"\(at line (\d+)", str(error))
             line = int(where[1]) if where else self._text.count("\n") + 1
             reason = str(error).split(" (at ")[0]
-            self._stop(line, f"not TOML: {_shown(reason, quoted=False)}: mend this line")
+            self._stop(line, f"not TOML: {_quoted(reason, quoted=False)}: correct this line")
 
     def _check_names(self) -> None:
-        """Refuse what no field is called; tables are looked into one level deep."""
+        """Refuse unknown names, on the top level and in tables."""
         top = [one.path for one in FIELDS if "." not in one.path]
         for name, value in self._content.items():
             if name not in (*top, *TABLES):
@@ -141,7 +141,7 @@ class _Reader:
                         self._unknown(f"{name}.{key}", keys)
 
     def _unknown(self, path: str, known: tuple[str, ...]) -> NoReturn:
-        self.refuse(path, f"unknown field {_shown(path)}: choose one of {', '.join(known)}")
+        self.refuse(path, f"unknown field {_quoted(path)}: choose one of {', '.join(known)}")
 
     def _value(self, one: Declared) -> Any:
         table, _, key = one.path.rpartition(".")
@@ -152,23 +152,23 @@ class _Reader:
         if one.path == "scenario.world" and isinstance(given, str):
             self._check_reacts(given)
         if not _fits(one, given):
-            self.refuse(one.path, f"{one.path} must be {one.demand}, got {_shown(given)}")
+            self.refuse(one.path, f"{one.path} must be {one.demand}, got {_quoted(given)}")
         return float(given) if one.kind == "number" else given
 
     def _check_reacts(self, world: str) -> None:
-        """A recording is no scenario, and the reason is worth more than a list of worlds."""
+        """Refuse a recording with its own reason, which helps more than a list of worlds."""
         try:
             refuse_recording(world)
         except UserError as error:
             self.refuse("scenario.world", str(error))
 
     def _check_scenario(self, values: Mapping[str, Any]) -> None:
-        """The world must exist, and be the very one whose hashes were declared."""
+        """Check that the world exists and has the declared hashes."""
         name, options = values["scenario.world"], values["scenario.options"]
         for option in options:
             if not re.fullmatch("[a-z0-9_]{1,40}", option):
-                self.refuse("scenario.options", f"{_shown(option)} is no option's name")
-        # To make an environment may run code that came with the file: `Profile.world` does it.
+                self.refuse("scenario.options", f"{_quoted(option)} is not the name of an option")
+        # Making an environment may run code: only `Profile.world` does it.
         world: World | None = None
         try:
             if name in WORLDS:
@@ -176,10 +176,10 @@ class _Reader:
             else:
                 check_options(options)
         except UserError as error:
-            # The longest, as some names are parts of others.
-            blamed = max((one for one in options if one in str(error)), key=len, default="")
-            path = f"scenario.options.{blamed}" if blamed else "scenario.options"
-            self.refuse(path, _shown(str(error), quoted=False))
+            # The longest name, since some names are parts of others.
+            option = max((one for one in options if one in str(error)), key=len, default="")
+            path = f"scenario.options.{option}" if option else "scenario.options"
+            self.refuse(path, _quoted(str(error), quoted=False))
         for path, value in identity(world).items() if world else ():
             if values[path] != value:
                 self.refuse(path, WRONG_WORLD.format(path=path, value=value))
@@ -205,8 +205,8 @@ def _fits(one: Declared, given: Any) -> bool:
     return visible(given)
 
 
-def _shown(value: Any, quoted: bool = True) -> str:
-    """Value from outside, escaped for one line of a terminal."""
+def _quoted(value: Any, quoted: bool = True) -> str:
+    """Return a user-provided value, escaped for one line of a terminal."""
     if isinstance(value, dict | list):
         return "a table" if isinstance(value, dict) else "a list"
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**15:
@@ -222,7 +222,7 @@ _KEY = re.compile(r"^\s*([A-Za-z0-9_\-\"'. ]+?)\s*=")
 
 
 def line_of(text: str, path: str) -> int:
-    """The number of the line, from 1, on which a field begins.
+    """Return the number of the line, from 1, on which a field begins.
 
     Exact for files without multi-line strings, which a profile refuses.
 
@@ -244,7 +244,7 @@ def line_of(text: str, path: str) -> int:
 
 
 def _begun(text: str) -> dict[str, int]:
-    """First line of every table and every field, by path."""
+    """Return the first line of every table and every field, by path."""
     table, found = "", {}
     for number, line in enumerate(text.split("\n"), 1):
         header, key = _TABLE.match(line), _KEY.match(line)
@@ -257,5 +257,5 @@ def _begun(text: str) -> dict[str, int]:
 
 
 def _bare_key(key: str) -> str:
-    """A dotted key without its quotes and spaces."""
+    """Return a dotted key without its quotes and spaces."""
     return ".".join(part.strip(" \t\"'") for part in key.split("."))

@@ -1,4 +1,4 @@
-"""The world that a declaration names: options checked, description and rewards hashed."""
+"""World of a declaration: checks of its options, hashes of its description and rewards."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from socialiq.worlds.registry import WORLDS, make
 
 World = GridWorld | Intersection | Environment
 
-# A declaration comes from outside; these bound the memory and the time that it can ask for.
+# A declaration may be untrusted; these bound the memory and the time of its scenario.
 MOST_VEHICLES = 200
 
 MOST_SUB_STEPS = 100  # per second
 
-_READINGS = {
+_GRID_UNITS = {
     "crossing5": ("ends_on", "social_cost", "arrival"),
     "crossing7": ("arrival", "full_stop", "yield_zone", "slow_yield"),
 }
@@ -48,11 +48,11 @@ _UNITS = (
 
 
 def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) -> World:
-    """Build a world from what a file says, which may be anything.
+    """Build a world from unchecked values of a file.
 
     Args:
-        name: Of the world.
-        options: Texts, numbers and lists of numbers, as TOML gives them.
+        name: Name of the world.
+        options: Texts, numbers and lists of numbers, as read from TOML.
         allow_code: Whether an environment's module may be imported.
 
     Raises:
@@ -76,7 +76,7 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
 
 
 def scenario_sha256(world: World) -> str:
-    """SHA-256 of a world's description: its name and every option."""
+    """Return the SHA-256 of a world's description: its name and every option."""
     return hashlib.sha256(world.description.encode()).hexdigest()
 
 
@@ -91,10 +91,10 @@ def reward_id(world: World) -> str:
 
 
 def reward_specification(world: World) -> dict[str, Any]:
-    """The weights and units that define r_env and r_social, as one JSON-able object.
+    """Return the weights and units that define r_env and r_social, as one JSON object.
 
-    Two worlds whose specifications agree give the same rewards for the same event, whatever
-    traffic they have. Of an environment the hashes of the code that gives the pair stand here.
+    Two worlds with equal specifications give the same rewards for the same event, whatever their
+    traffic. The specification of an environment has the hashes of its code.
     """
     found: dict[str, Any] = {"id": reward_id(world)}
     if isinstance(world, Environment):
@@ -103,20 +103,20 @@ def reward_specification(world: World) -> dict[str, Any]:
         weigh = {side: _weights(world.options, names) for side, names in _SIDES.items()}
         units = {name: getattr(world.options, name) for name in _UNITS}
         return found | weigh | {"units": units}
-    units = {name: getattr(world.options, name) for name in _READINGS[world.name]}
+    units = {name: getattr(world.options, name) for name in _GRID_UNITS[world.name]}
     units |= {"horizon": world.horizon, "max_speed": world.max_speed}
     weigh = {"env": dict(world.env_weights), "social": dict(world.social_weights)}
     return found | weigh | {"units": units}
 
 
 def reward_sha256(world: World) -> str:
-    """SHA-256 of `reward_specification` as JSON with sorted keys."""
+    """Return the SHA-256 of `reward_specification` as JSON with sorted keys."""
     text = json.dumps(reward_specification(world), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def identity(world: World) -> dict[str, str]:
-    """Description of a world, by the declaration's field."""
+    """Return the identity of a world, by field of the declaration."""
     return {
         "reward.id": reward_id(world),
         "reward.sha256": reward_sha256(world),
@@ -125,13 +125,13 @@ def identity(world: World) -> dict[str, str]:
 
 
 def check_options(options: Mapping[str, Any]) -> None:
-    """Refuse what is no text, truth value, number or list of numbers of a moderate size.
+    """Check that options are texts, booleans, numbers or lists of numbers of moderate size.
 
     Args:
-        options: Of an environment, whose own types are not known.
+        options: Options of an environment, whose types are not known.
 
     Raises:
-        UserError: If one is something else.
+        UserError: If one is not.
     """
     for option, given in options.items():
         default = 0.0 if type(given) is float else given
@@ -148,7 +148,7 @@ def _weights(options: Options, signals: tuple[str, ...]) -> dict[str, float]:
 
 
 def _typed(option: str, given: Any, default: Any) -> Any:
-    """A value of the default's type; TOML's 9 may stand for 9.0, and a list for a tuple."""
+    """Return a value of the default's type; an integer may be a float, a list a tuple."""
     if isinstance(default, tuple):
         if not isinstance(given, list) or len(given) > MOST_SPEEDS:
             raise UserError(f"{option} must be a list of at most {MOST_SPEEDS} numbers")
@@ -166,12 +166,12 @@ def _typed(option: str, given: Any, default: Any) -> Any:
         what = "whole number" if isinstance(default, int) else "number"
         raise UserError(f"{option} must be a {what}")
     if not -LARGEST_NUMBER <= given <= LARGEST_NUMBER:
-        raise UserError(f"{option} must lie within plus or minus {LARGEST_NUMBER:g}")
+        raise UserError(f"{option} must be within plus or minus {LARGEST_NUMBER:g}")
     return type(default)(given)
 
 
 def _check_size(options: Options) -> None:
-    """Refuse a scenario that needs more memory or time than any crossing does."""
+    """Refuse a scenario that would need too much memory or time."""
     sizes = {
         "observed_vehicles": (options.observed_vehicles, MOST_VEHICLES),
         "vehicles of an episode (initial_vehicle_count and duration)": (

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from socialiq.audit.profile.fields import FIELDS, FORMAT, TABLES
+from socialiq.audit.profile.fields import FIELDS, FORMAT
 from socialiq.audit.profile.profile import Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.scenario import identity, world_of
@@ -21,12 +21,11 @@ A declaration: how a driving policy behaves, stated by its owner before any test
 profile.schema.json describes the same fields for other programs."""
 
 FLOOR = Floor(max_at_fault=0.05, max_struck=0.1, min_arrival=0.8, max_timeout=0.2)
-"""A start for an owner's own floor; it is not a recommendation for any road.
+"""Default safety floor; it is not a recommendation for any road.
 
 At the intersection a rule that goes at gaps of 2 s is at fault in 6 % of episodes, one that waits
-for 3 s in 2 % (docs/worlds/intersection.md). A policy worse than the first has no competence to
-declare. A policy whose true share lies on a limit is never decided, so limits keep away from what
-the experts of the atlas do. What does not arrive may run out of time.
+for 3 s in 2 % (docs/worlds/intersection.md). A policy whose true share is on a limit is never
+decided, so the limits differ from the shares of the atlas' experts.
 """
 
 
@@ -45,17 +44,17 @@ def declare(
 
     Args:
         angle: Social angle, degrees.
-        owner: Who declares.
+        owner: Name of the owner.
         world: Name of the world.
-        margin: What counts as declared.
-        date: Of the declaration.
-        options: Of the world that differ from its defaults.
-        confidence: Of the verdict.
-        competence: What is asked for besides.
+        margin: Margins within which a policy counts as declared.
+        date: Date of the declaration.
+        options: Options of the world that differ from its defaults.
+        confidence: Confidence of the verdict.
+        competence: Safety floor.
         allow_code: Whether an environment's module may be imported, to be hashed.
 
     Raises:
-        UserError: If a value is invalid; as `profile.parse` says it.
+        UserError: If a value is invalid, as in `reader.parse`.
     """
     given = _without_tuples(options or {})
     built = world_of(world, given, allow_code)
@@ -72,16 +71,6 @@ def declare(
     for table, part in (("margin", margin), ("competence", competence)):
         values |= {f"{table}.{name}": value for name, value in vars(part).items()}
     return parse(_text(values).encode())
-
-
-def canonical(profile: Profile) -> str:
-    """A declaration written anew in canonical form; reading it gives an equal one."""
-    values: dict[str, Any] = {"format": FORMAT}
-    for name, value in vars(profile).items():
-        nested = {} if name == "source" else vars(value) if name in TABLES else None
-        flat = {f"{name}.{key}": one for key, one in (nested or {}).items()}
-        values |= {name: value} if nested is None else flat
-    return _text(values)
 
 
 def _text(values: Mapping[str, Any]) -> str:
@@ -108,12 +97,12 @@ def _comment(text: str) -> list[str]:
 
 
 def _toml(value: Any) -> str:
-    """A scalar or a list of numbers as TOML."""
+    """Return a scalar or a list of numbers as TOML."""
     if isinstance(value, datetime.date):
         return value.isoformat()
     if isinstance(value, list | tuple):
         return f"[{', '.join(_toml(one) for one in value)}]"
-    # JSON's texts, booleans and numbers are TOML's; what both would refuse, the reader refuses.
+    # Texts, booleans and finite numbers are the same in JSON and TOML; the reader checks the rest.
     return json.dumps(value, ensure_ascii=False)
 
 

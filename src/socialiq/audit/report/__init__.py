@@ -1,1 +1,1 @@
-"""The report of an audit: one JSON document, the views made from it, and its seals."""
+"""The report of an audit: one JSON document, the views made from it, manifest and statement."""

@@ -77,13 +77,13 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
         Claim("Sn3", "Results by kind of episode", *_strata(report)),
         Claim(
             "G2",
-            "The simulation is a credible stand-in for the domain of use",
+            "The simulation represents the domain of use credibly",
             _NO_EVIDENCE,
             "to be filled by the assessor of the simulation",
         ),
         Claim(
             "G3",
-            "Behaviour in service is watched, and departures are acted on",
+            "Behaviour in service is monitored, and deviations lead to action",
             _NO_EVIDENCE,
             "to be filled by the operator",
         ),
@@ -93,7 +93,10 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
 def _strata(report: Mapping[str, Any]) -> tuple[Status, str]:
     if report["strata"] or report["declaration"]["scenario"]["world"] in WORLDS:
         return "supported", "report.json: strata"
-    return _NO_EVIDENCE, "to be filled by the owner of the environment: its kinds are not known"
+    return (
+        _NO_EVIDENCE,
+        "to be filled by the owner of the environment: no kinds are known",
+    )
 
 
 def as_objects(found: list[Claim]) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The content of `report.json`, the source of truth: every view is made from it alone."""
+"""Content of `report.json`, the source of truth: every view is made from it alone."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FORMAT = 1
 
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
-CLOUD = 300  # episodes drawn as points; all of them stand in episodes.csv
+CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
 
 Episodes = dict[str, list[dict[str, Any]]]
 
@@ -35,30 +35,30 @@ _STATEMENT = (
 
 @dataclass(frozen=True)
 class Audited:
-    """All that an audit knows.
+    """Data and results of an audit.
 
     Attributes:
         profile: The declaration.
-        policy: The policy's record, plain: kind, source, sha256, covers and more.
+        policy: The policy's record as JSON: kind, source, sha256, covers and more.
         deterministic: Whether it took its best actions.
         drawn: Commitment and seed.
-        handed: Record of each reference that was handed in, by its name.
-        reference_files: Files that were handed in with `--reference`.
+        records: Record of each loaded reference, by its name.
+        reference_files: The user's references, as given with `--reference`.
         left_out: Names of references that are the policy itself.
-        evidence: Of `gather`.
-        verdict: Of `judge`.
-        shifts: Of `shift_of`; None where the check was not asked for.
-        films: Films by path in the folder: `films.path_of`.
-        command: That repeats the audit.
-        started: When.
-        seconds: That it took.
+        evidence: Result of `collect_evidence`.
+        verdict: Result of `judge`.
+        shifts: Result of `shift_of`; None without the check.
+        films: Films by path in the folder: `episodes.path_of`.
+        command: Command that repeats the audit.
+        started: Time of the start.
+        seconds: Duration.
     """
 
     profile: Profile
     policy: Mapping[str, Any]
     deterministic: bool
     drawn: Draw
-    handed: Mapping[str, Mapping[str, Any]]
+    records: Mapping[str, Mapping[str, Any]]
     reference_files: Sequence[str]
     left_out: Sequence[str]
     evidence: Evidence
@@ -71,7 +71,7 @@ class Audited:
 
 
 def content(audited: Audited) -> dict[str, Any]:
-    """The report as one JSON-able object; `report.schema.json` describes it."""
+    """Return the report as one JSON object; `report.schema.json` describes it."""
     profile, evidence, verdict = audited.profile, audited.evidence, audited.verdict
     angle, best = profile.angle, verdict.regret.best
     return to_json(
@@ -86,7 +86,7 @@ def content(audited: Audited) -> dict[str, Any]:
             },
             "tests": _tests(verdict),
             "references": [
-                {**driver_row(one, angle), "record": audited.handed.get(one.name)}
+                {**driver_row(one, angle), "record": audited.records.get(one.name)}
                 for one in evidence.references
             ],
             "reference_files": list(audited.reference_files),
@@ -139,14 +139,7 @@ def _shift(shifts: Sequence[Shift]) -> dict[str, Any]:
 
 
 def _tests(verdict: Verdict) -> dict[str, Any]:
-    names = (
-        "regret",
-        "rationalised",
-        "alpha_hat",
-        "identifiability",
-        "calibration",
-        "competence",
-    )
+    names = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
     return {name: getattr(verdict, name) for name in names}
 
 
@@ -171,16 +164,16 @@ def _hashes(audited: Audited) -> dict[str, str]:
 
 
 def shares(driver: Outcomes) -> dict[str, float]:
-    """Shares of episodes by how they end."""
+    """Return the share of episodes of each criterion."""
     return {name: float(happened.mean()) for name, happened in events_of(driver).items()}
 
 
 def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
-    """One driver's means.
+    """Return one driver's means.
 
     Args:
-        driver: Who drove.
-        angle: Declared, degrees; `value` is the mean R(α) there.
+        driver: Outcomes of the driver.
+        angle: Declared angle in degrees; `value` is the mean R(α) there.
     """
     return {
         "name": driver.name,
@@ -196,20 +189,20 @@ def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
 
 _ALWAYS = (
     "The verdict is about the simulated scenario named here, with its traffic model and its "
-    "rewards. It is no evidence about another road, another traffic or a real vehicle.",
+    "rewards. It is not evidence about another road, other traffic or a real vehicle.",
     "The angle weighs two rewards of one specification. With other weights or units the same "
     "behaviour has another angle, so the verdict holds for the hash of the specification above.",
-    "Behaviour is judged, not intent: many angles can explain the same driving, and those that "
-    "do are listed.",
-    "The statistics hold for episodes drawn from the scenario. What is rarer than about three in "
-    "the number of episodes played may not have happened once.",
-    "A policy that can tell the audit from its ordinary use could behave well here alone. The "
-    "seed was drawn after policy and declaration were fixed; that prevents tuning to known "
-    "episodes, not recognition of the simulator.",
-    "Hashes show that files were not changed since; they don't show who made them. Sign the "
+    "The audit tests behaviour, not intent: many angles can explain the same driving, and those "
+    "that do are listed.",
+    "The statistics hold for episodes drawn from the scenario. Events rarer than about three in "
+    "the number of episodes may not have happened once.",
+    "A policy that recognises the audit could behave well here alone. The seed was drawn after "
+    "policy and declaration were fixed; that prevents tuning to known episodes, not recognition "
+    "of the simulator.",
+    "Hashes show that files were not changed since; they don't show their author. Sign the "
     "statement with a tool of your choice.",
-    "This report says how a policy behaved in a test. It states no conformity with any law, "
-    "regulation or standard.",
+    "This report describes the behaviour of a policy in a test. It states no conformity with any "
+    "law, regulation or standard.",
 )
 
 _SAMPLED = (
@@ -223,15 +216,15 @@ _EXACT = (
 )
 
 _UNKNOWN = (
-    "This environment came from outside. Nothing here is known of who struck whom, so every "
-    "collision counts as at fault and the share of being struck is blank; there are no kinds of "
-    "episodes and no films, and no driver but those handed in.",
+    "This environment is not part of the package. It does not report fault, so every collision "
+    "counts as at fault and the share of being struck is blank; there are no kinds of episodes, "
+    "no films, and no reference drivers but the given ones.",
     "The hash of the scenario covers the files that define the environment, its wrappers and its "
     "reward pair, and versions of installed packages; not other files that these import.",
 )
 
 
 def limits(world: str) -> list[str]:
-    """The limits that apply in a world of that name."""
+    """Return the limits that apply in a world of this name."""
     found = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
     return found if world in WORLDS else [*_UNKNOWN, *found]

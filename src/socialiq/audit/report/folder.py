@@ -1,4 +1,4 @@
-"""A report's folder: its files, their manifest and statement, written whole or not at all.
+"""Folder of a report: its files, their manifest and statement, written atomically.
 
 Nothing here signs: `cosign`, `ssh-keygen -Y sign` and others sign the files as they are.
 """
@@ -25,13 +25,13 @@ MANIFEST = "MANIFEST.sha256"
 STATEMENT = "statement.intoto.json"
 
 PREDICATE_TYPE = "https://socialiq.example/audit/v1"
-"""A name, as in-toto asks for; nothing is fetched from there."""
+"""A name, as in-toto requires; it is no address."""
 
 _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 
 
 def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, bytes]:
-    """The files with their statement and their manifest.
+    """Return the files with their statement and their manifest.
 
     The statement's subjects are the files; the manifest covers those and the statement.
 
@@ -44,13 +44,13 @@ def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, b
 
 
 def manifest(files: Mapping[str, bytes]) -> bytes:
-    """Lines as `sha256sum` writes and checks them, in the order of the paths."""
+    """Return the lines of `sha256sum` for all files, in the order of the paths."""
     lines = (f"{_sha256(files[name])}  {name}\n" for name in sorted(files) if name != MANIFEST)
     return "".join(lines).encode()
 
 
 def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
-    """in-toto Statement v1: these files are the outcome of this audit."""
+    """Return the in-toto Statement v1 that these files are the result of this audit."""
     verdict = {key: report["verdict"][key] for key in ("decision", "reason", "episodes")}
     content = {
         "_type": _STATEMENT_TYPE,
@@ -84,13 +84,13 @@ def files_of(
     evidence: Evidence,
     films: Mapping[str, bytes] | None = None,
 ) -> dict[str, bytes]:
-    """Content by path in the folder, seals included.
+    """Return the content of all files by path, with manifest and statement.
 
     Args:
         report: Content of `report.json`.
-        profile: The declaration, which comes along byte by byte.
-        evidence: Every episode.
-        films: Of single episodes, by path.
+        profile: The declaration, which is copied byte by byte.
+        evidence: Evidence of the verdict.
+        films: Films of single episodes, by path.
     """
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     found = {
@@ -104,7 +104,7 @@ def files_of(
 
 
 def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
-    """Files that are made from the report alone, and can be made again from it."""
+    """Return the files that are made from the report alone."""
     tree = claims(report)
     diagram = Markdown(mermaid(tree))
     return {
@@ -126,8 +126,8 @@ def check_target(folder: Path, replace: bool) -> None:
     """Refuse an output folder before any work is done.
 
     Raises:
-        UserError: If it has something in it and may not be replaced, holds something other than a
-            report, or can't be made.
+        UserError: If it has content and may not be replaced, has files that are not of a report,
+            or can't be made.
     """
     if check_output_folder(folder, replace) and (unlisted := _unlisted(folder)):
         raise UserError(
@@ -136,15 +136,15 @@ def check_target(folder: Path, replace: bool) -> None:
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> None:
-    """Write all files into a temporary folder beside it, then rename.
+    """Write all files of a report, or leave the folder as it was.
 
     Args:
-        folder: To make.
+        folder: The folder.
         files: Content by path in it.
-        replace: Whether an earlier report may go.
+        replace: Whether an earlier report may be replaced.
 
     Raises:
-        UserError: As `check_target`; what was there stays then.
+        UserError: As `check_target`.
     """
     check_target(folder, replace)
     with whole_folder(folder) as part:

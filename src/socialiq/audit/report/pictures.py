@@ -1,4 +1,4 @@
-"""Pictures of a report, laid out in their own units: the trade-off of the rewards, and the dial."""
+"""Layout of a report's pictures: the trade-off of the rewards, and the dial of angles."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STEPS = (1.0, 2.0, 5.0, 10.0)
 
 
 class Box(NamedTuple):
-    """Position of a picture's axes, in its own units; y points down."""
+    """Position of a picture's axes in its units; y points down."""
 
     left: float
     top: float
@@ -33,7 +33,7 @@ class Scale:
     """Places of points (x, y).
 
     Attributes:
-        box: Of the axes.
+        box: Position of the axes.
         low: Smallest x and y shown.
         factor: Units of the picture for each unit of reward.
     """
@@ -44,7 +44,7 @@ class Scale:
 
     @staticmethod
     def over(points: Sequence[tuple[float, float]], box: Box) -> Scale:
-        """The largest scale that shows all points, centred."""
+        """Return the largest scale with all points inside, centred."""
         wide, high = box.right - box.left, box.bottom - box.top
         lows = [min(axis) for axis in zip(*points, strict=True)]
         highs = [max(axis) for axis in zip(*points, strict=True)]
@@ -63,7 +63,7 @@ class Scale:
         )
 
     def ticks(self, axis: int, about: int) -> list[Tick]:
-        """Round numbers along an axis: 0 for x, 1 for y."""
+        """Return round numbers along an axis: 0 for x, 1 for y."""
         box = self.box
         length = box.right - box.left if axis == 0 else box.bottom - box.top
         low, high = self.low[axis], self.low[axis] + length / self.factor
@@ -77,13 +77,13 @@ class Scale:
 
 
 def _round_step(wanted: float) -> float:
-    """The smallest of 1, 2, 5 times a power of ten that is not below what is wanted."""
+    """Return the smallest of 1, 2, 5 times a power of ten that is not below a number."""
     power = 10.0 ** math.floor(math.log10(wanted))
     return power * next(step for step in _STEPS if step * power >= wanted * (1 - 1e-9))
 
 
 def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
-    """Straight lines through places, as SVG writes them."""
+    """Return straight lines through places as an SVG path."""
     text = "M" + " L".join(f"{x:g} {y:g}" for x, y in points)
     return text + " Z" if closed else text
 
@@ -108,13 +108,13 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture, in its own units.
+    """One picture, in units of its view box.
 
     Attributes:
-        box: Of the axes.
+        box: Position of the axes.
         x_ticks: Numbers below.
         y_ticks: Numbers on the left.
-        zero: Place of (0, 0), or None if it is out of sight.
+        zero: Place of (0, 0), or None if it is outside.
         mean: Place of the policy's mean.
         marks: References.
         front: Path through the best references for angles from 0 to 90 degrees.
@@ -136,7 +136,7 @@ class Panel:
 
 
 def means(report: Mapping[str, Any]) -> Panel:
-    """Means of the policy and of all references, with the declared direction."""
+    """Return the means of the policy and all references, with the declared direction."""
     region = _ellipse(report["tests"]["identifiability"])
     references = [_of(row) for row in report["references"]]
     mean, angle = _of(report["policy"]["means"]), report["declaration"]["angle"]
@@ -159,7 +159,7 @@ def means(report: Mapping[str, Any]) -> Panel:
 
 
 def episodes(report: Mapping[str, Any]) -> Panel:
-    """Single episodes of the policy around their mean."""
+    """Return single episodes of the policy around their mean."""
     cloud = [(float(env), float(social)) for env, social in report["cloud"]]
     mean = _of(report["policy"]["means"])
     scale = Scale.over([*cloud, mean], _BOX)
@@ -167,11 +167,11 @@ def episodes(report: Mapping[str, Any]) -> Panel:
 
 
 def front(points: Sequence[Point]) -> list[Point]:
-    """Those that are best at some angle from 0 to 90 degrees, in the order of these angles."""
+    """Return the points that are best at angles from 0 to 90 degrees, in the order of angles."""
     best: list[Point] = []
     for degrees in range(91):
         env, social = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-        # Where one weight is 0 the other reward decides, however little.
+        # Where one weight is 0, ties are broken by the other reward.
         one = max(points, key=lambda point: env * point[0] + social * point[1] + 1e-9 * sum(point))
         if one not in best:
             best.append(one)
@@ -193,7 +193,7 @@ def _panel(scale: Scale, mean: Point, **parts: Any) -> Panel:
 
 
 def _inside(scale: Scale, tip: Point) -> Point:
-    """The tip drawn back to the axes, if it lies beyond them."""
+    """Return the tip, moved inside the axes."""
     box = scale.box
     for _ in range(200):
         x, y = scale.at(*tip)
@@ -227,13 +227,13 @@ _NEARLY_ALL = 359.99  # SVG draws no arc that ends where it begins
 
 @dataclass(frozen=True)
 class DialPicture:
-    """Paths in the picture's own units.
+    """Paths in the picture's units.
 
     Attributes:
         ring: The whole circle.
         possibly: Arcs that can't be excluded.
         arcs: Arcs by the estimates.
-        surely: Arcs that are shown.
+        surely: Significant arcs.
         declared: From and to: a line across the band.
         declared_label: Position of its label.
         needle: Tip of α̂'s needle, or None.
@@ -277,20 +277,20 @@ def dial(report: Mapping[str, Any]) -> DialPicture:
 
 
 def _marks(angle: float) -> list[tuple[float, str]]:
-    """The quarters, but for one that the declared angle's own label would cover."""
+    """Return the labels of the quarters, without one that overlaps the declared angle's."""
     quarters = [(0.0, "0°"), (90.0, "90°"), (180.0, "180°"), (270.0, "270°")]
     return [one for one in quarters if 25 < (angle - one[0]) % 360 < 335]
 
 
 def _place(radius: float, degrees: float) -> Point:
-    """0 degrees points to the right, 90 upwards."""
+    """Return the place on a circle; 0 degrees points to the right, 90 upwards."""
     turn = math.radians(degrees)
     x, y = _CENTRE[0] + radius * math.cos(turn), _CENTRE[1] - radius * math.sin(turn)
     return round(x, 2), round(y, 2)
 
 
 def _arc(radius: float, low: float, high: float) -> str:
-    """An arc counter-clockwise, as SVG writes it."""
+    """Return an arc counter-clockwise as an SVG path."""
     span = min(high - low, _NEARLY_ALL)
     (x, y), (to_x, to_y) = _place(radius, low), _place(radius, low + span)
     large = int(span > 180)

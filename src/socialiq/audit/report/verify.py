@@ -1,4 +1,4 @@
-"""Verify a report's folder: every byte, and what can be made again."""
+"""Verify a report's folder: hash every file, and regenerate what follows from the report."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ def read_report(path: Path) -> dict[str, Any]:
     """Read a `report.json` and check it.
 
     Raises:
-        UserError: If it is missing, too large, no JSON, or doesn't follow the schema.
+        UserError: If it is missing, too large, not JSON, or doesn't follow the schema.
     """
     if not path.is_file():
         raise UserError(f"no such file: {path}: name a folder that `socialiq audit` wrote")
     with path.open("rb") as file:
         content = file.read(LARGEST_REPORT + 1)
     if len(content) > LARGEST_REPORT:
-        raise UserError(f"{path} has more than {LARGEST_REPORT:,} bytes: it is no report")
+        raise UserError(f"{path} has more than {LARGEST_REPORT:,} bytes: it is not a report")
     try:
         report = json.loads(content, parse_constant=_refuse)
         # Half of a surrogate pair is JSON, but no text: no page could be written with it.
         json.dumps(report, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
-        raise UserError(f"{path} is no JSON: restore it, or audit anew") from error
+        raise UserError(f"{path} is not JSON: restore it, or audit again") from error
     fault = fault_of(report, shipped_schema())
     if fault:
-        raise UserError(f"{path} is no report of this version: {fault}; audit anew")
+        raise UserError(f"{path} is not a report of this version: {fault}; audit again")
     return report
 
 
@@ -65,7 +65,7 @@ def fault_of(value: Any, schema: dict[str, Any]) -> str:
     """Return the first violation of a schema with its place in the report, or "" if none.
 
     Args:
-        value: Of JSON.
+        value: JSON value.
         schema: JSON Schema 2020-12.
     """
     error = next(_validator(schema).iter_errors(value), None)
@@ -90,14 +90,14 @@ def _validator(schema: dict[str, Any]) -> Any:
 
 
 def _fault(error: Any) -> str:
-    """Say in a few words what an error of `jsonschema` complains about."""
+    """Return an error of `jsonschema` in a few words."""
     demand, value = error.validator_value, error.instance
     if error.validator == "required":
         return f"lacks {next(name for name in demand if name not in value)}"
     return {
         "additionalProperties": "has an unknown field",
-        "type": f"is no {demand}",
-        "enum": f"is none of {demand}",
+        "type": f"is not of type {demand}",
+        "enum": f"is not one of {demand}",
         "const": f"is not {demand}",
         "pattern": "has another form",
         "minimum": f"is less than {demand}",
@@ -111,22 +111,22 @@ LARGEST_FOLDER = 1024 * 1024 * 1024  # bytes; a million episodes with their refe
 
 
 def content_of(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder, by path.
+    """Return the content of every file below a folder, by path.
 
     Raises:
-        UserError: If it is no folder of an audit, or holds links, or too much.
+        UserError: If it is not a folder of an audit, or has links or too many or large files.
     """
     if not (folder / MANIFEST).is_file() or not (folder / REPORT).is_file():
-        raise UserError(f"{folder} holds no report of an audit: name what `--out` named")
+        raise UserError(f"{folder} has no report: name a folder that `socialiq audit` wrote")
     found: dict[str, bytes] = {}
     size = 0
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
-            raise UserError(f"{path} is a link: a report's folder holds files alone")
+            raise UserError(f"{path} is a link: a report's folder has plain files only")
         if path.is_dir():
             continue
         if not path.is_file():
-            raise UserError(f"{path} is no plain file: a report's folder holds files alone")
+            raise UserError(f"{path} is not a plain file: a report's folder has plain files only")
         size += path.stat().st_size
         if len(found) >= MOST_FILES or size > LARGEST_FOLDER:
             raise UserError(f"{folder} holds more than an audit writes: {path.name}")
@@ -138,7 +138,7 @@ def content_of(folder: Path) -> dict[str, bytes]:
 
 
 def faults(folder: Path) -> list[str]:
-    """Faults of a folder, none if it is as it was written.
+    """Return the faults of a folder, none if it is as it was written.
 
     Raises:
         UserError: As `content_of`.
@@ -147,7 +147,7 @@ def faults(folder: Path) -> list[str]:
     found = _of_manifest(files)
     if found:
         return found
-    # Who changes a file can change its hash too; what follows must fit together all the same.
+    # A forger can change hashes too; the files must still be consistent with the report.
     report = read_report(folder / REPORT)
     return [*_of_statement(files, report), *_of_profile(files, report), *_of_views(files, report)]
 
@@ -178,11 +178,11 @@ def _listed(content: bytes) -> dict[str, str] | None:
 def _of_statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
     subjects = {name: one for name, one in files.items() if name not in (MANIFEST, STATEMENT)}
     same = files.get(STATEMENT) == statement(subjects, report)
-    return [] if same else [f"{STATEMENT} does not say what {REPORT} says"]
+    return [] if same else [f"{STATEMENT} is not consistent with {REPORT}"]
 
 
 def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
-    """The declaration that came along must be the one that was committed to."""
+    """Compare the copied declaration with the one that was committed to."""
     if PROFILE not in files:
         return [f"{PROFILE} is missing"]
     hashes = report["hashes"]
@@ -197,19 +197,19 @@ def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[s
 
 
 def _of_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
-    """Pages must be what the report gives; another version of this package makes others."""
+    """Compare the pages with those made from the report, if by the same code."""
     if report["hashes"]["package"] != package_sha256():
         return []
     fresh = views_of(report)
     return [
-        f"{name} is not what {REPORT} gives" for name in fresh if files.get(name) != fresh[name]
+        f"{name} is not the page of {REPORT}" for name in fresh if files.get(name) != fresh[name]
     ]
 
 
 def differences(old: Any, new: Any, place: str = "report") -> list[str]:
-    """Differences of two reports; times, versions and films are not compared.
+    """Return the places where two reports differ, apart from times, versions and films.
 
-    Numbers must agree to the last digit: the same machine and the same versions promise that.
+    Numbers must agree to the last digit, as they do on the same machine with the same versions.
     """
     if isinstance(old, dict) and isinstance(new, dict):
         names = sorted((old.keys() | new.keys()) - _NOT_COMPARED.get(place, frozenset({"film"})))
@@ -231,7 +231,7 @@ _NOT_COMPARED = {
     "report": frozenset({"timing", "versions", "machine", "command", "reference_files"}),
     "report.hashes": frozenset({"package"}),
     "report.seeds": frozenset({"chosen_by"}),
-    # What a process may take is the auditor's choice, and its name its own.
+    # The auditor chooses the limits of a process; its name may have another path.
     "report.policy.record": frozenset({"source", "start", "step", "memory"}),
 }
 

@@ -1,7 +1,7 @@
-"""Equivalence on the calibrated angle: α̂ read off the reference curve, by two one-sided tests.
+"""Equivalence of the calibrated angle with the declared one, by two one-sided tests.
 
-α̂ = atan2(R_social, R_env) of the best policy for an angle is not that angle (docs/theory.md), so
-α̂ of a policy under audit is read off the curve of drivers whose angle is known.
+α̂ = atan2(R_social, R_env) of the best policy for an angle is not that angle (docs/theory.md). The
+calibrated angle of a policy is the angle at which reference drivers of known angles have its α̂.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from socialiq.audit.verdict.decision import Decision
 from socialiq.social.angle import angle_difference
 from socialiq.statistics.bootstrap import resampled_means
 
-_DECIMALS = 6  # of an angle: neighbouring intervals share their ends but for rounding
+_DECIMALS = 6  # of an angle: neighbouring intervals share their ends up to rounding
 
-_LEVEL = 1e-9  # degrees; α̂ that differ less are equal but for rounding
+_LEVEL = 1e-9  # degrees; smaller differences of α̂ are rounding errors
 
 
 class Points(NamedTuple):
@@ -28,7 +28,7 @@ class Points(NamedTuple):
 
     Attributes:
         angle: In degrees, unwrapped: it rises along the curve.
-        driver: Which reference each belongs to.
+        driver: Number of each point's reference.
     """
 
     angle: Float[np.ndarray, " point"]
@@ -36,12 +36,12 @@ class Points(NamedTuple):
 
 
 class Preimage(NamedTuple):
-    """Angles at which the curve shows some α̂: the hull of all of them, by resample.
+    """Angles at which the curve has a given α̂: the hull of all of them, by resample.
 
     Attributes:
-        low: Smallest angle, degrees; the nearest end of the curve if α̂ is beyond it.
+        low: Smallest angle, degrees; the nearest point of the curve if it doesn't reach α̂.
         high: Largest angle.
-        beyond: Whether no point of the curve shows this α̂.
+        beyond: Whether no point of the curve has this α̂.
     """
 
     low: Float[np.ndarray, " resample"]
@@ -50,14 +50,14 @@ class Preimage(NamedTuple):
 
 
 def points_of(references: tuple[Outcomes, ...], declared: float) -> Points:
-    """The curve over the quadrant of the declared angle.
+    """Return the curve over the quadrant of the declared angle.
 
-    Further round, other quadrants show the same α̂ for other trade-offs. A reference that is
-    optimal over an interval gives its two ends, between which the curve is flat.
+    Other quadrants have the same α̂ for other trade-offs. A reference that is optimal over an
+    interval gives its two ends, between which the curve is flat.
 
     Args:
-        references: Those without an angle are left out.
-        declared: Angle in degrees.
+        references: References; those without an angle are left out.
+        declared: Declared angle in degrees.
     """
     first = 90.0 * max(0, math.ceil(declared / 90.0) - 1)  # 90 is the end of the first
     rows: list[tuple[float, float, int]] = []
@@ -81,13 +81,13 @@ def preimage(
 ) -> Preimage:
     """Invert the curve, taken as straight lines between its points.
 
-    Where it is flat at the height sought, the whole flat piece is the answer; where it turns back,
-    the hull of all answers is.
+    Where it is flat at the given height, the result is the whole flat piece; where it turns back,
+    the hull of all solutions.
 
     Args:
-        angle: Of the points, rising, at least two.
+        angle: Angle of each point, rising, at least two.
         shown: α̂ of the points, unwrapped along the curve.
-        sought: α̂ to look up, unwrapped likewise.
+        sought: α̂ to invert, unwrapped likewise.
     """
     low = np.full(len(sought), np.inf)
     high = np.full(len(sought), -np.inf)
@@ -122,18 +122,18 @@ class Calibration:
     """Whether the calibrated angle is equivalent to the declared one.
 
     Attributes:
-        status: Why there is a calibrated angle, or none: fewer than two references have an angle;
-            α̂ is shown by no reference, nor between two; or α̂ itself isn't identified.
-        decision: PASS if [low, high] lies within the declared angle plus or minus the margin, FAIL
-            if it lies outside, else INCONCLUSIVE; always INCONCLUSIVE unless calibrated.
-        declared: Degrees.
-        margin: Degrees.
-        nearest: Smallest and largest angle of references that show the estimated α̂. They differ
-            where the curve is flat or turns back: so far the angle can't be told at all.
+        status: Whether there is a calibrated angle, or why not: fewer than two references have an
+            angle; the curve doesn't reach α̂; or α̂ itself isn't identified.
+        decision: PASS if [low, high] is within the declared angle plus or minus the margin, FAIL
+            if it is outside, else INCONCLUSIVE; always INCONCLUSIVE unless calibrated.
+        declared: Declared angle in degrees.
+        margin: Margin in degrees.
+        nearest: Smallest and largest angle at which the curve has the estimated α̂. They differ
+            where the curve is flat or turns back: the angle is not identified between them.
         low: One-sided lower bound of the calibrated angle, degrees.
         high: One-sided upper bound.
-        error: Of each bound; together they are a two-sided interval of 1 - 2 error (Schuirmann's
-            TOST at level error).
+        error: Error of each bound; together they are a two-sided interval of 1 - 2 error
+            (Schuirmann's TOST at level error).
         monotone: Whether α̂ never falls along the curve.
         curve: Points of the curve.
     """
@@ -159,20 +159,20 @@ def calibrate(
     error: float = 0.05,
     resamples: int = 2000,
 ) -> Calibration:
-    """Read the policy's α̂ off the curve, both resampled together.
+    """Invert the curve at the policy's α̂, both resampled together.
 
-    The curve is measured on the policy's own episodes, so its error counts too. Where it is flat
-    over 30 degrees the interval is at least as wide: a policy there can pass only with a margin
-    that admits it all.
+    The curve is measured on the policy's own episodes, so its error is part of the interval. Where
+    it is flat over 30 degrees the interval is at least as wide: a policy there passes only with a
+    margin of that width.
 
     Args:
         evidence: Policy and references.
-        declared: Degrees.
-        margin: Degrees.
-        identified: Whether α̂ of the policy may be reported (`identifiability`).
-        seed: Of the resampling.
-        error: Of each one-sided test.
-        resamples: How many.
+        declared: Declared angle in degrees.
+        margin: Margin in degrees.
+        identified: Whether α̂ of the policy is identified (`Verdict.identifiability`).
+        seed: Seed of the resampling.
+        error: Error of each one-sided test.
+        resamples: Number of resamples.
     """
     points = points_of(evidence.references, declared)
     drivers = [*(evidence.references[place] for place in points.driver), evidence.policy]
@@ -186,17 +186,9 @@ def calibrate(
     monotone = bool((np.diff(shown) >= -1e-9).all())
     if len(set(points.angle.tolist())) < 2 or not identified:
         status: Status = "no direction" if not identified else "no curve"
+        undecided = Decision.INCONCLUSIVE
         return Calibration(
-            status,
-            Decision.INCONCLUSIVE,
-            declared,
-            margin,
-            None,
-            None,
-            None,
-            error,
-            monotone,
-            curve,
+            status, undecided, declared, margin, None, None, None, error, monotone, curve
         )
     middle = float(shown.min() + shown.max()) / 2
     centre = np.append(shown, middle + angle_difference(float(angles[-1]), middle))
@@ -207,7 +199,7 @@ def calibrate(
     found = preimage(points.angle, drawn[:, :-1], drawn[:, -1])
     low = float(np.quantile(found.low, error))
     high = float(np.quantile(found.high, 1.0 - error))
-    # An end of the curve may lie within the interval; if it is all beyond, there is no angle.
+    # An end of the curve may be inside the interval; if all of it is beyond, there is no angle.
     beyond = bool(found.beyond.mean() > 1.0 - error)
     first = declared + 360.0 * round((points.angle.mean() - declared) / 360.0)
     return Calibration(
@@ -232,5 +224,5 @@ def _tost(low: float, high: float, declared: float, margin: float) -> Decision:
 
 
 def _wrapped(degrees: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Differences of angles in [-180, 180)."""
+    """Return differences of angles in [-180, 180)."""
     return (degrees + 180.0) % 360.0 - 180.0

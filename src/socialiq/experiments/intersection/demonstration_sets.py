@@ -10,7 +10,7 @@ import numpy as np
 
 from socialiq.demonstrations import files
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.record import record
+from socialiq.evaluation.play import record
 from socialiq.experiments.intersection.jobs import BATCH, BEST
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.nn.q_policy import QPolicy

@@ -1,4 +1,4 @@
-"""The fields of an ONNX file that a policy may have, checked before any library parses the file.
+"""Fields of an ONNX file that a policy may have, checked before any library parses the file.
 
 In Protocol Buffers, messages of two bytes each can ask for millions of objects, so fields are
 counted on the wire first. A field outside this table (external data, sparse initialisers,
@@ -86,7 +86,7 @@ def _refusal(source: str, message: _Message, number: int) -> UserError:
 
 
 def _fields(content: bytes, start: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Number, begin and end of each field of a message, by Protocol Buffers' wire format.
+    """Yield number, begin and end of each field of a message, by Protocol Buffers' wire format.
 
     Raises:
         ValueError: If one reaches beyond the message, or is of a kind that ONNX doesn't use.
@@ -112,7 +112,7 @@ def _fields(content: bytes, start: int, end: int) -> Iterator[tuple[int, int, in
 
 
 def _varint(content: bytes, place: int) -> tuple[int, int]:
-    """A number of at most ten bytes, and where it ends."""
+    """Return a number of at most ten bytes, and the place after it."""
     number = 0
     for count in range(10):
         byte = content[place + count]

@@ -30,12 +30,12 @@ Shape = tuple[int, ...]
 
 
 class GraphFault(Exception):
-    """A fault of a graph, in words that follow "the graph"."""
+    """Fault of a graph, in words that follow "the graph"."""
 
 
 @dataclass
 class Values:
-    """The values of a graph that have been defined.
+    """Values of a graph that have been defined.
 
     Attributes:
         constants: By name.
@@ -48,10 +48,10 @@ class Values:
     products: int = 0
 
     def name(self, name: str) -> str:
-        """A name that is new.
+        """Return a name after a check that it is new.
 
         Raises:
-            GraphFault: If it is taken, or has other characters than programs give.
+            GraphFault: If it is taken, or has unusual characters.
         """
         if not _NAME.fullmatch(name):
             raise GraphFault(f"has a name with strange characters, {one_line(name, 40)!r}")
@@ -60,7 +60,7 @@ class Values:
         return name
 
     def row(self, name: str) -> Shape:
-        """Shape of a value for one observation."""
+        """Return the shape of a value for one observation."""
         if name not in self.rows:
             raise GraphFault(
                 f"reads {one_line(name, 40)!r} where a value of the observation must be"
@@ -68,14 +68,14 @@ class Values:
         return self.rows[name]
 
     def vector(self, name: str) -> int:
-        """Length of a value that is a vector for one observation."""
+        """Return the length of a value that is a vector for one observation."""
         shape = self.row(name)
         if len(shape) != 1:
             raise GraphFault(f"needs {name} flattened, but it has shape {shape}")
         return shape[0]
 
     def constant(self, name: str) -> np.ndarray:
-        """A constant."""
+        """Return a constant."""
         if name not in self.constants:
             raise GraphFault(f"reads {one_line(name, 40)!r} where a constant must be")
         return self.constants[name]
@@ -85,7 +85,7 @@ class Values:
         if value.ndim > 2 or max(value.shape, default=0) > MOST_DIMENSION:
             raise GraphFault(f"has a constant of shape {value.shape}")
         if value.dtype.kind not in "fi" or not np.isfinite(value).all():
-            raise GraphFault("has a constant that is no number, NaN or infinity")
+            raise GraphFault("has a constant that is not a finite number")
         self.constants[self.name(name)] = value
 
     def add_row(self, name: str, shape: Shape) -> None:
@@ -194,7 +194,7 @@ def _gather(values: Values, inputs: Sequence[str], attributes: Attributes) -> Sh
     if attributes.get("axis", 0) not in (1, -1):
         raise GraphFault("picks among the observations of a batch")
     if places.ndim != 1 or places.dtype.kind != "i" or not len(places):
-        raise GraphFault("picks by numbers that are no list of integers")
+        raise GraphFault("picks by numbers that are not a list of integers")
     if places.min() < 0 or places.max() >= length:
         raise GraphFault(f"picks number {places.max()} or less than 0 of {length}")
     return (len(places),)

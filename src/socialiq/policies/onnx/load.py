@@ -63,7 +63,7 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         seen, shape, operators = _checked(onnx, model)
     except GraphFault as fault:
         raise UserError(f"{source}: the graph {fault}; export a plain network") from fault
-    # Of all messages of the libraries, which don't agree on a class.
+    # The libraries' exceptions have no common class.
     except Exception as error:
         raise UserError(f"{source} is damaged or not an ONNX file: export it again") from error
     n_features, output = math.prod(seen), model.graph.output[0]
@@ -75,7 +75,7 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         raise UserError(f"{source} answers scores of shape {shape}: it must be one of each action")
     interface = Interface(n_features, world.n_actions if whole else shape[0])
     interface.check(source, world)
-    runner = _Runner(session, model.graph.input[0].name, output.name, seen, source)
+    runner = _Runner(session, (model.graph.input[0].name, output.name), seen, source)
     details = {"operators": operators, "answers": "actions" if whole else "scores"}
     return BatchPolicy(source, interface, runner.actions if whole else runner.best), details
 
@@ -86,7 +86,7 @@ def _checked(onnx: Any, model: Any) -> tuple[Shape, Shape, list[str]]:
     Everything that was not checked is removed from the model, and all outputs but one.
 
     Raises:
-        GraphFault: If the graph is no policy.
+        GraphFault: If the graph is not a policy.
     """
     graph, values = model.graph, Values()
     for used in model.opset_import:
@@ -138,7 +138,7 @@ def _add(onnx: Any, values: Values, node: Any) -> None:
         values.add_row(node.output[0], follow(values, node.op_type, node.input, attributes))
         return
     if list(attributes) != ["value"] or node.attribute[0].type != onnx.AttributeProto.TENSOR:
-        raise GraphFault("has a Constant that is no tensor")
+        raise GraphFault("has a Constant that is not a tensor")
     values.add_constant(node.output[0], _array(onnx, attributes["value"]))
 
 
@@ -174,7 +174,7 @@ def _session(onnxruntime: Any, model: Any, source: str) -> Any:
         return onnxruntime.InferenceSession(
             model.SerializeToString(), options, providers=["CPUExecutionProvider"]
         )
-    except Exception as error:  # its exceptions have no common class of their own
+    except Exception as error:  # its exceptions have no common class
         raise UserError(
             f"{source} can't be run by onnxruntime: {one_line(str(error))}; export it again"
         ) from error
@@ -183,8 +183,10 @@ def _session(onnxruntime: Any, model: Any, source: str) -> Any:
 class _Runner:
     """A session that is called with at most `ROWS` observations at a time."""
 
-    def __init__(self, session: Any, given: str, asked: str, shape: Shape, source: str) -> None:
-        self._session, self._given, self._asked = session, given, asked
+    def __init__(
+        self, session: Any, input_name: str, output_name: str, shape: Shape, source: str
+    ) -> None:
+        self._session, self._input, self._output = session, input_name, output_name
         self._shape, self._source = shape, source
 
     def actions(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
@@ -199,15 +201,10 @@ class _Runner:
         return scores.argmax(axis=1)
 
     def _outputs(self, batch: np.ndarray) -> np.ndarray:
-        parts = [batch[start : start + ROWS] for start in range(0, len(batch), ROWS)]
+        rows = batch.reshape(-1, *self._shape)
+        parts = [rows[start : start + ROWS] for start in range(0, len(rows), ROWS)]
         try:
-            return np.concatenate(
-                [
-                    self._session.run([self._asked], {self._given: part.reshape(-1, *self._shape)})[
-                        0
-                    ]
-                    for part in parts
-                ]
-            )
-        except Exception as error:  # its exceptions have no common class of their own
+            made = [self._session.run([self._output], {self._input: part})[0] for part in parts]
+            return np.concatenate(made)
+        except Exception as error:  # its exceptions have no common class
             raise UserError(f"{self._source} failed: {one_line(str(error))}") from error

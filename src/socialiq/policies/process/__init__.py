@@ -1,1 +1,1 @@
-"""Policies in a process of their own, with limits."""
+"""Policies in separate processes, with limits."""

@@ -36,7 +36,7 @@ class Child:
     def __init__(self, command: Sequence[str], source: str, memory: int = 0) -> None:
         if os.name != "posix":
             raise UserError(
-                "a policy in a process of its own needs Linux or macOS: export it to ONNX"
+                "a policy in a separate process needs Linux or macOS: export it to ONNX"
             )
         if memory and not _can_limit_memory():
             raise UserError("this system sets no memory limit for a process: pass --memory-gib 0")
@@ -44,7 +44,7 @@ class Child:
         self._ended = ""
         self._complaint = b""
         watched, self._lifeline = os.pipe()
-        # A group of its own, so that all it starts can be ended with it.
+        # A new process group, so that all processes that it starts can be ended with it.
         self._process = subprocess.Popen(
             [*_guard(watched, memory), *command],
             stdin=subprocess.PIPE,
@@ -89,7 +89,7 @@ class Child:
                         if not line:
                             waiting.unregister(self._in)
                     elif key.fd == self._err:
-                        self._listen(waiting)
+                        self._read_error(waiting)
                     else:
                         answer += self._read()
                 if len(answer) > most:
@@ -100,9 +100,9 @@ class Child:
 
     def failure(self, fault: str) -> UserError:
         """End the child and return the error, with the last line that the child wrote."""
-        self._hear()
-        said = one_line(self._complaint.strip().rsplit(b"\n", 1)[-1])
-        self._ended = f"{fault}; it says: {said}" if said else fault
+        self._read_errors()
+        last = one_line(self._complaint.strip().rsplit(b"\n", 1)[-1])
+        self._ended = f"{fault}; last error line: {last}" if last else fault
         self.close()
         return UserError(f"{self.source} {self._ended}")
 
@@ -137,7 +137,7 @@ class Child:
             raise self.failure("ended before it answered")
         return found
 
-    def _listen(self, waiting: selectors.BaseSelector) -> None:
+    def _read_error(self, waiting: selectors.BaseSelector) -> None:
         """Read the child's standard error and keep its end, so that the pipe never fills."""
         try:
             found = os.read(self._err, _CHUNK)
@@ -147,13 +147,13 @@ class Child:
             waiting.unregister(self._err)
         self._complaint = (self._complaint + found)[-_KEPT:]
 
-    def _hear(self) -> None:
-        """Read the rest of the standard error; a child that is ending gets 0.2 s to write it."""
+    def _read_errors(self) -> None:
+        """Read the rest of the standard error; wait 0.2 s for a child that is ending."""
         with selectors.DefaultSelector() as waiting:
             waiting.register(self._err, selectors.EVENT_READ)
             until = time.monotonic() + 0.2
             while waiting.get_map() and waiting.select(max(until - time.monotonic(), 0.0)):
-                self._listen(waiting)
+                self._read_error(waiting)
                 if time.monotonic() > until:
                     return
 

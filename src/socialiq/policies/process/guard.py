@@ -1,4 +1,4 @@
-"""Run a command that must not outlive its parent: a program of its own, on the standard library.
+"""Run a command that must not outlive its parent: a separate program on the standard library.
 
     python guard.py LIFELINE BYTES COMMAND...
 
@@ -34,7 +34,7 @@ def main(lifeline: int, memory: int, command: list[str]) -> int:
     except OSError as error:
         print(f"{command[0]}: {error.strerror}", file=sys.stderr)
         return 127
-    # The pipes to the parent are the command's now: held here, they would hide that it has ended.
+    # Open pipes here would hide from the parent that the command has ended.
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nothing, stream)

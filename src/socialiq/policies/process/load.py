@@ -1,4 +1,4 @@
-"""Policies in a process of their own, in any language, over JSON lines (docs/policies.md)."""
+"""Policies in a separate process, in any language, over JSON lines (docs/policies.md)."""
 
 from __future__ import annotations
 
@@ -95,12 +95,12 @@ def start_process(
     limits.check()
     child = Child(command_of(command_line), source, limits.memory)
     greeting = {"protocol": PROTOCOL, "version": VERSION, **_sizes(world)}
-    answer = _ask(child, greeting, limits.start, _GREETING)
+    answer = _request(child, greeting, limits.start, _GREETING)
     if (answer.get("protocol"), answer.get("version")) != (PROTOCOL, VERSION):
         raise child.failure(f"does not speak {PROTOCOL} version {VERSION}")
     features, actions = answer.get("features"), answer.get("actions")
     if type(features) is not int or type(actions) is not int:
-        raise child.failure("does not tell how many features and actions it takes")
+        raise child.failure("does not give its numbers of features and actions")
     interface = Interface(features, actions)
     try:
         interface.check(source, world)
@@ -116,7 +116,7 @@ def command_of(command_line: str) -> list[str]:
     """Split a command line into program and arguments.
 
     Raises:
-        UserError: If there is no program, or none of that name.
+        UserError: If there is no program of that name.
     """
     try:
         command = shlex.split(command_line)
@@ -145,7 +145,7 @@ def _sizes(world: Interface) -> dict[str, int]:
     return {"features": world.n_features, "actions": world.n_actions}
 
 
-def _ask(child: Child, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
+def _request(child: Child, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
     """Send a message and return its answer, a JSON object.
 
     Raises:
@@ -155,9 +155,9 @@ def _ask(child: Child, message: dict[str, Any], seconds: float, most: int) -> di
     try:
         answer = json.loads(line)
     except (ValueError, RecursionError):
-        raise child.failure("answered a line that is no JSON") from None
+        raise child.failure("answered a line that is not JSON") from None
     if not isinstance(answer, dict):
-        raise child.failure("answered a line that is no JSON object")
+        raise child.failure("answered a line that is not a JSON object")
     return answer
 
 
@@ -181,12 +181,12 @@ class _Conversation:
             "deterministic": deterministic,
             "observations": batch.tolist(),
         }
-        answer = _ask(self._child, request, self._seconds, _ANSWER + _PER_ROW * len(batch))
+        answer = _request(self._child, request, self._seconds, _ANSWER + _PER_ROW * len(batch))
         actions = answer.get("actions")
         if answer.get("id") != self._number:
             raise self._child.failure(f"did not name the request {self._number} that it answers")
         if not isinstance(actions, list) or any(type(one) is not int for one in actions):
-            raise self._child.failure("answered no list of integers as actions")
+            raise self._child.failure("answered actions that are not a list of integers")
         if any(abs(one) >= 2**31 for one in actions):
             raise self._child.failure("answered an action of more than 32 bits")
         return np.array(actions, np.int64)

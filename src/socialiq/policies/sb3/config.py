@@ -1,4 +1,4 @@
-"""The configuration in the `data` member of a Stable-Baselines3 zip.
+"""Configuration in the `data` member of a Stable-Baselines3 zip.
 
 Stable-Baselines3 writes values that JSON cannot hold twice: as a base64 pickle under
 `:serialized:`, and as plain text beside it, "to have an idea what was being stored"
@@ -51,7 +51,7 @@ _FLOATS = ("float32", "float64")
 
 
 class Sb3Config(NamedTuple):
-    """The configuration of a network.
+    """Configuration of a network.
 
     Attributes:
         algorithm: "DQN" or "actor-critic".
@@ -77,18 +77,18 @@ def read_config(content: bytes, source: str) -> Sb3Config:
         UserError: If the network's output would be ambiguous.
     """
     try:
-        said = json.loads(content)
+        data = json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise _refusal(source, "its member data is no JSON") from error
-    if not isinstance(said, dict):
-        raise _refusal(source, "its member data is no JSON object")
-    module = _part(said, "policy_class").get("__module__")
+        raise _refusal(source, "its member data is not JSON") from error
+    if not isinstance(data, dict):
+        raise _refusal(source, "its member data is not a JSON object")
+    module = _part(data, "policy_class").get("__module__")
     if not isinstance(module, str) or module not in _MODULES:
         raise _refusal(source, f"its policy class is of {one_line(str(module), 60)}")
     algorithm = _MODULES[module]
-    interface = Interface(_features(said, source), _actions(said, source))
+    interface = Interface(_features(data, source), _actions(data, source))
     return Sb3Config(
-        algorithm, _activation(said, algorithm, source), interface, _epsilon(said, source)
+        algorithm, _activation(data, algorithm, source), interface, _epsilon(data, source)
     )
 
 
@@ -99,8 +99,8 @@ def _refusal(source: str, fault: str) -> UserError:
     )
 
 
-def _part(said: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    part = said.get(name)
+def _part(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    part = data.get(name)
     return part if isinstance(part, dict) else {}
 
 
@@ -109,23 +109,23 @@ def _is_space(part: Mapping[str, Any], kind: str) -> bool:
     return part.get(":type:") in known
 
 
-def _features(said: Mapping[str, Any], source: str) -> int:
+def _features(data: Mapping[str, Any], source: str) -> int:
     """Return the length of a flattened observation.
 
     Images are bytes, and Stable-Baselines3 divides those by 255; so only floats are certain to
     reach the network as they are.
     """
-    space = _part(said, "observation_space")
+    space = _part(data, "observation_space")
     shape = space.get("_shape")
     if not _is_space(space, "Box") or space.get("dtype") not in _FLOATS:
-        raise _refusal(source, "its observations are no Box of float32 or float64")
+        raise _refusal(source, "its observations are not a Box of float32 or float64")
     if not isinstance(shape, list) or any(type(one) is not int or one < 1 for one in shape):
         raise _refusal(source, "its observations have no shape")
     return math.prod(shape)
 
 
-def _actions(said: Mapping[str, Any], source: str) -> int:
-    space = _part(said, "action_space")
+def _actions(data: Mapping[str, Any], source: str) -> int:
+    space = _part(data, "action_space")
     count, start = str(space.get("n")), str(space.get("start", 0))
     if not _is_space(space, "Discrete") or start != "0":
         raise _refusal(source, "its actions are not Discrete from 0")
@@ -134,18 +134,18 @@ def _actions(said: Mapping[str, Any], source: str) -> int:
     return int(count)
 
 
-def _activation(said: Mapping[str, Any], algorithm: str, source: str) -> str:
-    options = said.get("policy_kwargs")
+def _activation(data: Mapping[str, Any], algorithm: str, source: str) -> str:
+    options = data.get("policy_kwargs")
     if not isinstance(options, dict):
         raise _refusal(source, "it has no policy_kwargs")
-    if said.get("use_sde", False) is not False:
+    if data.get("use_sde", False) is not False:
         raise _refusal(source, "it explores by gSDE")
     for name, value in options.items():
         plain = name in _HARMLESS or name in (":type:", ":serialized:")
         flat = name == "features_extractor_class" and value == _EXTRACTOR
         bare = name == "features_extractor_kwargs" and value in ({}, None)
         if not (plain or flat or bare):
-            raise _refusal(source, f"what policy_kwargs' {one_line(name, 60)} does is unknown")
+            raise _refusal(source, f"its policy_kwargs have the unknown entry {one_line(name, 60)}")
     if "activation_fn" not in options:
         return _DEFAULT_ACTIVATIONS[algorithm]
     named = options["activation_fn"]
@@ -154,8 +154,8 @@ def _activation(said: Mapping[str, Any], algorithm: str, source: str) -> str:
     return _ACTIVATIONS[named]
 
 
-def _epsilon(said: Mapping[str, Any], source: str) -> float:
-    share = said.get("exploration_rate", 0.0)
+def _epsilon(data: Mapping[str, Any], source: str) -> float:
+    share = data.get("exploration_rate", 0.0)
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 <= share <= 1.0:
-        raise _refusal(source, "its exploration_rate is no share")
+        raise _refusal(source, "its exploration_rate is not a share")
     return float(share)

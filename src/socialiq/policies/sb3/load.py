@@ -84,8 +84,8 @@ def _layers(tensors: Mapping[str, np.ndarray], config: Sb3Config, source: str) -
     for name in sorted(used ^ expected):
         fault = "holds" if name in used else "lacks"
         raise UserError(
-            f"{source} {fault} the tensor {one_line(name, 60)}, so it is no plain MLP: export the "
-            "policy to ONNX"
+            f"{source} {fault} the tensor {one_line(name, 60)}, so it is not a plain MLP: export "
+            "the policy to ONNX"
         )
     if not layers:
         raise UserError(f"{source} holds no layer: save the policy again")
@@ -117,7 +117,7 @@ def _check_sizes(
 
 @dataclass(frozen=True)
 class EpsilonGreedy:
-    """The best action, or with probability ε a uniformly random action.
+    """Policy that takes the best action, or with probability ε a uniformly random one.
 
     Stable-Baselines3 draws once for all observations of a call; here every observation has its own
     draw, so that episodes do not depend on the batch. For a single observation the distribution is

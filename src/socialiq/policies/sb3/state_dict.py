@@ -1,11 +1,11 @@
 """Tensors of a `torch.save` file, without torch and without unpickling.
 
-Such a file is a zip: the tensors' bytes lie in members of their own, and `data.pkl` says how they
-are put together. That pickle is a program for a small stack machine, whose full language can call
-any function of any module; to load it is to run its author's code (Python's manual warns so). But
-a network needs few words of it: build an ordered dictionary, and rebuild tensors on stored bytes.
-So `pickletools` reads the program word by word, and the machine here knows these words only. What
-it knows as "functions" are the marks below: nothing is imported, called or looked up by name.
+Such a file is a zip: one member for the bytes of each storage, and `data.pkl`, which describes how
+the tensors are made of them. That pickle is a program for a small stack machine, whose full
+language can call any function of any module; loading it runs its author's code (Python's manual
+warns so). But a network needs few opcodes: build an ordered dictionary, and rebuild tensors on
+stored bytes. So `pickletools` reads the program opcode by opcode, and the machine here has these
+opcodes only. Its "functions" are the marks below: nothing is imported, called or looked up by name.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MEMBER = re.compile(r"\d{1,4}")
 
 
 class _Known(enum.Enum):
-    """The names that the program may say, and all that they mean here."""
+    """Names that the program may contain."""
 
     DICTIONARY = "collections OrderedDict"
     TENSOR = "torch._utils _rebuild_tensor_v2"
@@ -61,26 +61,26 @@ _PUTS, _GETS = ("BINPUT", "LONG_BINPUT"), ("BINGET", "LONG_BINGET")
 
 
 class _Refused(Exception):
-    """The program said something else; the text names it."""
+    """The program has another opcode or name; the text names it."""
 
 
 def read_state_dict(content: bytes, source: str) -> dict[str, np.ndarray]:
-    """The named float32 tensors of a `torch.save` file.
+    """Return the named float32 tensors of a `torch.save` file.
 
     Args:
         content: The file.
-        source: How messages call it.
+        source: Its name in messages.
 
     Raises:
-        UserError: If it is damaged, too large, or says anything but a dictionary of tensors.
+        UserError: If it is damaged, too large, or has anything but a dictionary of tensors.
     """
     archive = Archive(content, source)
     programs = [name for name in archive.names if name.endswith("/data.pkl")]
     if len(programs) != 1:
         raise archive.refusal("has no single data.pkl")
     root = programs[0].removesuffix("data.pkl")
-    # torch before 2.1 wrote no such member. Bytes in the other order would be refused later only
-    # if they make no finite numbers, so a word to the contrary is believed.
+    # torch before 2.1 wrote no such member. Numbers in the wrong byte order could be finite, so the
+    # member is checked.
     order = f"{root}byteorder"
     if order in archive.names and archive.read(order, 16) != b"little":
         raise archive.refusal("holds big-endian numbers")
@@ -90,7 +90,7 @@ def read_state_dict(content: bytes, source: str) -> dict[str, np.ndarray]:
         raise archive.refusal(f"holds more than tensors ({error})") from error
     except (ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
         raise archive.refusal("has a damaged data.pkl") from error
-    # Many tensors may lie in one storage, so both are bounded: what is read and what is made.
+    # Several tensors may share one storage, so the bytes of both are bounded.
     lengths = {one.member: one.length for one in stored.values()}
     sizes = [math.prod(one.shape) for one in stored.values()]
     if 4 * max(sum(lengths.values()), sum(sizes)) > MOST_TENSOR_BYTES:
@@ -115,7 +115,7 @@ class _Machine:
         self.memo: dict[int, Any] = {}
 
     def run(self, program: bytes) -> dict[str, Stored]:
-        """The dictionary that a program leaves.
+        """Return the dictionary that a program makes.
 
         Raises:
             _Refused: At the first opcode or name that is not known.
@@ -126,14 +126,14 @@ class _Machine:
             self.step(opcode.name, argument)
         (found,) = self.stack
         if not isinstance(found, dict):
-            raise _Refused("no dictionary")
+            raise _Refused("something other than a dictionary")
         for name, value in found.items():
             if not isinstance(value, Stored):
-                raise _Refused(f"{one_line(name, 60)} is no tensor")
+                raise _Refused(f"{one_line(name, 60)} is not a tensor")
         return found
 
     def step(self, name: str, argument: Any) -> None:
-        """One opcode, as Python's pickletools documents it."""
+        """Run one opcode, as Python's pickletools documents it."""
         if name in _NUMBERS or name == "BINUNICODE":
             self.stack.append(argument)
         elif name in _CONSTANTS:
@@ -170,19 +170,19 @@ class _Machine:
         self.stack.append(_MARK)
 
     def to_tuple(self) -> None:
-        """Everything from the mark on."""
+        """Push a tuple of everything from the mark on."""
         self.stack.append(tuple(self._to_mark()))
 
     def dictionary(self) -> None:
-        """An empty dictionary."""
+        """Push an empty dictionary."""
         self.stack.append({})
 
     def set_item(self) -> None:
-        """One name and its value."""
+        """Set one name to its value."""
         self._fill(self._pop(2))
 
     def set_items(self) -> None:
-        """Names and values from the mark on."""
+        """Set names to values, from the mark on."""
         self._fill(self._to_mark())
 
     def _fill(self, pairs: list[Any]) -> None:
@@ -191,11 +191,11 @@ class _Machine:
             raise _Refused("items set on something else")
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
             if not isinstance(name, str) or name in target:
-                raise _Refused("a name that is no text, or stands twice")
+                raise _Refused("a name that is not text, or occurs twice")
             target[name] = value
 
     def build(self) -> None:
-        """Attributes of the dictionary: `_metadata` alone, torch's version numbers of modules."""
+        """Accept attributes of the dictionary: only `_metadata`, torch's versions of modules."""
         target, attributes = self._pop(2)
         if not isinstance(target, dict) or not isinstance(attributes, dict):
             raise _Refused("attributes of something else")
@@ -204,7 +204,7 @@ class _Machine:
         self.stack.append(target)
 
     def persistent(self) -> None:
-        """A storage: ("storage", kind, member, device, length)."""
+        """Push a storage: ("storage", kind, member, device, length)."""
         (words,) = self._pop(1)
         tag, kind, member, _device, length = words
         if tag != "storage" or kind is not _Known.FLOATS:
@@ -214,7 +214,7 @@ class _Machine:
         self.stack.append(_Storage(member, length))
 
     def reduce(self) -> None:
-        """Result of a call in the pickle: an empty dictionary, or a tensor."""
+        """Push the result of a call: an empty dictionary, or a tensor."""
         function, arguments = self._pop(2)
         if function is _Known.DICTIONARY and arguments == ():
             self.stack.append({})
@@ -244,7 +244,7 @@ def _known(name: str) -> _Known:
 
 
 def _stored(arguments: Any) -> Stored:
-    """A tensor of (storage, offset, shape, strides, requires_grad, hooks)."""
+    """Return a tensor of (storage, offset, shape, strides, requires_grad, hooks)."""
     storage, offset, shape, strides, _gradient, hooks = arguments
     if not isinstance(storage, _Storage) or hooks != {}:
         raise _Refused("a tensor with hooks or without a storage")
@@ -252,7 +252,7 @@ def _stored(arguments: Any) -> Stored:
         raise _Refused("a tensor without a shape")
     numbers = (offset, *shape, *strides)
     if any(type(number) is not int or number < 0 for number in numbers):
-        raise _Refused("a tensor whose shape is no numbers")
+        raise _Refused("a tensor whose shape is not integers")
     if len(shape) > 2 or max(shape, default=0) > MOST_DIMENSION:
         raise _Refused(f"a tensor of shape {one_line(str(shape), 60)}")
     rows = tuple(math.prod(shape[place + 1 :]) for place in range(len(shape)))

@@ -12,7 +12,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_transitions
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.record import record
+from socialiq.evaluation.play import record
 from socialiq.experiments.intersection.jobs import BATCH
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.q_policy import QPolicy

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int64
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.record import record
+from socialiq.evaluation.play import record
 from socialiq.experiments.intersection.jobs import BATCH
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.nn.dial_policy import DialPolicy

@@ -50,7 +50,7 @@ def audited(declared):
         },
         deterministic=True,
         drawn=drawn,
-        handed={},
+        records={},
         reference_files=[],
         left_out=[],
         evidence=evidence,

@@ -143,7 +143,10 @@ def test_greetings_that_are_none_are_refused(start, greeting, match):
         ('answer["actions"] = [0]', "one integer for each of 40"),
         ("print(json.dumps(answer))", "one, after it has read it|did not name"),
         ('sys.stdout.write("x" * 10**7)', "answered more than 5,376 bytes"),
-        ("1 / 0", "ended before it answered; it says: ZeroDivisionError: division by zero"),
+        (
+            "1 / 0",
+            "ended before it answered; last error line: ZeroDivisionError: division by zero",
+        ),
     ],
 )
 def test_answers_that_are_none_are_refused(start, request_, match):
@@ -160,7 +163,7 @@ def test_last_words_are_shown_without_their_escapes(start):
     say = (
         'sys.stderr.write("first\\n" * 9999 + "\\x1b[2Jthe \\x00 model is\\tgone\\n"); sys.exit(1)'
     )
-    refused("it says: \\[2Jthe model is gone$", lambda: start(say))
+    refused("last error line: \\[2Jthe model is gone$", lambda: start(say))
 
 
 def test_talkative_process_does_not_block(start):
@@ -260,7 +263,7 @@ def asked(loaded):
 def test_a_hungry_process_ends_and_says_why(start):
     """It asks for 2 GiB, of 1 GiB that it may have."""
     loaded = start(request="held = bytearray(2 * 1024**3)", limits=QUICK._replace(memory=GIB))
-    refused("ended before it answered; it says: MemoryError", lambda: asked(loaded))
+    refused("ended before it answered; last error line: MemoryError", lambda: asked(loaded))
     refused("ended before it answered", lambda: asked(loaded))
 
 

@@ -1,13 +1,15 @@
-"""An enumerated world as a back end of `simulate`, and how its chance outcomes are drawn."""
+"""Back ends of `simulate`: enumerated worlds, and Gymnasium environments."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import gymnasium
 import numpy as np
 from jaxtyping import Float, Int, Int64
 
-from socialiq.types import Ending, RewardPair
+from socialiq.errors import UserError
+from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import draw_actions
 
@@ -79,9 +81,9 @@ class TableStep(NamedTuple):
     """Result of a step in an enumerated world, of all rows.
 
     Attributes:
-        state: Reached.
-        rewards: Of the step.
-        ending: Values of `Ending`; out of time after the horizon's last step.
+        state: State reached.
+        rewards: Rewards of the step.
+        ending: Values of `Ending`; a timeout after the horizon's last step.
     """
 
     state: Int[np.ndarray, " row"]
@@ -94,8 +96,8 @@ class TableSimulator:
 
     Args:
         table: The world, or its reachable part.
-        episodes: How many.
-        chance: How its outcomes are drawn.
+        episodes: Number of episodes.
+        chance: Source of its chance outcomes.
     """
 
     def __init__(self, table: Table, episodes: int, chance: Chance) -> None:
@@ -126,3 +128,84 @@ class TableSimulator:
         for side, reward in zip(pair, mdp.rewards, strict=True):
             side[rows] = reward[state, chosen]
         return TableStep(reached, pair, endings)
+
+
+MOST_STEPS = 100_000
+"""Of an episode; without a time limit it might never end."""
+
+
+class GymStep(NamedTuple):
+    """Result of a step in a Gymnasium environment.
+
+    Attributes:
+        observation: Next observation.
+        rewards: Rewards of the step.
+        ending: Value of `Ending`, in an array of one.
+        speed: Speed of the ego, NaN if it is not reported.
+    """
+
+    observation: Any
+    rewards: RewardPair
+    ending: Int64[np.ndarray, " 1"]
+    speed: float
+
+
+class GymSimulator:
+    """A Gymnasium environment as a back end of `simulate`: one row.
+
+    Args:
+        env: Environment with discrete actions.
+        modulus: Modulus of the seeds, since not all environments accept large ones.
+
+    Raises:
+        UserError: If the actions are not discrete; in `step`, if an episode doesn't end.
+    """
+
+    size = 1
+
+    def __init__(self, env: gymnasium.Env[Any, Any], modulus: int | None = None) -> None:
+        if not isinstance(env.action_space, gymnasium.spaces.Discrete):
+            raise UserError("only discrete actions are supported: wrap the environment")
+        self._env, self._modulus = env, modulus
+        self._seen, self._length = None, 0
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:  # noqa: ARG002
+        """Reset the environment."""
+        seed = int(seeds[0])
+        self._seen, _ = self._env.reset(seed=seed % self._modulus if self._modulus else seed)
+        self._length = 0
+
+    def observe(self) -> list[Any]:
+        """Return the observation as the environment gave it, in a list of one."""
+        return [self._seen]
+
+    def step(self, action: np.ndarray, running: np.ndarray) -> GymStep:  # noqa: ARG002
+        """Take a step."""
+        if self._length == MOST_STEPS:
+            raise UserError(
+                f"an episode has not ended after {MOST_STEPS:,} steps: wrap the environment "
+                "in gymnasium.wrappers.TimeLimit"
+            )
+        after, reward, terminated, truncated, info = self._env.step(int(action[0]))
+        ending = Ending.of_step(terminated, truncated, info)
+        pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
+        self._seen, self._length = after, self._length + 1
+        return GymStep(after, pair, np.array([int(ending)]), speed)
+
+
+class GymActor:
+    """A policy with one observation at a time, and possibly a state within an episode."""
+
+    def __init__(self, policy: Policy, deterministic: bool) -> None:
+        self._policy, self._deterministic, self._state = policy, deterministic, None
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:  # noqa: ARG002
+        """Forget the last episode."""
+        self._state = None
+
+    def decide(self, observation: list[Any], running: np.ndarray) -> Int64[np.ndarray, " 1"]:  # noqa: ARG002
+        """Return the policy's action."""
+        action, self._state = self._policy.predict(
+            observation[0], self._state, deterministic=self._deterministic
+        )
+        return np.array([int(action)])
