@@ -163,8 +163,8 @@ def largest_exceeds(found: Studentised, limit: float, error: float) -> bool:
     error must be divided. Bonferroni would divide it by the number of references, though most are
     correlated and many far below the limit. Instead the critical value is the quantile of the
     largest of the bootstrapped t, in which each reference is lowered by how far its own mean must
-    be below the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to that
-    first step). With one reference it is Student's one-sided test, but for that tenth.
+    be below the limit (Romano, Shaikh & Wolf 2014, two-step method; a tenth of the error goes to
+    that first step). With one reference it is Student's one-sided test, but for that tenth.
 
     Args:
         found: Means with their bootstrap; all standard errors positive.

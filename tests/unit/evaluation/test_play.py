@@ -1,4 +1,4 @@
-"""Seeded episodes: every seed once, the same whatever the batch, summed up as by hand, recorded whole."""
+"""Seeded episodes: every seed once, the same in any batch, summed up as by hand, recorded."""
 
 from itertools import pairwise
 
@@ -289,7 +289,7 @@ def test_sums_are_those_of_evaluation(name):
 
 
 @pytest.mark.parametrize("size", [1, 2, 8, 20])
-def test_the_batchs_size_does_not_matter(size, rows):
+def test_a_recording_is_the_same_in_any_batch(size, rows):
     again = recorded(size)
     for name, column in rows.transitions.arrays().items():
         np.testing.assert_array_equal(again.transitions.arrays()[name], column, err_msg=name)
@@ -304,6 +304,6 @@ def test_the_table_says_who_drove_and_which_seeds(rows):
     assert table.n_actions == 3
 
 
-def test_no_seeds_are_refused():
+def test_a_recording_needs_seeds():
     with pytest.raises(UserError, match=r"^episodes must be at least 1, got 0$"):
-        record(Batch(Options(), 2), policy("go"), [], "nobody")
+        record(Batch(Options(), 2), policy("go"), [], "go")
