@@ -5,7 +5,7 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit.log import judge_log, reading_of
+from socialiq.audit.log import episode_config, judge_log
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.verdict.decision import Decision
@@ -105,7 +105,7 @@ def test_what_a_log_cannot_show_is_named(declared):
 
 def test_recordings_are_read_by_the_declared_rewards(declared):
     options = {"yielding_weight": 0.5, "policy_frequency": 2, "target_speeds": [0.0, 7.0, 14.0]}
-    reading = reading_of(declared(45.0, options=options))
+    reading = episode_config(declared(45.0, options=options))
     assert reading.policy_rate == 2
     found = reading.options_at(0.1)
     assert (found.yielding_weight, found.max_speed, found.frames) == (0.5, 14.0, 5)
@@ -113,6 +113,6 @@ def test_recordings_are_read_by_the_declared_rewards(declared):
 
 def test_another_worlds_angle_is_refused(declared):
     with pytest.raises(UserError, match="crossing7"):
-        reading_of(declared(45.0, world="crossing7"))
+        episode_config(declared(45.0, world="crossing7"))
     with pytest.raises(UserError, match="no episode"):
         judge_log(declared(45.0), [])

@@ -13,6 +13,7 @@ from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.reader import LARGEST_FILE, line_of, load, parse
 from socialiq.audit.profile.template import declare
 from socialiq.errors import UserError
+from socialiq.worlds.intersection.world import Intersection
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,9 @@ def test_what_is_written_is_read(text, tmp_path):
     assert profile.date == datetime.date(2026, 1, 31)
     assert profile.margin == Margin(regret=0.5, degrees=10.0)
     assert profile.competence == Floor(0.05, 0.1, 0.8, 0.2)
-    assert profile.world().options.target_speeds == (0.0, 5.0, 10.0)
+    world = profile.world()
+    assert isinstance(world, Intersection)
+    assert world.options.target_speeds == (0.0, 5.0, 10.0)
     assert profile.sha256 == hashlib.sha256(text.encode()).hexdigest()
 
 
