@@ -183,11 +183,9 @@ def _session(onnxruntime: Any, model: Any, source: str) -> Any:
 class _Runner:
     """A session that is called with at most `ROWS` observations at a time."""
 
-    def __init__(
-        self, session: Any, input_name: str, output_name: str, shape: Shape, source: str
-    ) -> None:
-        self._session, self._input, self._output = session, input_name, output_name
-        self._shape, self._source = shape, source
+    def __init__(self, session: Any, names: tuple[str, str], shape: Shape, source: str) -> None:
+        self._session, self._shape, self._source = session, shape, source
+        self._input, self._output = names
 
     def actions(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
         """Return the actions of a network whose output is the action."""
