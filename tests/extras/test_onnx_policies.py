@@ -181,7 +181,7 @@ def test_other_operators_and_wrong_uses_are_refused(refused):
     refused(model([GEMM, GEMM]), "defines y twice")
     refused(model([Node("Relu", ["x"], ["<script>"])]), "strange characters")
     refused(model([Node("Split", ["x"], ["y", "z"])]), "several outputs")
-    refused(model([Node("Constant", [], ["y"], value_float=1.0)]), "Constant that is no tensor")
+    refused(model([Node("Constant", [], ["y"], value_float=1.0)]), "Constant that is not a tensor")
     refused(model([]), "reads 'y'")
 
 
@@ -213,7 +213,7 @@ def test_inputs_must_be_observations(refused):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_weights_must_be_finite(refused, value):
-    refused(model([GEMM], b=np.array([0, value, 0], np.float32)), "NaN or infinity")
+    refused(model([GEMM], b=np.array([0, value, 0], np.float32)), "not a finite number")
 
 
 def test_scores_must_be_finite(read):

@@ -97,9 +97,9 @@ def test_draws_have_the_probabilities_of_stable_baselines(tmp_path):
 @pytest.mark.parametrize(
     ("space", "match"),
     [
-        (gymnasium.spaces.Discrete(6), "no Box of float32"),
-        (gymnasium.spaces.MultiBinary(6), "no Box of float32"),
-        (gymnasium.spaces.Box(0, 255, (6,), np.uint8), "no Box of float32"),
+        (gymnasium.spaces.Discrete(6), "not a Box of float32"),
+        (gymnasium.spaces.MultiBinary(6), "not a Box of float32"),
+        (gymnasium.spaces.Box(0, 255, (6,), np.uint8), "not a Box of float32"),
     ],
 )
 def test_other_observations_are_refused(tmp_path, space, match):
@@ -118,7 +118,7 @@ def test_other_extractors_and_activations_are_refused(tmp_path):
             return -super().forward(observations)
 
     saved(tmp_path / "p.zip", "DQN", features_extractor_class=Extractor)
-    with pytest.raises(UserError, match="features_extractor_class does is unknown"):
+    with pytest.raises(UserError, match="the unknown entry features_extractor_class"):
         load_policy(str(tmp_path / "p.zip"), 6, 4)
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Float32
 
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.policies import LOOK_FROM, STOP_LINE
-from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.state import POSITION_RANGE
 
 CONFLICT_SECONDS = 3.0  # time within which a crossing vehicle must reach the junction to count
 
@@ -36,10 +36,7 @@ def conflict(
         observation: Observations of the egos.
         seconds: Largest time until the vehicle reaches the junction.
     """
-    vehicles = observation.shape[1] // len(FEATURES)
-    seen = observation.reshape(len(observation), vehicles, len(FEATURES)).astype(np.float64)
-    seen[..., 1:3] *= POSITION_RANGE
-    seen[..., 3:5] *= SPEED_RANGE
+    seen = policies.in_metres(observation)
     # A follower doesn't cross, even if the ego has left the shared lane.
     seen[:, 0, 1] = APPROACH_X
     return np.any(policies.conflict(seen, seconds), axis=1)

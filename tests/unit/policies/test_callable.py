@@ -71,7 +71,7 @@ def test_module_may_be_named(tmp_path, monkeypatch):
     ("name", "match"),
     [
         ("missing", "raised AttributeError"),
-        ("number", "is no policy"),
+        ("number", "is not a policy"),
         ("a b", "is not MODULE:ATTRIBUTE"),
         ("", "is not MODULE:ATTRIBUTE"),
     ],

@@ -76,7 +76,7 @@ def test_dial_is_audited_at_an_angle(tmp_path):
 def test_dial_needs_an_angle_of_its_range(tmp_path):
     path = tmp_path / "d.safetensors"
     dial().save(path)
-    with pytest.raises(UserError, match="say at which angle"):
+    with pytest.raises(UserError, match="name an angle"):
         load_policy(str(path), 14, 3)
     with pytest.raises(UserError, match="outside this dial's range"):
         load_policy(str(path), 14, 3, angle=120.0)
@@ -104,10 +104,10 @@ def refused(tmp_path, match, kind="policy", version=2, drop=(), changed=None, **
 
 def test_header_must_be_borne_out(tmp_path):
     for name in ("activation", "temperature", "provenance", "view", "weight_1", "bias_0"):
-        refused(tmp_path, "header that its arrays don't bear out", drop=(name,))
+        refused(tmp_path, "header that doesn't fit its arrays", drop=(name,))
     for layers in (0, -1, 10**12, "2", None, True):
         refused(tmp_path, "must have 1 to 100 layers", layers=layers)
-    refused(tmp_path, "don't bear out", layers=3)
+    refused(tmp_path, "doesn't fit its arrays", layers=3)
     refused(tmp_path, "don't follow", activation="os.system")
     for temperature in (0.0, -1.0, float("inf"), float("nan"), "1"):
         refused(tmp_path, "don't follow", temperature=temperature)
@@ -118,8 +118,10 @@ def test_header_must_be_borne_out(tmp_path):
 def test_arrays_must_follow_one_another(tmp_path):
     refused(tmp_path, "don't follow", changed={"weight_1": np.zeros((3, 9), np.float32)})
     refused(tmp_path, "don't follow", changed={"bias_1": np.zeros(4, np.float32)})
-    refused(tmp_path, "don't bear", changed={"weight_0": np.zeros(14, np.float32)})
-    refused(tmp_path, "NaN, infinity", changed={"bias_1": np.array([0, np.nan, 0], np.float32)})
+    refused(tmp_path, "doesn't fit", changed={"weight_0": np.zeros(14, np.float32)})
+    refused(
+        tmp_path, "not a finite number", changed={"bias_1": np.array([0, np.nan, 0], np.float32)}
+    )
     refused(tmp_path, "no number", changed={"bias_1": np.zeros(3, bool)})
 
 
@@ -129,7 +131,7 @@ def test_views_must_be_borne_out(tmp_path, crafted):
         refused(tmp_path, "don't follow", one_hot=huge)
     for lows, sizes in (([0], [4, 4]), (["0"], [4]), ([0], [-4]), ([0.5], [4])):
         refused(tmp_path, "don't follow", one_hot={"lows": lows, "sizes": sizes})
-    refused(tmp_path, "don't bear out", one_hot={"lows": 3, "sizes": None})
+    refused(tmp_path, "doesn't fit its arrays", one_hot={"lows": 3, "sizes": None})
     plain = {"pooled": False, "relative": False, "scale": 1.0, "layers": 0, "n_features": 14}
     for changed in (
         {"n_features": 15},
@@ -138,8 +140,8 @@ def test_views_must_be_borne_out(tmp_path, crafted):
         {"pooled": True},
     ):
         refused(tmp_path, "don't follow", view=plain | changed)
-    refused(tmp_path, "don't bear out", view={"pooled": False})
-    refused(tmp_path, "don't bear out", view=plain | {"layers": 1})
+    refused(tmp_path, "doesn't fit its arrays", view={"pooled": False})
+    refused(tmp_path, "doesn't fit its arrays", view=plain | {"layers": 1})
 
 
 def test_dial_tells_its_range(tmp_path):

@@ -36,8 +36,8 @@ def refused(tmp_path, match, array=None, sizes=SIZES, **header):
 
 
 def test_other_worlds_are_refused(tmp_path):
-    refused(tmp_path, "for no world", world="intersection")
-    refused(tmp_path, "for no world", world=["crossing5"])
+    refused(tmp_path, "not for a world", world="intersection")
+    refused(tmp_path, "not for a world", world=["crossing5"])
     refused(tmp_path, "other options", description="crossing5 otherwise")
     refused(tmp_path, "the world has 70 and 3", sizes=(70, 3))
 

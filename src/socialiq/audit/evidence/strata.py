@@ -12,7 +12,6 @@ from socialiq.evaluation.conflicts import CONFLICT_SECONDS
 from socialiq.statistics.comparisons import Difference, paired_difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.worlds.intersection import policies
-from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
 
 _SOON = 5  # steps of a gridworld within which the first conflicts are decided
 
@@ -31,9 +30,7 @@ def intersection_strata(
         whether one of these is on the other road, which has priority over the ego's, or all
         are oncoming.
     """
-    seen = observation.reshape(len(observation), -1, len(FEATURES)).astype(np.float64)
-    seen[..., 1:3] *= POSITION_RANGE
-    seen[..., 3:5] *= SPEED_RANGE
+    seen = policies.in_metres(observation)
     others = (seen[:, 1:, 0] > 0).sum(axis=1)
     crossing = policies.conflict(seen, CONFLICT_SECONDS)
     other_road = np.abs(seen[:, 1:, 3]) > np.abs(seen[:, 1:, 4])

@@ -42,6 +42,15 @@ Seen = Float[np.ndarray, "batch vehicle feature"]
 Rule = Callable[[Seen], Int64[np.ndarray, " batch"]]
 
 
+def in_metres(observation: Float[np.ndarray, "batch feature"]) -> Seen:
+    """Return the vehicles of observations, one row of features each, in m and m/s."""
+    vehicles = observation.shape[1] // len(FEATURES)
+    seen = observation.reshape(len(observation), vehicles, len(FEATURES)).astype(np.float64)
+    seen[..., 1:3] *= POSITION_RANGE
+    seen[..., 3:5] *= SPEED_RANGE
+    return seen
+
+
 class RulePolicy:
     """Policy defined by a rule.
 
@@ -60,11 +69,7 @@ class RulePolicy:
         deterministic: bool = True,  # noqa: ARG002  part of the protocol
     ) -> tuple[np.ndarray, Any]:
         """Choose actions for one observation or a batch of them."""
-        rows = np.atleast_2d(np.asarray(observation, np.float64))
-        seen = rows.reshape(len(rows), -1, len(FEATURES)).copy()
-        seen[..., 1:3] *= POSITION_RANGE
-        seen[..., 3:5] *= SPEED_RANGE
-        actions = self._rule(seen)
+        actions = self._rule(in_metres(np.atleast_2d(np.asarray(observation, np.float64))))
         return (actions if np.ndim(observation) > 1 else np.asarray(actions[0])), state
 
 

@@ -71,7 +71,7 @@ def test_links_out_of_the_folder_are_refused(folder, tmp_path):
 
 def test_a_pipe_is_not_waited_for(folder):
     os.mkfifo(folder / "more.csv")
-    with pytest.raises(UserError, match="is no plain file"):
+    with pytest.raises(UserError, match="is not a plain file"):
         faults(folder)
 
 
@@ -101,7 +101,7 @@ def test_a_page_that_says_other_than_the_report_is_found_though_hashed_anew(fold
     better = files["report.html"].replace(b"Not decided", b"Behaves as declared")
     assert better != files["report.html"]
     found = resealed(folder, files, report_html=better)
-    assert found == ["report.html is not what report.json gives"]
+    assert found == ["report.html is not the page of report.json"]
 
 
 def test_another_declaration_is_found_though_hashed_anew(folder, files):

@@ -116,13 +116,13 @@ def test_hash_covers_the_files_of_the_command(start):
     [
         ('answer["version"] = 2', "does not speak socialiq-policy version 1"),
         ('del answer["protocol"]', "does not speak"),
-        ('del answer["features"]', "does not tell how many features"),
-        ('answer["actions"] = "3"', "does not tell how many features"),
-        ('answer["actions"] = True', "does not tell how many features"),
+        ('del answer["features"]', "does not give its numbers of features"),
+        ('answer["actions"] = "3"', "does not give its numbers of features"),
+        ('answer["actions"] = True', "does not give its numbers of features"),
         ('answer["features"] = 70', "takes 70 features and 3 actions, the world has 2 and 3"),
-        ("answer = [1]", "no JSON object"),
-        ('print("[" * 4000); continue', "no JSON"),
-        ('print("<script>alert(1)</script>"); continue', "no JSON"),
+        ("answer = [1]", "not a JSON object"),
+        ('print("[" * 4000); continue', "not JSON"),
+        ('print("<script>alert(1)</script>"); continue', "not JSON"),
         ('answer["name"] = "x" * 5000', "answered more than 4,096 bytes"),
         ("raise SystemExit(3)", "ended before it answered"),
     ],
@@ -135,9 +135,9 @@ def test_greetings_that_are_none_are_refused(start, greeting, match):
     ("request_", "match"),
     [
         ('answer["id"] = 7', "did not name the request 1"),
-        ('answer["actions"] = 1', "no list of integers"),
-        ('answer["actions"] = [0.0] * len(rows)', "no list of integers"),
-        ('answer["actions"] = [True] * len(rows)', "no list of integers"),
+        ('answer["actions"] = 1', "not a list of integers"),
+        ('answer["actions"] = [0.0] * len(rows)', "not a list of integers"),
+        ('answer["actions"] = [True] * len(rows)', "not a list of integers"),
         ('answer["actions"] = [10**40] * len(rows)', "more than 32 bits"),
         ('answer["actions"] = [3] * len(rows)', "chose action 3"),
         ('answer["actions"] = [0]', "one integer for each of 40"),
@@ -233,7 +233,7 @@ def test_it_dies_with_its_parent(tmp_path, how):
 def test_no_shell_reads_the_command(tmp_path):
     touched = tmp_path / "touched"
     refused(
-        "no JSON", lambda: load_policy(f"process:echo '$(touch {touched})'; touch {touched}", 2, 3)
+        "not JSON", lambda: load_policy(f"process:echo '$(touch {touched})'; touch {touched}", 2, 3)
     )
     assert not touched.exists()
 

@@ -111,8 +111,8 @@ def test_what_is_not_certain_is_refused(refused):
 
     refused("its activation is", options(activation_fn="<class 'mine.ReLU'>"))
     refused("its activation is", options(activation_fn=None))
-    refused("features_extractor_class does is unknown", options(features_extractor_class="mine"))
-    refused("strange does is unknown", options(strange=1))
+    refused("the unknown entry features_extractor_class", options(features_extractor_class="mine"))
+    refused("the unknown entry strange", options(strange=1))
     refused("no policy_kwargs", words(policy_kwargs="{}"))
     refused("gSDE", words(use_sde=True))
     refused("policy class is of mine", words(policy_class={"__module__": "mine"}))
@@ -122,7 +122,7 @@ def test_what_is_not_certain_is_refused(refused):
 
 def test_spaces_that_a_perceptron_does_not_read_as_they_are_are_refused(refused):
     for other in ({"dtype": "uint8"}, {":type:": "<class 'gymnasium.spaces.dict.Dict'>"}):
-        refused("no Box of float32", words(observation_space=BOX | other))
+        refused("not a Box of float32", words(observation_space=BOX | other))
     for shape in (None, "6", [0, 6], [-2, -3], [True, 6], [2.0, 3]):
         refused("have no shape", words(observation_space=BOX | {"_shape": shape}))
     refused("not Discrete from 0", words(action_space=DISCRETE | {"start": "1"}))
@@ -133,7 +133,7 @@ def test_spaces_that_a_perceptron_does_not_read_as_they_are_are_refused(refused)
 
 def test_exploration_rate_must_be_a_share(refused):
     for rate in (1.5, -0.1, float("nan"), "0", True, None):
-        refused("exploration_rate is no share", words(exploration_rate=rate))
+        refused("exploration_rate is not a share", words(exploration_rate=rate))
 
 
 def test_policy_of_another_world_is_refused(refused):
@@ -177,7 +177,7 @@ def test_weights_must_be_finite(refused, value):
 @pytest.mark.parametrize("said", [b"", b"[]", b"\xff", b"[" * 100_000, b"{" * 10, b"9" * 10_000])
 def test_data_that_is_no_json_object_is_refused(crafted, said):
     content = crafted.zipped({"data": said, "policy.pth": b""})
-    with pytest.raises(UserError, match="its member data is no JSON"):
+    with pytest.raises(UserError, match="its member data is not"):
         read_sb3(content, "some.zip", WORLD)
 
 

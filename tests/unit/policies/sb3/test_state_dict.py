@@ -97,8 +97,8 @@ def test_faults_of_tensors_are_refused(crafted):
     case((2, 3), "larger than its bytes", offset=1)
     case((2, 3), "row by row", strides=(1, 2))
     case((2, 3), "row by row", strides=(3,))
-    case((-2, -3), "shape is no numbers")
-    case((6,), "shape is no numbers", offset=-1)
+    case((-2, -3), "shape is not integers")
+    case((6,), "shape is not integers", offset=-1)
     case((1, 2, 3), "a tensor of shape")
     case((2**31 - 1, 2**31 - 1), "a tensor of shape")
     case((16_384, 16_384), "more than 16,777,216 bytes")
@@ -157,17 +157,17 @@ def test_long_programs_end_soon(crafted, without_shape_checker, program):
 
 def test_other_things_than_a_dictionary_of_tensors_are_refused(crafted):
     empty = crafted.zipped({"a/data.pkl": b"\x80\x02).", "a/data/0": b""})
-    refused(empty, "no dictionary")
-    refused(crafted.zipped({"a/data.pkl": crafted.program({"w": b"N"})}), "w is no tensor")
+    refused(empty, "other than a dictionary")
+    refused(crafted.zipped({"a/data.pkl": crafted.program({"w": b"N"})}), "w is not a tensor")
     twice = b"\x80\x02}(" + (crafted.word("w") + b"N") * 2 + b"u."
-    refused(crafted.zipped({"a/data.pkl": twice}), "stands twice")
+    refused(crafted.zipped({"a/data.pkl": twice}), "occurs twice")
     refused(crafted.zipped({"a/data.pkl": b"\x80\x02}(NNu."}), "a name that is no text")
     refused(crafted.zipped({"a/data.pkl": b"\x80\x02}}b."}), "other than _metadata")
 
 
 def test_name_that_is_a_script_is_told_on_one_line(crafted):
     name = "<script>\x1b[2J\n" + "x" * 500
-    refused(crafted.zipped({"a/data.pkl": crafted.program({name: b"N"})}), "is no tensor")
+    refused(crafted.zipped({"a/data.pkl": crafted.program({name: b"N"})}), "is not a tensor")
 
 
 def test_program_must_be_there_once(crafted):
