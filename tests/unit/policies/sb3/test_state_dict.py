@@ -161,7 +161,7 @@ def test_other_things_than_a_dictionary_of_tensors_are_refused(crafted):
     refused(crafted.zipped({"a/data.pkl": crafted.program({"w": b"N"})}), "w is not a tensor")
     twice = b"\x80\x02}(" + (crafted.word("w") + b"N") * 2 + b"u."
     refused(crafted.zipped({"a/data.pkl": twice}), "occurs twice")
-    refused(crafted.zipped({"a/data.pkl": b"\x80\x02}(NNu."}), "a name that is no text")
+    refused(crafted.zipped({"a/data.pkl": b"\x80\x02}(NNu."}), "a name that is not text")
     refused(crafted.zipped({"a/data.pkl": b"\x80\x02}}b."}), "other than _metadata")
 
 
