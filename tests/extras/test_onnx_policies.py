@@ -77,7 +77,7 @@ def outputs(made, observations):
     session = onnxruntime.InferenceSession(
         made.SerializeToString(), providers=["CPUExecutionProvider"]
     )
-    return session.run(["y"], {"x": observations})[0]
+    return np.asarray(session.run(["y"], {"x": observations})[0])
 
 
 HIDDEN = [

@@ -12,8 +12,10 @@ pytest.importorskip("stable_baselines3", reason="extra `sb3` is not installed")
 
 import stable_baselines3 as sb3
 import torch
+from stable_baselines3.common.torch_layers import FlattenExtractor
 
 from socialiq.errors import UserError
+from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.policies.load import load_policy
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "policies"
@@ -91,6 +93,7 @@ def test_draws_have_the_probabilities_of_stable_baselines(tmp_path):
     with torch.no_grad():
         tensor = torch.as_tensor(observations.reshape(-1, 2, 3))
         expected = model.policy.get_distribution(tensor).distribution.probs.numpy()
+    assert isinstance(policy, SoftPolicy)
     np.testing.assert_allclose(policy.probabilities(observations), expected, atol=1e-5)
 
 
@@ -113,7 +116,7 @@ def test_other_extractors_and_activations_are_refused(tmp_path):
     with pytest.raises(UserError, match="its activation is"):
         load_policy(str(tmp_path / "p.zip"), 6, 4)
 
-    class Extractor(sb3.common.torch_layers.FlattenExtractor):
+    class Extractor(FlattenExtractor):
         def forward(self, observations):
             return -super().forward(observations)
 
