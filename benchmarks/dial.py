@@ -20,7 +20,7 @@ from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import record
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
-from socialiq.experiments.intersection.jobs import source_of
+from socialiq.experiments.intersection.fitting import CHUNK, source_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
@@ -39,7 +39,6 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
-CHUNK = 200
 EPISODES_EACH = 60
 QUICK_SEEDS = (50, 51, 52, 53, 54, 55, 56, 57, 58, 59)
 """Of the quick dial's regret. 0 to 9 and 40 to 49 were used in development, 30 to 39 elsewhere."""
@@ -146,7 +145,7 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
     hyperparameters: Hyperparameters = dial_numbers(rates, GridRun(0.0, rates.strength, 0, 0))
 
     def collector(behaviour: Behaviour) -> Collector:
-        source = source_of(options, 12, CHUNK * base.env_steps_per_update)
+        source = source_of(options, 12, base.env_steps_per_update)
         return Collector([source], [0], behaviour)
 
     def thesis(updates: int, callbacks: Callbacks, chunk: int) -> Any:

@@ -18,12 +18,14 @@ from socialiq.experiments.intersection.demonstration_sets import (
     Recording,
     atlas_demonstrations,
 )
-from socialiq.experiments.intersection.jobs import BATCH, LAST, Evaluation
+from socialiq.experiments.intersection.driving import BATCH, Evaluation
+from socialiq.experiments.intersection.episodes import LAST
 from socialiq.experiments.study import run
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies import lambda_sweep, poc, worlds
+from socialiq.studies import intersection_ahead as ahead
+from socialiq.studies import intersection_world, lambda_sweep, poc, worlds
 from socialiq.studies.audits import policies as audited
 from socialiq.studies.audits import study as audits
 from socialiq.studies.compare_priors import intersection as priors
@@ -33,8 +35,6 @@ from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
 from socialiq.studies.competence import bench
 from socialiq.studies.grid import study as grid
-from socialiq.studies.intersection_ahead import study as ahead
-from socialiq.studies.intersection_world import study as intersection_world
 from socialiq.studies.theory import cases
 from socialiq.studies.theory import small_strength as lines
 from socialiq.to_json import rounded

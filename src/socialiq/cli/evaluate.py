@@ -21,7 +21,7 @@ from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.play import Episodes, episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.experiments.engine import Engine, work_folder
-from socialiq.experiments.intersection.rows import Played, policy_row
+from socialiq.experiments.intersection.rows import policy_row
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.load import load_policy
 from socialiq.recordings.recording import refuse_recording
@@ -118,7 +118,7 @@ class Evaluate:
         self._check_episodes()
         readout = "soft" if self.soft else "greedy"
         episodes = self._split(name) if self.engine.given else self._played(name)
-        row = policy_row(Played(name, readout, episodes))
+        row = policy_row(name, readout, episodes)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         return method | {key: value for key, value in row.items() if key not in ("policy",)}
 

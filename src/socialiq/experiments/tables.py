@@ -77,3 +77,27 @@ def with_holm(rows: Sequence[Row]) -> list[Row]:
     """Add p-values that are adjusted by Holm's method over all rows."""
     adjusted = holm([row["p"] for row in rows]) if rows else []
     return [row | {"p_holm": float(p)} for row, p in zip(rows, adjusted, strict=True)]
+
+
+def paired_differences(
+    first: Sequence[Row], second: Sequence[Row], *columns: str, label: str = "metric"
+) -> list[Row]:
+    """Test the difference of each column between two groups of rows, with Holm's adjustment.
+
+    Args:
+        first: A row for each training seed.
+        second: Rows of the same seeds, in the same order.
+        columns: Columns to compare.
+        label: Column that names the compared one.
+
+    Returns:
+        A row for each column; none if there is one seed only.
+    """
+    if len(first) < 2:
+        return []
+    return with_holm(
+        [
+            paired_row({label: name}, [row[name] for row in first], [row[name] for row in second])
+            for name in columns
+        ]
+    )

@@ -6,15 +6,14 @@ from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.study import run
 from socialiq.plotting.style import png
-from socialiq.studies.intersection_ahead import STUDY
-from socialiq.studies.intersection_ahead import study as ahead
+from socialiq.studies import intersection_ahead as ahead
 
 TINY = ahead.Config(seeds=(0, 1), set_steps=2400, draws=2, decisions=1, episodes=12)
 
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(tmp_path_factory):
-    return run(STUDY, TINY, work=tmp_path_factory.mktemp("study") / "work")
+    return run(ahead.STUDY, TINY, work=tmp_path_factory.mktemp("study") / "work")
 
 
 def test_every_egoist_drives_alone_ahead_and_with_foresight(results):
@@ -61,7 +60,7 @@ def test_differences_are_paired(results):
 
 def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     store.save(results, tmp_path / "out", {}, replace=False)
-    drawn = png(STUDY.figures(store.load(tmp_path / "out")))
+    drawn = png(ahead.STUDY.figures(store.load(tmp_path / "out")))
     assert set(drawn) == {"egoists", "elsewhere"}
 
 

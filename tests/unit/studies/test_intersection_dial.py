@@ -7,21 +7,21 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
-from socialiq.experiments.intersection.dial_jobs import NUMBERS, STRUCTURE
+from socialiq.experiments.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq.experiments.study import run
 from socialiq.learners.dial.acting import stratified
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.studies.intersection_dial import STUDY
-from socialiq.studies.intersection_dial.config import Config
+from socialiq.studies.intersection_dial.study import Config
 
 TINY = Config(
     seeds=(0, 1),
     key_angles=(0.0, 90.0),
     turned=(0.0, 45.0, 90.0),
     structure=dataclasses.replace(
-        STRUCTURE,
+        DIAL_STRUCTURE,
         view="flat",
         hidden=(8,),
         updates=30,
@@ -111,7 +111,7 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:
 
 def test_environments_divide_the_range_among_them() -> None:
     rng = np.random.default_rng(0)
-    structure = dataclasses.replace(STRUCTURE, margin=0.0)
+    structure = dataclasses.replace(DIAL_STRUCTURE, margin=0.0)
     directions = stratified(structure, 9, rng)
     angles = [angle_of(float(x), float(y)) for x, y in zip(*directions, strict=True)]
     assert [int(angle // 10) for angle in angles] == list(range(9))
@@ -127,4 +127,4 @@ def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
         Config(agent_updates=0)
     with pytest.raises(UserError, match="at least one training seed"):
         Config(seeds=())
-    assert NUMBERS.discount < 1.0
+    assert DIAL_NUMBERS.discount < 1.0

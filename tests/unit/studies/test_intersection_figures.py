@@ -16,7 +16,6 @@ from socialiq.social.angle import angle_of
 from socialiq.social.returns import TARGET_KINDS
 from socialiq.studies.intersection import figures as intersection
 from socialiq.studies.intersection import study
-from socialiq.studies.intersection.config import Config
 from socialiq.studies.intersection.figures import draw, fig_6_5
 from socialiq.studies.intersection.figures_ablations import ABLATIONS
 from socialiq.studies.intersection.plan import (
@@ -27,9 +26,10 @@ from socialiq.studies.intersection.plan import (
     TARGETS,
     TEMPERATURES,
     TRAINED,
+    Config,
     learner_name,
 )
-from socialiq.studies.intersection.tables import best_angles
+from socialiq.studies.intersection.study import best_angles
 from socialiq.worlds.intersection.policies import NAMES
 
 MAIN = {
@@ -133,7 +133,12 @@ def names(config):
     amounts = [(mixture, size) for mixture, sizes in SIZES.items() for size in sizes]
     return {
         "main": [expert_name("flat", mode, first) for mode in MODES]
-        + [learner_name(*one[0], *one[1:]) for one in product(TRAINED, TARGETS, config.seeds)]
+        + [
+            learner_name(*group, target, seed)
+            for group in TRAINED
+            for target in TARGETS
+            for seed in config.seeds
+        ]
         + [f"drivers/{name}" for name in NAMES],
         "timeouts": [f"timeouts/through/{mode}/{first}" for mode in ("prosocial", "altruistic")],
         "views": [f"views/{view}/{seed}" for view, seed in product(CHOICES, seeds)],

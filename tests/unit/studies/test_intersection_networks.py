@@ -7,11 +7,11 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection.experts import expert_name, policy_file
+from socialiq.experiments.intersection.rows import reaches_target
 from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import png
-from socialiq.studies.intersection_networks import STUDY
-from socialiq.studies.intersection_networks import study as networks
+from socialiq.studies import intersection_networks as networks
 
 TINY = networks.Config(
     seeds=(0, 1), flat_steps=9600, set_steps=2400, episodes=12, highway_episodes=0
@@ -25,7 +25,7 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    return run(STUDY, TINY, work=work)
+    return run(networks.STUDY, TINY, work=work)
 
 
 def test_every_expert_drives_with_and_without_foresight(results):
@@ -53,7 +53,7 @@ def test_the_summary_is_of_the_egoists_of_each_network(results):
     [(0.95, 0.04, True), (0.949, 0.04, False), (0.95, 0.041, False)],
 )
 def test_the_target_has_two_sides(arrival, collision, reaches):
-    assert networks.reaches({"arrival": arrival, "collision": collision}) is reaches
+    assert reaches_target({"arrival": arrival, "collision": collision}) is reaches
 
 
 def test_networks_are_compared_in_pairs(results):
@@ -79,7 +79,7 @@ def test_the_trio_that_sees_a_set_is_the_atlas(results, work):
 
 def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     store.save(results, tmp_path / "out", {}, replace=False)
-    drawn = png(STUDY.figures(store.load(tmp_path / "out")))
+    drawn = png(networks.STUDY.figures(store.load(tmp_path / "out")))
     assert list(drawn) == ["egoists", "learning"]
     assert all(picture.startswith(b"\x89PNG") for picture in drawn.values())
 

@@ -21,7 +21,8 @@ from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import exact_weights
 from socialiq.studies.intersection_skill import STUDY
-from socialiq.studies.intersection_skill.config import (
+from socialiq.studies.intersection_skill.jobs import likelihood
+from socialiq.studies.intersection_skill.plan import (
     ALONE,
     CLONES,
     EXPERTS,
@@ -33,9 +34,13 @@ from socialiq.studies.intersection_skill.config import (
     UNSKILLED,
     Config,
 )
-from socialiq.studies.intersection_skill.driving import Driven, drive, nearest
-from socialiq.studies.intersection_skill.inference import likelihood
-from socialiq.studies.intersection_skill.skill import skill, told
+from socialiq.studies.intersection_skill.skill import (
+    ScoredEpisodes,
+    drive,
+    nearest,
+    skill,
+    with_skill,
+)
 from socialiq.studies.intersection_skill.tables import interval, score_row
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.batch import Batch
@@ -103,7 +108,7 @@ def test_a_demonstrators_score_is_the_reward_and_the_skill(angle) -> None:
     pair = RewardPair(jnp.array([1.0, 2.0]), jnp.array([0.5, -1.0]))
     rows = Rows(observation, jnp.array([0, 0]), following, jnp.array([0, 0]), pair)
 
-    found = told(lambda _act, _rng: rows, 0.5, angle)(lambda o: o, np.random.default_rng(0))
+    found = with_skill(lambda _act, _rng: rows, 0.5, angle)(lambda o: o, np.random.default_rng(0))
     direction = exact_weights(angle)
     plain = direction.env * np.array([1.0, 2.0]) + direction.social * np.array([0.5, -1.0])
     scored = direction.env * found.target.env + direction.social * found.target.social
@@ -125,7 +130,7 @@ def test_what_is_driven_is_what_the_core_tells() -> None:
 
 
 def test_rows_are_means_over_episodes() -> None:
-    driven = Driven(
+    driven = ScoredEpisodes(
         env=np.array([4.0, 0.0]),
         social=np.array([0.0, 2.0]),
         changes=np.array([1.0, 3.0]),
@@ -168,7 +173,7 @@ def test_an_angle_is_inferred_from_actions_that_it_drew() -> None:
     assert angles[int(found.argmax())] == 60.0
 
 
-def test_all_dials_see_as_many_rows_and_differ_in_what_they_are_told() -> None:
+def test_all_dials_see_as_many_rows_and_differ_in_what_they_are_with_skill() -> None:
     alone, prior, shared = (CONFIG.dial_of(method) for method in (ALONE, PRIOR, SHARED))
     assert not alone.demonstrations and alone.replay_batch == shared.expert_batch + (
         shared.replay_batch
@@ -217,7 +222,7 @@ def test_methods_are_compared_with_learning_alone_in_pairs(results) -> None:
     )
 
 
-def test_inferred_angles_are_those_that_the_dial_was_told(results, work) -> None:
+def test_inferred_angles_are_those_that_the_dial_was_with_skill(results, work) -> None:
     rows = results.tables["angles"]
     assert {row["step"] for row in rows} == {0, 1}
     assert {row["angle"] for row in rows} <= {0.0, 45.0, 90.0}

@@ -13,8 +13,7 @@ from socialiq.experiments.jobs import fingerprints, open_jobs
 from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
 from socialiq.studies.intersection import STUDY
-from socialiq.studies.intersection.config import Config
-from socialiq.studies.intersection.plan import learner_name, members, plan
+from socialiq.studies.intersection.plan import Config, learner_name, members, plan
 
 TINY = Config(
     parts=("main",),

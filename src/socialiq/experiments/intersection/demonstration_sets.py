@@ -1,23 +1,23 @@
-"""The demonstrations that learners draw their mixtures from: episodes of the three experts."""
+"""Demonstrations of the intersection's experts: recordings, and mixtures drawn from them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.play import record
-from socialiq.experiments.intersection.jobs import BATCH, BEST
+from socialiq.experiments.intersection.driving import BATCH
+from socialiq.experiments.intersection.episodes import BEST, EpisodesRun
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import save_arrays
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
 DEMONSTRATIONS = "demonstrations/experts"
@@ -25,45 +25,43 @@ DEMONSTRATIONS = "demonstrations/experts"
 RECORDED_EPISODES = 3000
 """Episodes recorded of each expert."""
 MIXTURE, SIZE = "equal_transitions", 15_000
-"""The mixture that learners see: transitions of each expert (thesis 6.3)."""
+"""Mixture that learners get: transitions of each expert (thesis 6.3)."""
 
 
-@dataclass(frozen=True)
-class Recording:
-    """Episodes of the three experts."""
+@dataclass(frozen=True, kw_only=True)
+class Recording(EpisodesRun):
+    """Greedy episodes of each of the three experts, on seeds of their own."""
 
-    file: str = BEST
     episodes: int = RECORDED_EPISODES
     first_seed: int = 10_000_000
-    options: Options = field(default_factory=Options)
 
 
 def record_demonstrations(
     config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Roll out each expert; writes a pool of each, and its classical rewards row for row."""
-    experts = [QPolicy.load(trained / config.file) for trained in inputs.values()]
-    _record(dict(zip(MODES, experts, strict=True)), config, folder, on_progress)
+    """Record trained experts, given in the order of the modes."""
+    experts = [QPolicy.load(trained / BEST) for trained in inputs.values()]
+    record_experts(dict(zip(MODES, experts, strict=True)), config, folder, on_progress)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AtlasRecording(Recording):
-    """Episodes of the three experts of the atlas."""
+    """Greedy episodes of the three experts of the atlas."""
 
-    file: str = "atlas"
-    sha256: tuple[str, ...] = ()
+    sha256: tuple[str, ...]
     """SHA-256 of the experts: another atlas gives other demonstrations."""
 
 
 def record_atlas(
     config: AtlasRecording, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Roll out each expert of the atlas, as the intersection study does with those it trains."""
-    _record({mode: atlas.load(f"expert_{mode}") for mode in MODES}, config, folder, on_progress)
+    """Record the experts of the atlas, as the intersection study does with those it trains."""
+    experts = {mode: atlas.load(f"expert_{mode}") for mode in MODES}
+    record_experts(experts, config, folder, on_progress)
 
 
 def atlas_demonstrations(episodes: int) -> Job:
-    """Demonstrations for studies that train no experts of their own.
+    """Return the job that records demonstrations for studies without experts of their own.
 
     Raises:
         UserError: If the atlas did not come with the package.
@@ -74,15 +72,28 @@ def atlas_demonstrations(episodes: int) -> Job:
     return Job(DEMONSTRATIONS, record_atlas, run, cost=20.0)
 
 
-def _record(
+def record_experts(
     experts: Mapping[str, QPolicy], config: Recording, folder: Path, on_progress: ProgressCallback
 ) -> None:
+    """Write the transitions of each expert, and their classical rewards row for row."""
     for number, (mode, policy) in enumerate(experts.items()):
-        first = config.first_seed + number * config.episodes
         source = {"world": Intersection(config.options).description, "expert": policy.provenance}
-        seeds = np.arange(first, first + config.episodes)
+        seeds = config.seeds + number * config.episodes
         made = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
         files.save(folder / f"{mode}.safetensors", made.transitions)
         classical = {"own": made.classical.env, "others": made.classical.social}
         save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
         on_progress((number + 1) / len(experts))
+
+
+def mixture_of(recordings: Path, mixture: str, size: int, seed: int) -> Demonstrations:
+    """Draw a mixture of all three experts from a folder of recordings.
+
+    Args:
+        recordings: Folder of the recordings.
+        mixture: One of `MIXTURES`.
+        size: Transitions or episodes of each expert, as the mixture counts.
+        seed: Seed of the draw.
+    """
+    pools = {mode: files.load(recordings / f"{mode}.safetensors") for mode in MODES}
+    return MIXTURES[mixture](pools, size, seed)

@@ -1,100 +1,119 @@
-"""Experts of the intersection: their jobs, their evaluation, and what a good egoist reaches."""
+"""Experts of the intersection: their jobs, their evaluation, and their files in the atlas."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.intersection.jobs import (
-    BEST,
-    LAST,
+from socialiq.experiments.intersection.driving import (
     Evaluation,
-    ExpertRun,
     HighwayRun,
     LookaheadRun,
     drive_highway,
     drive_with_lookahead,
     evaluate,
-    train_expert,
-    train_learner,
 )
-from socialiq.experiments.jobs import Job
+from socialiq.experiments.intersection.episodes import BEST, LAST
+from socialiq.experiments.intersection.training import ExpertRun, train_expert, train_learner
+from socialiq.experiments.jobs import RECORD, Job
 from socialiq.learners.dqn import config as dqn
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import read_json
+from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds.intersection import atlas
 
 EXPERT_STEPS = 5_000_000
-"""Environment steps of an expert that reads the flat list (thesis 5.2)."""
+"""Environment steps of an expert with the flat network (thesis 5.2)."""
+_IN_ATLAS = (
+    "episodes", "collision", "arrival", "timeout", "speed_kmh", "stopped",
+    "r_env", "r_social", "angle",
+)  # fmt: skip
 
 
 def expert_name(network: str, mode: str, seed: int) -> str:
-    """Folder of an expert."""
+    """Return the folder of an expert."""
     return f"experts/{network}/{mode}/{seed}"
 
 
 def flat_expert(mode: str, seed: int, steps: int) -> Job:
-    """An expert with the thesis' network and settings."""
+    """Return the job of an expert with the thesis' network and settings."""
     run = ExpertRun(
         dqn.StaticConfig(steps=steps), dqn.Hyperparameters(angle=MODES[mode], seed=seed)
     )
     return Job(expert_name("flat", mode, seed), train_expert, run, cost=900.0)
 
 
-def finer(numbers: dqn.Hyperparameters) -> dqn.Hyperparameters:
-    """Exploration and step size fall further."""
-    return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
-
-
-def evaluations(jobs: list[Job], episodes: int) -> Iterator[Job]:
-    """One job for each trained policy: experts greedily, learners both ways."""
-    for job in jobs:
-        if job.work is train_expert:
-            run = Evaluation(BEST, readouts=("greedy",), episodes=episodes)
-            yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=3.0)
-        if job.stage == "experts":
-            looking = LookaheadRun(job.config.numbers.angle, episodes=episodes)
-            name = job.name.removeprefix("experts/")
-            yield Job(
-                f"evaluation/foresight/{name}",
-                drive_with_lookahead,
-                looking,
-                (job.name,),
-                cost=20.0,
-            )
-        if job.work is train_learner:
-            run = Evaluation(episodes=episodes)
-            yield Job(f"evaluation/{job.name}", evaluate, run, (job.name,), cost=6.0)
-
-
-def on_highway(members: Mapping[str, str], episodes: int) -> Iterator[Job]:
-    """Policies of an atlas on the real highway-env."""
-    if episodes:
-        for name, job in members.items():
-            run = HighwayRun(policy_file(job), episodes)
-            yield Job(f"highway/{name}", drive_highway, run, (job,), cost=100.0)
-
-
-def policy_file(job: str) -> str:
-    """Network of a job that counts: an expert's best by checks, a learner's last."""
-    return LAST if job.startswith("learners/") else BEST
-
-
 def set_expert(mode: str, seed: int, steps: int) -> Job:
-    """An expert that sees a set of vehicles."""
+    """Return the job of an expert whose network reads a set of vehicles."""
     structure = dqn.StaticConfig("set", (128, 128), steps=steps, steps_per_update=12)
     numbers = dqn.Hyperparameters(angle=MODES[mode], learning_rate=5e-4, polyak=0.01, seed=seed)
     run = ExpertRun(structure, finer(numbers))
     return Job(expert_name("set", mode, seed), train_expert, run, cost=900.0)
 
 
-SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
+def finer(numbers: dqn.Hyperparameters) -> dqn.Hyperparameters:
+    """Return hyperparameters whose exploration and step size fall further."""
+    return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
 
 
-TARGET = {"arrival": 0.95, "collision": 0.04}
-"""Aim of an egoist: at least so many arrivals, at most so many collisions."""
+def evaluations(jobs: Sequence[Job], episodes: int) -> Iterator[Job]:
+    """Evaluate each trained policy: experts greedily and with lookahead, learners both ways."""
+    for job in jobs:
+        name, inputs = f"evaluation/{job.name}", (job.name,)
+        if job.work is train_expert:
+            run = Evaluation(BEST, ("greedy",), episodes=episodes)
+            yield Job(name, evaluate, run, inputs, cost=3.0)
+        if job.stage == "experts":
+            ahead = LookaheadRun(job.config.numbers.angle, episodes=episodes)
+            name = name.replace("experts/", "foresight/")
+            yield Job(name, drive_with_lookahead, ahead, inputs, cost=20.0)
+        if job.work is train_learner:
+            yield Job(name, evaluate, Evaluation(episodes=episodes), inputs, cost=6.0)
 
 
-def reaches(row: Row) -> bool:
-    """Whether a policy is as good as a good egoist should be."""
-    """Whether a policy is as good as a good egoist should be."""
-    return row["arrival"] >= TARGET["arrival"] and row["collision"] <= TARGET["collision"]
+def on_highway(members: Mapping[str, str], episodes: int) -> Iterator[Job]:
+    """Drive an atlas' policies on the real highway-env, if in any episodes."""
+    for name, job in members.items() if episodes else ():
+        run = HighwayRun(driver=policy_file(job), episodes=episodes)
+        yield Job(f"highway/{name}", drive_highway, run, (job,), cost=100.0)
+
+
+def policy_file(job: str) -> str:
+    """Return the file of a job's network that counts: an expert's best, a learner's last."""
+    return LAST if job.startswith("learners/") else BEST
+
+
+def atlas_files(
+    study: str, members: Mapping[str, str], work: Path, rows: Mapping[tuple[str, str], Row]
+) -> dict[str, bytes]:
+    """Return the content of the atlas' files by path below the results folder.
+
+    Args:
+        study: Name of the study that made them.
+        members: Job of each policy, by name in the atlas.
+        work: Folder of the jobs.
+        rows: Metrics of each policy, by (job, readout).
+    """
+    found: dict[str, bytes] = {}
+    entries: dict[str, Any] = {}
+    for name, job in members.items():
+        source, file = work / job / policy_file(job), f"{name}.safetensors"
+        found[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
+        record = read_json(work / job / RECORD)
+        entries[name] = {
+            "file": file,
+            "sha256": QPolicy.load(source).sha256,
+            "made_by": f"socialiq reproduce {study}",
+            "job": job,
+            "config": record["config"],
+            "inputs": record["inputs"],
+            "greedy": {key: rows[job, "greedy"][key] for key in _IN_ATLAS},
+        }
+    manifest = {"kind": "atlas", "version": 1, "world": "intersection", "policies": entries}
+    text = json.dumps(rounded(manifest), indent=2) + "\n"
+    return found | {f"{atlas.FOLDER}/{atlas.MANIFEST}": text.encode()}

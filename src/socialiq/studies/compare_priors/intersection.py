@@ -9,23 +9,30 @@ from pathlib import Path
 
 import numpy as np
 
-from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS, MIXTURE, SIZE
-from socialiq.experiments.intersection.dial_jobs import DialRun, Turned, train_dial, turn
-from socialiq.experiments.intersection.episodes import load_episodes
-from socialiq.experiments.intersection.jobs import (
-    LAST,
+from socialiq.experiments.intersection.demonstration_sets import (
+    DEMONSTRATIONS,
+    MIXTURE,
+    SIZE,
+    mixture_of,
+)
+from socialiq.experiments.intersection.driving import (
+    DialAngle,
     Evaluation,
+    evaluate,
+    save_at_angle,
+)
+from socialiq.experiments.intersection.episodes import LAST, load_episodes
+from socialiq.experiments.intersection.fitting import Checks
+from socialiq.experiments.intersection.training import (
     ExpertRun,
     LearnerRun,
-    evaluate,
+    MixtureDialRun,
+    train_dial,
     train_expert,
     train_learner,
 )
-from socialiq.experiments.intersection.monitor import Checks
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
@@ -72,8 +79,8 @@ def train_offline(
 ) -> None:
     """Mix all modes, keep those that are asked for, train, keep the last network."""
     (pools,) = inputs.values()
-    shown = {mode: files.load(pools / f"{mode}.safetensors") for mode in MODES}
-    data = of_modes(MIXTURES[config.mixture](shown, config.size, config.numbers.seed), config.modes)
+    mixed = mixture_of(pools, config.mixture, config.size, config.numbers.seed)
+    data = of_modes(mixed, config.modes)
     callbacks = Callbacks(lambda report: on_progress(report.done / report.total))
     train_offline_policy(config, data, callbacks).save(folder / LAST)
 
@@ -111,7 +118,7 @@ def jobs_of(
                 dials.add(dial)
             inputs, cost = (dial,), 1.0
         yield Job(name, work, given, inputs, cost)
-        looking = Evaluation(LAST, method.readouts, config.episodes)
+        looking = Evaluation(LAST, method.readouts, episodes=config.episodes)
         yield Job(f"evaluation/{name}", evaluate, looking, (name,), cost=6.0)
 
 
@@ -185,13 +192,18 @@ def _reinforcement(config: Config, _method: Method, run: Run) -> Made:
 
 
 def _dial(_config: Config, _method: Method, run: Run) -> Made:
-    return turn, Turned(run.angle)
+    return save_at_angle, DialAngle(run.angle)
 
 
-def _dial_run(config: Config, run: Run) -> DialRun:
+def _dial_run(config: Config, run: Run) -> MixtureDialRun:
     base = _base(config)
     numbers = dial_numbers(RATES, run)
-    return DialRun(dial_structure(base), numbers, MIXTURE, SIZE, base.env_steps_per_update)
+    return MixtureDialRun(
+        structure=dial_structure(base),
+        numbers=numbers,
+        size=SIZE,
+        steps_per_update=base.env_steps_per_update,
+    )
 
 
 LEARNERS: dict[str, Callable[[Config, Method, Run], Made]] = {

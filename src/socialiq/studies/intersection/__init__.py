@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Study, View
 from socialiq.experiments.tables import groups
-from socialiq.studies.intersection.config import Config
 from socialiq.studies.intersection.figures import draw
-from socialiq.studies.intersection.plan import plan
+from socialiq.studies.intersection.plan import Config, plan
 from socialiq.studies.intersection.study import compute_tables
 from socialiq.types import Row
 
@@ -21,8 +20,8 @@ def view(results: Results) -> Sequence[View]:
     for (preset, setting), rows in groups(greedy, "preset", "setting").items():
         table: dict[str, Row] = {}
         for row in rows:
-            shown = table.setdefault(row["policy"], {"policy": row["policy"]})
-            shown[row["metric"]] = f"{row['ours']:.1f} ({row['thesis']:g})"
+            printed = table.setdefault(row["policy"], {"policy": row["policy"]})
+            printed[row["metric"]] = f"{row['ours']:.1f} ({row['thesis']:g})"
         found.append(View(list(table.values()), f"{preset}, {setting}: ours (thesis); %, km/h"))
     return found
 

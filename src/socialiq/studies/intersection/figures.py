@@ -1,11 +1,11 @@
-"""Figs 6.5 and A.1, Table 6.2 as a picture, and what else the main part shows.
+"""Figures of the main part: Figs 6.5 and A.1, Table 6.2, endings, learning curves, exposure.
 
 The trade-off and the ablations have files of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,17 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from socialiq.experiments.intersection import thesis_values
-from socialiq.experiments.intersection.monitor import Checks
-from socialiq.experiments.intersection.plots import OUTCOME_COLORS, by_run, curve, percent, runs
+from socialiq.experiments.intersection.fitting import Checks
+from socialiq.experiments.intersection.plots import (
+    greedy_runs,
+    learning_panel,
+    percent,
+    stacked_outcomes,
+)
 from socialiq.experiments.results import Results
+from socialiq.experiments.tables import matching
 from socialiq.plotting.ring import Mark, ring
-from socialiq.plotting.style import COLORS, MARKS, figure, plain
+from socialiq.plotting.style import COLORS, MARKS, figure, finish, head, plain
 from socialiq.social.angle import angle_difference
 from socialiq.studies.intersection.figures_ablations import ABLATIONS
 from socialiq.studies.intersection.figures_tradeoff import GROUPS, tradeoff
@@ -48,7 +54,7 @@ LINES = {"egoistic": "-", "prosocial": "--", "altruistic": "-."}
 
 
 def draw(results: Results) -> dict[str, Figure]:
-    """All figures of the intersection study; one of a part that was not run is left out."""
+    """Draw all figures of the intersection study; one of a part that was not run is left out."""
     found = {
         "fig_6_5_ring": fig_6_5(results),
         "table_6_2": table_6_2(results),
@@ -59,18 +65,18 @@ def draw(results: Results) -> dict[str, Figure]:
         "exposure": exposure(results),
     }
     return found | {
-        part: picture(results) for part, picture in ABLATIONS.items() if runs(results, part)
+        part: picture(results) for part, picture in ABLATIONS.items() if greedy_runs(results, part)
     }
 
 
-def _over(results: Results) -> str:
-    """Over how many training seeds and episodes."""
+def _counts(results: Results) -> str:
+    """Return the number of training seeds and episodes, for a title."""
     seeds, episodes = len(results.config["seeds"]), results.config["episodes"]
     return f"greedy, {seeds} training seed{'s'[: seeds != 1]}, {episodes} episodes each"
 
 
 def fig_6_5(results: Results) -> Figure:
-    """Fig 6.5: the empirical angle of each learner, with the thesis' as an open mark outside."""
+    """Draw Fig 6.5: the empirical angle of each learner, the thesis' as an open mark outside."""
     marks = []
     for name in COLORS:
         angle = results.summary["policies"]["_".join((*SHIPPED, name))]["angle"]
@@ -82,24 +88,23 @@ def fig_6_5(results: Results) -> Figure:
         label = f"{name}: {angle:.0f}° ({spread[0]:.0f}° to {spread[1]:.0f}°; thesis {printed})"
         marks.append(Mark(name, angle, label, thesis, spread))
     note = "open marks: thesis; arcs: range over training seeds"
-    return ring(marks, f"Intersection: empirical angle, {_over(results)}\n({note})")
+    return ring(marks, f"Intersection: empirical angle, {_counts(results)}\n({note})")
 
 
 def _learners(results: Results, target: str, group: str = "/".join(SHIPPED)) -> list[Row]:
-    return [row for parts, row in runs(results, f"learners/{group}") if parts[0] == target]
+    return [row for parts, row in greedy_runs(results, f"learners/{group}") if parts[0] == target]
 
 
 def table_6_2(results: Results) -> Figure:
-    """Tables 6.1 and 6.2: each metric of experts and learners, beside the thesis'."""
+    """Draw Tables 6.1 and 6.2: each metric of experts and learners, beside the thesis'."""
     rows = {
         (row["metric"], row["policy"]): row
-        for row in results.tables["table_6_2"]
-        if row["readout"] == "greedy"
-        and (row["preset"], row["setting"]) in (("experts", "flat"), SHIPPED)
+        for row in matching(results.tables["table_6_2"], readout="greedy")
+        if (row["preset"], row["setting"]) in (("experts", "flat"), SHIPPED)
     }
     drawn = figure(9.1, 4.6)
     panels = drawn.subplots(1, len(METRICS), sharey=True)
-    # An expert and the learner of its mode stand together.
+    # An expert and the learner of its mode are side by side.
     places = [1.5 * (number // 2) + 0.65 * (number % 2) for number in range(7)]
     for axes, (metric, label) in zip(panels, METRICS.items(), strict=True):
         for place, policy in zip(places, thesis_values.POLICIES, strict=True):
@@ -114,13 +119,12 @@ def table_6_2(results: Results) -> Figure:
     groups = results.config["group_episodes"]
     drawn.legend(handles=_table_legend(groups), loc="outside lower center", ncols=2, fontsize=9)
     shipped = ", ".join(SHIPPED)
-    title = f"Tables 6.1 and 6.2: {shipped}, {_over(results)}; one expert of each mode"
-    drawn.suptitle(title, fontsize=10)
+    head(drawn, f"Tables 6.1 and 6.2: {shipped}, {_counts(results)}; one expert of each mode")
     return drawn
 
 
 def _compared(axes: Any, place: float, name: str, row: Row) -> None:
-    """Ours above, the thesis' below."""
+    """Draw our value, and below it the thesis'."""
     color, ours, thesis = COLORS[name], row["ours"], row["thesis"]
     spread = np.array([-1, 1])
     wide = {"color": color, "alpha": 0.3, "linewidth": 7, "solid_capstyle": "butt"}
@@ -147,114 +151,80 @@ def _table_legend(groups: int) -> list[Line2D]:
 
 
 def presets(results: Results) -> Figure:
-    """Endings of episodes in each group of learners: under the thesis' preset they wait."""
+    """Draw the endings of episodes in each group of learners."""
     drawn = figure(9.1, 2.9)
     panels = drawn.subplots(1, len(GROUPS), sharey=True)
     for axes, (group, (_, title)) in zip(panels, GROUPS.items(), strict=True):
         key = group.replace("/", "_")
-        _stacked(axes, {n: results.summary["policies"][f"{key}_{n}"] for n in COLORS})
+        rows = {name: results.summary["policies"][f"{key}_{name}"] for name in COLORS}
+        stacked_outcomes(axes, rows, 6.0)
         axes.set_title(title, fontsize=10)
     panels[0].invert_yaxis()
-    drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    drawn.suptitle(f"Intersection: how episodes end, {_over(results)}", fontsize=10)
+    head(drawn, f"Intersection: how episodes end, {_counts(results)}", panels[0])
     return drawn
 
 
-def _stacked(axes: Any, rows: Mapping[str, Row]) -> None:
-    left = np.zeros(len(rows))
-    for outcome, color in OUTCOME_COLORS.items():
-        widths = np.array(percent(rows.values(), outcome))
-        bars = axes.barh(list(rows), widths, left=left, color=color, label=outcome)
-        shown = [f"{width:.0f}" if width >= 6 else "" for width in widths]
-        axes.bar_label(bars, shown, label_type="center", fontsize=8)
-        left += widths
-    axes.set(xlabel="% of episodes", xlim=(0, 100))
-
-
 def fig_a_1(results: Results) -> Figure:
-    """Fig A.1: rewards of a decision in the demonstrations, classical and ego-centric."""
+    """Draw Fig A.1: rewards of a decision in the demonstrations, classical and ego-centric."""
     drawn = figure(9.1, 5.6)
     panels = drawn.subplots(2, 2, sharey=True)
     for axes, (signal, title) in zip(panels.ravel(), SIGNALS.items(), strict=True):
         for mode, line in LINES.items():
-            bins = [
-                row
-                for row in results.tables["fig_a_1"]
-                if (row["mode"], row["signal"]) == (mode, signal)
-            ]
+            bins = matching(results.tables["fig_a_1"], mode=mode, signal=signal)
             edges = [*(row["from"] for row in bins), bins[-1]["to"]]
             style = {"color": COLORS[mode], "linestyle": line, "linewidth": 1.4}
             axes.stairs(percent(bins, "share"), edges, baseline=None, label=mode, **style)
-        axes.set_yscale("log")
-        axes.set(xlabel="reward of a decision", ylim=(0.02, 130))
-        axes.set_title(title, fontsize=10)
+        finish(axes, title, yscale="log", xlabel="reward of a decision", ylim=(0.02, 130))
         axes.set_yticks([0.1, 1, 10, 100], ["0.1", "1", "10", "100"])
-        plain(axes)
     for row in panels:
         row[0].set_ylabel("% of decisions")
-    handles, labels = panels[0][0].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside lower center", ncols=3)
     episodes = results.config["pool_episodes"]
     title = f"Fig A.1: rewards of the experts' demonstrations, {episodes} episodes of each mode"
-    drawn.suptitle(f"{title} (outermost bins: and beyond)", fontsize=10)
+    head(drawn, f"{title} (outermost bins: and beyond)", panels[0][0])
     return drawn
 
 
 def learning(results: Results) -> Figure:
-    """Learning curves: experts one by one, learners as means over training seeds."""
+    """Draw learning curves: experts one by one, learners as means over training seeds."""
     drawn = figure(9.1, 6.6)
     panels = drawn.subplots(2, 2).ravel()
-    curves = by_run(results)
-    for mode in list(COLORS)[1:]:
-        found = [one for run, one in curves.items() if f"experts/flat/{mode}/" in run]
-        curve(panels[0], mode, found, "-")
-    panels[0].set_title("experts", fontsize=10)
+    label = "value at the own angle (reward)"
+    learning_panel(panels[0], results, "experts/flat", [*LINES], "experts", ylabel=label)
     for axes, (group, (_, title)) in zip(panels[1:], GROUPS.items(), strict=True):
-        for name in COLORS:
-            found = [one for run, one in curves.items() if f"learners/{group}/{name}/" in run]
-            curve(axes, name, found, "-")
-        seeds = len(results.config["seeds"])
-        axes.set_title(f"{title}: mean and range of {seeds} seeds", fontsize=10)
-    for axes in panels:
-        axes.set(xlabel="updates", ylabel="value at the own angle (reward)")
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-        axes.xaxis.set_major_formatter(lambda updates, _: f"{updates:,.0f}")
-        plain(axes)
-    handles, labels = panels[1].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside lower center", ncols=4)
+        title = f"{title}: mean and range of {len(results.config['seeds'])} seeds"
+        learning_panel(axes, results, f"learners/{group}", [*COLORS], title, ylabel=label)
     title = f"Intersection: learning curves, {Checks().episodes} greedy episodes a check"
-    drawn.suptitle(title, fontsize=10)
+    head(drawn, title, panels[1], columns=4)
     return drawn
 
 
 def exposure(results: Results) -> Figure:
-    """Thesis 7.2: is a learner at fault more often than its expert, for what it risked?"""
+    """Draw collisions at fault of learners and experts by exposure (thesis 7.2)."""
     drawn = figure(9.1, 3.8)
     panels = drawn.subplots(1, len(EXPOSURES))
     names = [*LINES, "baseline"]
-    experts = {parts[0]: [row] for parts, row in runs(results, "experts/flat")}
+    experts = {parts[0]: [row] for parts, row in greedy_runs(results, "experts/flat")}
     for axes, (rate, label) in zip(panels, EXPOSURES.items(), strict=True):
         for place, name in enumerate(names):
             _rates(axes, place - 0.2, name, experts.get(name, []), rate, 0.4)
             _rates(axes, place + 0.2, name, _learners(results, name), rate, 1.0)
         axes.set_xticks(range(len(names)), names, rotation=25)
-        axes.set_title(label, fontsize=10)
         axes.set_ylim(bottom=0)
-        plain(axes)
+        finish(axes, label)
     panels[0].set_ylabel("collisions at fault")
     handles: list[Any] = [
         Patch(color="#555555", alpha=0.4, label="expert (line: 95 % interval)"),
         Patch(color="#555555", label=f"learners, {', '.join(SHIPPED)} (dot: a seed)"),
     ]
     drawn.legend(handles=handles, loc="outside lower center", ncols=2)
-    drawn.suptitle(f"Intersection: collisions at fault by exposure, {_over(results)}", fontsize=10)
+    head(drawn, f"Intersection: collisions at fault by exposure, {_counts(results)}")
     return drawn
 
 
 def _rates(
     axes: Any, place: float, name: str, rows: Sequence[Row], rate: str, alpha: float
 ) -> None:
-    """A bar at the mean over rows; a rate over nothing is no number, and left out."""
+    """Draw a bar at the mean over rows; a rate over nothing is empty, and left out."""
     kept = [row for row in rows if row[rate] != ""]
     values = percent(kept, rate)
     if rows and not kept:

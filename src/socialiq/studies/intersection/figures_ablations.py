@@ -1,4 +1,4 @@
-"""Figures of the ablations of the intersection study: one for each part beside main."""
+"""Figures of the ablations of the intersection study, one for each part beside main."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 from socialiq.experiments.intersection.plots import (
     OUTCOME_COLORS,
     Runs,
-    described,
     dots,
+    greedy_runs,
     percent,
-    runs,
+    seeds_and_episodes,
 )
 from socialiq.experiments.results import Results
 from socialiq.learners.iq_learn.presets import INTERSECTION_STRENGTH
-from socialiq.plotting.style import COLORS, MARKS, figure, plain
+from socialiq.plotting.style import COLORS, MARKS, figure, finish, head
 from socialiq.social.angle import angle_of
 from socialiq.types import Row
 
@@ -32,7 +32,7 @@ def _line(
     values: Callable[[Sequence[Row]], float],
     **changes: Any,
 ) -> None:
-    """A policy's line through the value of all rows at each x, and a dot for each row alone."""
+    """Draw a policy's line through the value of all rows at each x, and a dot for each row."""
     xs = sorted(points)
     style = {"color": COLORS[name], "marker": MARKS[name], "label": name, "markersize": 6}
     axes.plot(xs, [values(points[x]) for x in xs], **(style | changes))
@@ -41,13 +41,13 @@ def _line(
 
 
 def _mean_percent(metric: str) -> Callable[[Sequence[Row]], float]:
-    """The mean of a share over rows, in percent."""
+    """Return a function that gives the mean of a share over rows, in percent."""
     return lambda rows: float(np.mean(percent(rows, metric)))
 
 
 def strengths(results: Results) -> Figure:
-    """Angle, arrivals and timeouts of each target against λ."""
-    every = runs(results, "strengths")
+    """Draw angle, arrivals and timeouts of each target against λ."""
+    every = greedy_runs(results, "strengths")
     drawn = figure(9.1, 3.6)
     panels = drawn.subplots(1, 3)
     values = (_mean_angle, _mean_percent("arrival"), _mean_percent("timeout"))
@@ -61,13 +61,11 @@ def strengths(results: Results) -> Figure:
         axes.set_xscale("log")
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
-        axes.set(xlabel="λ", ylabel=label)
-        plain(axes)
+        finish(axes, xlabel="λ", ylabel=label)
     for axes in panels[1:]:
         axes.set_ylim(-4, 104)
-    drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    title = f"Intersection: regularization strength; {described(every)} (dotted: λ of the preset)"
-    drawn.suptitle(title, fontsize=10)
+    title = f"Intersection: regularization strength; {seeds_and_episodes(every)}"
+    head(drawn, f"{title} (dotted: λ of the preset)", panels[0])
     return drawn
 
 
@@ -79,14 +77,14 @@ def _by_first(every: Runs) -> dict[float, list[Row]]:
 
 
 def _mean_angle(rows: Sequence[Row]) -> float:
-    """The angle of mean totals, from -90 to 270, where no policy passes from end to end."""
+    """Return the angle of mean totals between -90 and 270, a cut that no policy crosses."""
     env = float(np.mean([row["r_env"] for row in rows]))
     return (angle_of(env, float(np.mean([row["r_social"] for row in rows]))) + 90) % 360 - 90
 
 
 def targets(results: Results) -> Figure:
-    """Arrivals and timeouts by temperature and kind of target, for two values of the ending."""
-    every = runs(results, "targets")
+    """Draw arrivals and timeouts by temperature, kind of target and value of the ending."""
+    every = greedy_runs(results, "targets")
     endings = list(dict.fromkeys(parts[2] for parts, _ in every))
     kinds = {
         target: list(dict.fromkeys(parts[0] for parts, _ in every if parts[3] == target))
@@ -107,12 +105,12 @@ def targets(results: Results) -> Figure:
         axes.set_title(target, fontsize=10)
     drawn.colorbar(images[0], ax=grid, label="arrivals (% of episodes)", shrink=0.8, pad=0.01)
     title = "Intersection: kinds of target; colour: arrivals, number: timeouts in % of episodes"
-    drawn.suptitle(f"{title}\n{described(every)}", fontsize=10)
+    head(drawn, f"{title}\n{seeds_and_episodes(every)}")
     return drawn
 
 
 def _cells(axes: Any, every: Runs, kinds: list[str], no_prior: bool) -> Any:
-    """One grid: a row for each temperature, a column for each kind of target."""
+    """Draw a grid with a row for each temperature and a column for each kind of target."""
     temperatures = sorted({float(parts[1]) for parts, _ in every}, reverse=True)
     picture = np.full((len(temperatures), len(kinds)), np.nan)
     for parts, row in every:
@@ -129,18 +127,18 @@ def _cells(axes: Any, every: Runs, kinds: list[str], no_prior: bool) -> Any:
 
 
 def views(results: Results) -> Figure:
-    """The egoist's collisions and arrivals by what its network sees."""
-    every = runs(results, "views")
-    drawn, _ = dots(every, 3.6)
+    """Draw the egoist's collisions and arrivals by the view of its network."""
+    every = greedy_runs(results, "views")
+    drawn = dots(every, 3.6)
     steps = results.config["view_steps"]
     title = f"Intersection: the egoist by view, trained for {steps:,} steps"
-    drawn.suptitle(f"{title}\n{described(every)} (dot: a seed, bar: mean)", fontsize=10)
+    head(drawn, f"{title}\n{seeds_and_episodes(every)} (dot: a seed, bar: mean)")
     return drawn
 
 
 def data(results: Results) -> Figure:
-    """The endings of each policy against the transitions of each mode that it was shown."""
-    every = runs(results, "data")
+    """Draw the endings of each policy against the demonstrated transitions of each mode."""
+    every = greedy_runs(results, "data")
     drawn = figure(9.1, 3.8)
     panels = drawn.subplots(1, 3)
     sizes = {int(parts[1]) for parts, _ in every if parts[0] == "equal_transitions"}
@@ -151,19 +149,16 @@ def data(results: Results) -> Figure:
         axes.set_xscale("log")
         axes.set_xticks(sorted(sizes), [f"{size:,}" for size in sorted(sizes)])
         axes.minorticks_off()
-        axes.set(xlabel="transitions of each mode", ylabel=f"{metric}s (% of episodes)")
         axes.set_ylim(*((0, None) if metric == "collision" else (-4, 104)))
-        plain(axes)
-    handles, labels = panels[0].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside lower center", ncols=4)
-    title = f"Intersection: how much is shown; {described(every)}"
+        finish(axes, xlabel="transitions of each mode", ylabel=f"{metric}s (% of episodes)")
+    title = f"Intersection: how much is shown; {seeds_and_episodes(every)}"
     note = f"open marks: as many episodes of each mode, at {PER_EPISODE} times their number"
-    drawn.suptitle(f"{title}\n{note}", fontsize=10)
+    head(drawn, f"{title}\n{note}", panels[0], columns=4)
     return drawn
 
 
 def _mixtures(axes: Any, target: str, every: Runs, value: Callable[[Sequence[Row]], float]) -> None:
-    """Filled marks on a line for equal transitions, open ones for equal trajectories."""
+    """Draw filled marks on a line for equal transitions, open ones for equal trajectories."""
     transitions: dict[float, list[Row]] = {}
     trajectories: dict[float, list[Row]] = {}
     for (mixture, size, *_), row in every:

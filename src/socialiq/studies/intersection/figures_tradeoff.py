@@ -1,4 +1,4 @@
-"""Own progress against effect on others: every policy of the main part, and the best of them."""
+"""Trade-off of own progress and effect on others: all policies of the main part, and their hull."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from socialiq.experiments.intersection import thesis_values
-from socialiq.experiments.intersection.plots import runs
+from socialiq.experiments.intersection.plots import greedy_runs
 from socialiq.experiments.results import Results
-from socialiq.plotting.style import COLORS, MARKS, figure, plain
+from socialiq.plotting.style import COLORS, MARKS, figure, finish
 from socialiq.types import Row
 
 GROUPS = {
@@ -27,28 +27,30 @@ _PLACES = [(far * x, far * y) for far in (1.0, 1.7, 2.4, 3.2) for x, y in _SIDES
 
 
 def tradeoff(results: Results) -> Figure:
-    """Mean totals of experts, learners and drivers, with the part of their hull for 0° to 90°."""
+    """Draw mean totals of experts, learners and drivers, and their hull for 0° to 90°."""
     drawn = figure(9.1, 6.0)
     axes = drawn.add_subplot()
-    plain(axes)
     best = sorted(_hull(results), reverse=True)
     axes.plot(*zip(*best, strict=True), color="#aaaaaa", linewidth=1.5, zorder=1)
     for group, (mark, _) in GROUPS.items():
-        for (target, *_), row in runs(results, f"learners/{group}"):
+        for (target, *_), row in greedy_runs(results, f"learners/{group}"):
             _point(axes, row, mark, COLORS[target], markersize=6, alpha=0.7)
-    for (mode, *_), row in runs(results, "experts/flat"):
+    for (mode, *_), row in greedy_runs(results, "experts/flat"):
         _point(axes, row, "*", COLORS[mode], markersize=14, markeredgecolor="black")
     for mode, signals in thesis_values.TABLE_A_1.items():
         row = {"r_env": signals["g_env"][0], "r_social": signals["g_social"][0]}
         _point(axes, row, MARKS[mode], COLORS[mode], markersize=10, markerfacecolor="none")
     axes.axhline(0, color="#999999", linewidth=0.8)
     axes.axvline(0, color="#999999", linewidth=0.8)
-    axes.set_xlabel("mean total r_env of an episode (own progress)")
-    axes.set_ylabel("mean total r_social of an episode (effect on others)")
     _legend(drawn)
     seeds, episodes = len(results.config["seeds"]), results.config["episodes"]
     title = f"own progress, effect on others; greedy, {episodes} episodes, {seeds} training seeds"
-    axes.set_title(f"Intersection: {title}", fontsize=10)
+    finish(
+        axes,
+        f"Intersection: {title}",
+        xlabel="mean total r_env of an episode (own progress)",
+        ylabel="mean total r_social of an episode (effect on others)",
+    )
     drawn.draw_without_rendering()  # so that distances on the paper are known
     _drivers(axes, results)
     return drawn
@@ -60,7 +62,7 @@ def _point(axes: Any, row: Row, mark: str, color: str, **changes: Any) -> None:
 
 
 def _hull(results: Results) -> list[tuple[float, float]]:
-    """Vertices that are the best of all at an angle between 0 and 90 degrees."""
+    """Return the vertices that are the best of all at an angle between 0 and 90 degrees."""
     return [
         (row["r_env"], row["r_social"])
         for row in results.tables["best_angles"]
@@ -73,9 +75,9 @@ def _hull(results: Results) -> list[tuple[float, float]]:
 
 
 def _drivers(axes: Any, results: Results) -> None:
-    """Small grey crosses, each labelled at the nearest place that is free."""
+    """Draw small grey crosses, each labelled at the nearest free place."""
     names: dict[tuple[float, float], list[str]] = {}  # equal drivers share a label
-    for (name,), row in runs(results, "drivers"):
+    for (name,), row in greedy_runs(results, "drivers"):
         _point(axes, row, "x", "#666666", markersize=6, markeredgewidth=1.2, zorder=3)
         names.setdefault((row["r_env"], row["r_social"]), []).append(name)
     points = [one.get_xydata() for one in axes.lines if len(one.get_xdata()) == 1]

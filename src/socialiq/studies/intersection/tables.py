@@ -1,86 +1,89 @@
-"""The thesis' tables with our numbers beside its own, from the rows of policies."""
+"""The thesis' tables with our numbers beside its own: 6.1, 6.2, A.1, A.2, Fig A.1."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.front import support_intervals
 from socialiq.evaluation.play import Episodes
 from socialiq.experiments.intersection import thesis_values
-from socialiq.experiments.intersection.experts import expert_name
-from socialiq.experiments.intersection.rows import Played, outcome_row
+from socialiq.experiments.intersection.rows import PolicyEpisodes, outcome_row
 from socialiq.statistics.comparisons import cohens_d
 from socialiq.storage import load_arrays
-from socialiq.studies.intersection.config import Config
-from socialiq.studies.intersection.plan import TARGETS, TRAINED, learner_name
+from socialiq.studies.intersection.plan import Config, columns
 from socialiq.types import Row
 
 PERCENT = ("collision", "arrival", "timeout", "stopped")
 READOUTS = ("greedy", "soft")
 
-ByName = Mapping[tuple[str, str], Row]
-"""Rows of policies by (policy, readout)."""
 
-
-def table_6_2(rows: ByName, plays: Mapping[tuple[str, str], Played], config: Config) -> list[Row]:
-    """Tables 6.1 and 6.2: each metric of experts and learners beside the thesis' value.
+def table_6_2(
+    rows: Mapping[tuple[str, str], Row], episodes: PolicyEpisodes, config: Config
+) -> list[Row]:
+    """Return Tables 6.1 and 6.2: each metric of experts and learners beside the thesis' value.
 
     `over_training` is the standard deviation over training seeds, empty for a single expert;
     `over_evaluation` that over groups of evaluation episodes, averaged over training seeds.
     """
     found: list[Row] = []
-    for group, metric in itertools.product(_groups(), thesis_values.METRICS):
-        for readout in READOUTS:
-            for policy, names in _columns(group, config).items():
-                if any((name, readout) not in rows for name in names):
-                    continue  # experts are read greedily
-                factor = 100 if metric in PERCENT else 1
-                values = [factor * rows[name, readout][metric] for name in names]
-                spreads = [
-                    factor * group_spread(plays[name, readout].episodes, config)[metric]
-                    for name in names
-                ]
-                mean, spread = thesis_values.TABLE_6_2[metric][policy]
-                found.append(
-                    dict(zip(("preset", "setting"), group, strict=True))
-                    | {"readout": readout, "policy": policy, "metric": metric}
-                    | {"thesis": mean, "thesis_spread": spread, "ours": float(np.mean(values))}
-                    | {"over_training": _sd(values), "over_evaluation": float(np.mean(spreads))}
-                    | {"low": min(values), "high": max(values), "seeds": len(values)}
-                )
+    for (group, policies), metric in itertools.product(
+        columns(config).items(), thesis_values.METRICS
+    ):
+        for readout, (policy, names) in itertools.product(READOUTS, policies.items()):
+            if any((name, readout) not in rows for name in names):
+                continue  # experts are evaluated greedily only
+            factor = 100 if metric in PERCENT else 1
+            values = [factor * rows[name, readout][metric] for name in names]
+            spreads = [
+                factor * group_spread(episodes[name, readout], config)[metric] for name in names
+            ]
+            mean, spread = thesis_values.TABLE_6_2[metric][policy]
+            found.append(
+                dict(zip(("preset", "setting"), group, strict=True))
+                | {"readout": readout, "policy": policy, "metric": metric}
+                | {"thesis": mean, "thesis_spread": spread, "ours": float(np.mean(values))}
+                | {"over_training": float(np.std(values, ddof=1)) if len(values) > 1 else ""}
+                | {"over_evaluation": float(np.mean(spreads))}
+                | {"low": min(values), "high": max(values), "seeds": len(values)}
+            )
     return found
 
 
-def _groups() -> list[tuple[str, str]]:
-    return [("experts", "flat"), *TRAINED]
-
-
-def _columns(group: tuple[str, str], config: Config) -> dict[str, list[str]]:
-    """Names of the policies behind each column of Table 6.2."""
-    first, second = group
-    if first == "experts":
-        seed = config.expert_seed
-        return {f"expert {mode}": [expert_name(second, mode, seed)] for mode in MODES}
+def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
+    """Return the standard deviation of each metric over groups of evaluation episodes."""
+    size = config.group_episodes
+    rows = [
+        outcome_row(part(episodes, slice(number * size, (number + 1) * size)))
+        for number in range(config.evaluation_seeds)
+    ]
     return {
-        target: [learner_name(first, second, target, seed) for seed in config.seeds]
-        for target in TARGETS
+        name: float(np.std([row[name] for row in rows], ddof=1)) for name in thesis_values.METRICS
     }
 
 
-def _sd(values: Sequence[float]) -> float | str:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else ""
+def part(episodes: Episodes, which: slice) -> Episodes:
+    """Return some of the episodes."""
+    kept: dict[str, Any] = {}
+    for name, value in episodes._asdict().items():
+        if name == "signal_names":
+            kept[name] = value
+        elif isinstance(value, tuple):
+            kept[name] = type(value)(*(column[which] for column in value))
+        else:
+            kept[name] = value[which]
+    return Episodes(**kept)
 
 
-def separability(pools: Path) -> tuple[list[Row], list[Row]]:
-    """Tables A.1 and A.2: returns of the demonstrations by mode, and Cohen's d between modes."""
-    returns = {mode: _returns(pools, mode) for mode in MODES}
+def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
+    """Return Tables A.1 and A.2: returns of demonstrations by mode, Cohen's d between modes."""
+    returns = {mode: _returns(recordings, mode) for mode in MODES}
     first: list[Row] = []
     for mode, of_mode in returns.items():
         for signal, values in of_mode.items():
@@ -100,23 +103,22 @@ def separability(pools: Path) -> tuple[list[Row], list[Row]]:
 
 
 def _printed_d(first: str, second: str, signal: str) -> float:
-    """Cohen's d that follows from the thesis' Table A.1, for groups of one size."""
-    (mean, sd), (other, its_sd) = (thesis_values.TABLE_A_1[m][signal] for m in (first, second))
-    return (mean - other) / float(np.hypot(sd, its_sd) / np.sqrt(2))
+    """Return Cohen's d that follows from the thesis' Table A.1, for groups of one size."""
+    (mean, sd), (other, other_sd) = (thesis_values.TABLE_A_1[m][signal] for m in (first, second))
+    return (mean - other) / float(np.hypot(sd, other_sd) / np.sqrt(2))
 
 
-def distributions(pools: Path) -> list[Row]:
-    """Fig A.1: how the rewards of a decision are distributed, by mode and signal.
+def distributions(recordings: Path) -> list[Row]:
+    """Return the distribution of the rewards of a decision, by mode and signal (Fig A.1).
 
     Shares of the decisions in 40 equal bins between the 0.5 and 99.5 percentiles of all modes;
-    what lies beyond counts in the outermost bins.
+    values beyond count in the outermost bins.
     """
     values: dict[str, dict[str, np.ndarray]] = {}
     for mode in MODES:
-        shown = files.load(pools / f"{mode}.safetensors")
-        classical, _ = load_arrays(pools / f"{mode}_classical.safetensors", "classical", 1)
+        recorded, classical = _recorded(recordings, mode)
         values[mode] = {"r_self": classical["own"], "r_global": classical["others"]}
-        values[mode] |= {"r_env": shown.rewards.env, "r_social": shown.rewards.social}
+        values[mode] |= {"r_env": recorded.rewards.env, "r_social": recorded.rewards.social}
     found: list[Row] = []
     for signal in ("r_self", "r_global", "r_env", "r_social"):
         everything = np.concatenate([values[mode][signal] for mode in MODES])
@@ -134,52 +136,19 @@ def distributions(pools: Path) -> list[Row]:
     return found
 
 
-def _returns(pools: Path, mode: str) -> dict[str, np.ndarray]:
-    """Undiscounted sums over each recorded episode."""
-    shown = files.load(pools / f"{mode}.safetensors")
-    classical, _ = load_arrays(pools / f"{mode}_classical.safetensors", "classical", 1)
-    starts = shown.episode_starts
+def _returns(recordings: Path, mode: str) -> dict[str, np.ndarray]:
+    """Return undiscounted sums over each recorded episode."""
+    recorded, classical = _recorded(recordings, mode)
+    starts = recorded.episode_starts
     return {
         "g_self": np.add.reduceat(classical["own"], starts),
         "g_global": np.add.reduceat(classical["others"], starts),
-        "g_env": shown.totals().env,
-        "g_social": shown.totals().social,
+        "g_env": recorded.totals().env,
+        "g_social": recorded.totals().social,
     }
 
 
-def best_angles(rows: Sequence[Row]) -> list[Row]:
-    """For each policy the angles at which it is the best of all given ones."""
-    points = {f"{r['policy']} {r['readout']}": (r["r_env"], r["r_social"]) for r in rows}
-    intervals = support_intervals(points)
-    found = []
-    for row in rows:
-        interval = intervals[f"{row['policy']} {row['readout']}"]
-        low, high = interval or ("", "")
-        kept: dict[str, Any] = {name: row[name] for name in ("policy", "readout")}
-        kept |= {name: row[name] for name in ("r_env", "r_social", "angle")}
-        found.append(kept | {"best_from": low, "best_to": high})
-    return found
-
-
-def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
-    """Standard deviation of each metric over groups of episodes, as over evaluation seeds."""
-    size = config.group_episodes
-    groups = [slice(i * size, (i + 1) * size) for i in range(config.evaluation_seeds)]
-    rows = [outcome_row(part(episodes, group)) for group in groups]
-    return {
-        name: float(np.std([row[name] for row in rows], ddof=1))
-        for name in ("collision", "arrival", "timeout", "speed_kmh", "stopped")
-    }
-
-
-def part(episodes: Episodes, which: slice) -> Episodes:
-    """Some of the episodes."""
-    kept: dict[str, Any] = {}
-    for name, value in episodes._asdict().items():
-        if name == "signal_names":
-            kept[name] = value
-        elif isinstance(value, tuple):
-            kept[name] = type(value)(*(column[which] for column in value))
-        else:
-            kept[name] = value[which]
-    return Episodes(**kept)
+def _recorded(recordings: Path, mode: str) -> tuple[Demonstrations, dict[str, np.ndarray]]:
+    """Return the demonstrations of a mode and their classical rewards."""
+    classical, _ = load_arrays(recordings / f"{mode}_classical.safetensors", "classical", 1)
+    return files.load(recordings / f"{mode}.safetensors"), classical

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from socialiq.experiments.study import Study, view_of
-from socialiq.studies.intersection_dial.config import Config
 from socialiq.studies.intersection_dial.figures import draw
-from socialiq.studies.intersection_dial.study import compute_tables, plan
+from socialiq.studies.intersection_dial.study import Config, compute_tables, plan
 
 STUDY = Study(
     name="intersection-dial",

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
-from socialiq.experiments.tables import matching
-from socialiq.plotting.rows import band
-from socialiq.plotting.style import figure, plain
+from socialiq.experiments.tables import groups, matching
+from socialiq.plotting.rows import band, line
+from socialiq.plotting.style import figure, finish
+from socialiq.studies.intersection_dial.study import AGENTS, DIALS
 
-_LOOKS = {"dial": ("#2166ac", "o", "one dial"), "agents": ("#c23b22", "^", "an agent each")}
+_LOOKS = {DIALS: ("#2166ac", "o", "one dial"), AGENTS: ("#c23b22", "^", "an agent each")}
 _RATES = {"arrival": "#1b7837", "collision": "#c23b22", "timeout": "#6e6e6e"}
 
 
 def draw(results: Results) -> dict[str, Figure]:
-    """All figures of the study."""
+    """Draw all figures of the study."""
     return {
         "tradeoff": _tradeoff(results),
         "regret": _regret(results),
@@ -24,69 +27,54 @@ def draw(results: Results) -> dict[str, Figure]:
 
 
 def _tradeoff(results: Results) -> Figure:
-    """Mean totals of every policy; a dial's are joined in the order in which it turns."""
+    """Draw mean totals of every policy; a dial's are joined in the order in which it turns."""
     drawn = figure(7.5, 5.2)
     axes = drawn.subplots()
     for family, (color, mark, label) in _LOOKS.items():
-        for place, seed in enumerate(results.config["seeds"]):
+        style: dict[str, Any] = {"linestyle": "-" if family == DIALS else "none"}
+        style |= {"marker": mark, "color": color, "linewidth": 0.6, "markersize": 5, "alpha": 0.6}
+        for number, seed in enumerate(results.config["seeds"]):
             rows = matching(results.tables["policies"], family=family, seed=seed)
-            axes.plot(
-                [row["r_env"] for row in rows],
-                [row["r_social"] for row in rows],
-                marker=mark,
-                linestyle="-" if family == "dial" else "none",
-                linewidth=0.6,
-                markersize=5,
-                color=color,
-                alpha=0.6,
-                label=label if place == 0 else None,
-            )
-    axes.set(xlabel="mean total r_env of an episode", ylabel="mean total r_social of an episode")
-    axes.set_title("Turning from 0° (right) to 90° (left), all seeds", fontsize=10)
-    axes.legend(frameon=False, fontsize=9)
-    plain(axes)
+            named = label if number == 0 else None
+            line(axes, rows, "r_env", "r_social", **style, label=named)
+    labels = {"xlabel": "mean total r_env of an episode"}
+    labels["ylabel"] = "mean total r_social of an episode"
+    finish(axes, "Turning from 0° (right) to 90° (left), all seeds", 9, **labels)
     return drawn
 
 
 def _regret(results: Results) -> Figure:
-    """Regret against the best policy of all at each key angle."""
+    """Draw regret against the best policy of all at each key angle."""
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
     for family, (color, mark, label) in _LOOKS.items():
         rows = matching(results.tables["policies"], family=family)
         band(axes, rows, "asked", "regret", color=color, marker=mark, label=label)
-    axes.set(xlabel="angle asked for, degrees", ylabel="regret against the best of all")
-    axes.set_title("Mean over seeds, band from least to largest", fontsize=10)
-    axes.legend(frameon=False, fontsize=9)
-    plain(axes)
+    labels = {"xlabel": "angle asked for, degrees", "ylabel": "regret against the best of all"}
+    finish(axes, "Mean over seeds, band from least to largest", 9, **labels)
     return drawn
 
 
 def _turning(results: Results) -> Figure:
-    """Endings of the dial's episodes at each angle."""
+    """Draw the endings of the dial's episodes at each angle."""
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
-    rows = matching(results.tables["policies"], family="dial")
+    rows = matching(results.tables["policies"], family=DIALS)
     for name, color in _RATES.items():
         band(axes, rows, "asked", name, 100.0, color=color, marker="o", label=name)
-    axes.set(xlabel="angle asked for, degrees", ylabel="episodes, %", ylim=(0, 100))
-    axes.set_title("One dial, turned: mean over seeds, band from least to largest", fontsize=10)
-    axes.legend(frameon=False, fontsize=9)
-    plain(axes)
+    title = "One dial, turned: mean over seeds, band from least to largest"
+    labels = {"xlabel": "angle asked for, degrees", "ylabel": "episodes, %"}
+    finish(axes, title, 9, **labels, ylim=(0, 100))
     return drawn
 
 
 def _learning(results: Results) -> Figure:
-    """J(α) of each run while it trains: mean over the angles at which it is looked at."""
+    """Draw J(α) of each run while it trains: the mean over the angles of its checks."""
     drawn = figure(8.0, 4.2)
     axes = drawn.subplots()
-    curves = results.tables["curves"]
-    for name in dict.fromkeys(row["run"] for row in curves):
-        rows = [row for row in curves if row["run"] == name]
-        family = "dial" if name.startswith("dials") else "agents"
-        updates, totals = ([row[key] for row in rows] for key in ("updates", "total"))
-        axes.plot(updates, totals, color=_LOOKS[family][0], linewidth=0.9, alpha=0.6)
-    axes.set(xlabel="updates", ylabel="J(α): a dial's mean over 0°, 45°, 90°")
-    axes.set_title("Blue: dials. Red: agents, each at its own angle", fontsize=10)
-    plain(axes)
+    for (run,), rows in groups(results.tables["curves"], "run").items():
+        color, *_ = _LOOKS[DIALS if run.startswith("dials") else AGENTS]
+        line(axes, rows, "updates", "total", color=color, linewidth=0.9, alpha=0.6)
+    title = "Blue: dials. Red: agents, each at its own angle"
+    finish(axes, title, xlabel="updates", ylabel="J(α): a dial's mean over 0°, 45°, 90°")
     return drawn

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from socialiq.experiments.study import Study, view_of
-from socialiq.studies.intersection_skill.config import Config
 from socialiq.studies.intersection_skill.figures import draw
-from socialiq.studies.intersection_skill.study import plan
+from socialiq.studies.intersection_skill.plan import Config, plan
 from socialiq.studies.intersection_skill.tables import compute_tables
 
 STUDY = Study(

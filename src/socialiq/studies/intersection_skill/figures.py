@@ -1,89 +1,89 @@
-"""Scores with a skill that the reward pair doesn't speak of, in the intersection, by angle."""
+"""Scores with a skill that the reward pair lacks, in the intersection, by angle."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
-from socialiq.experiments.tables import matching
-from socialiq.plotting.rows import band
-from socialiq.plotting.style import figure, plain
+from socialiq.experiments.tables import groups, matching
+from socialiq.plotting.rows import band, line
+from socialiq.plotting.style import figure, finish
+from socialiq.studies.intersection_skill.plan import (
+    ALONE,
+    CLONES,
+    EXPERTS,
+    FOLDERS,
+    INFERRED,
+    PRIOR,
+    REFERENCES,
+    RETURNS,
+    SHARED,
+    UNSKILLED,
+)
 
 _LOOKS = {
-    "shared competence": ("#2166ac", "o"),
-    "shared competence, angles inferred": ("#67a9cf", "s"),
-    "prior on returns-to-go": ("#e08214", "^"),
-    "prior on rewards": ("#b2abd2", "v"),
-    "RL on R(α)": ("#c23b22", "D"),
-    "clones": ("#6e6e6e", "x"),
-    "demonstrators": ("#000000", "*"),
-    "experts of R(α) alone": ("#8c510a", "+"),
+    SHARED: ("#2166ac", "o"),
+    INFERRED: ("#67a9cf", "s"),
+    RETURNS: ("#e08214", "^"),
+    PRIOR: ("#b2abd2", "v"),
+    ALONE: ("#c23b22", "D"),
+    CLONES: ("#6e6e6e", "x"),
+    EXPERTS: ("#000000", "*"),
+    UNSKILLED: ("#8c510a", "+"),
 }
-_ONE_EACH = ("clones", "demonstrators", "experts of R(α) alone")
-"""They have one policy for each demonstrated angle, and are drawn there alone."""
+"""Colour and mark of each method; references are drawn at demonstrated angles only."""
 
 
 def draw(results: Results) -> dict[str, Figure]:
-    """Scores by angle, and what they are made of."""
+    """Draw scores by angle, their parts, and learning curves."""
     found = {"scores": _scores(results), "parts": _parts(results)}
     return found | ({"learning": _learning(results)} if "curves" in results.tables else {})
 
 
 def _scores(results: Results) -> Figure:
-    """R(α) + c h over the angle."""
+    """Draw R(α) + c h over the angle."""
     drawn = figure(8.6, 5.0)
     axes = drawn.subplots()
-    _draw(axes, results, "score")
-    axes.set(
-        xlabel="angle, degrees (0, 45 and 90 are demonstrated)", ylabel="R(α) + c h, an episode"
-    )
-    axes.set_title("Mean over training seeds, band from least to largest", fontsize=10)
-    axes.legend(frameon=False, fontsize=8)
-    plain(axes)
+    _bands(axes, results, "score")
+    xlabel = "angle, degrees (0, 45 and 90 are demonstrated)"
+    title = "Mean over training seeds, band from least to largest"
+    finish(axes, title, 8, xlabel=xlabel, ylabel="R(α) + c h, an episode")
     return drawn
 
 
 def _parts(results: Results) -> Figure:
-    """Signals that were given, and the hidden one."""
+    """Draw the given reward and the hidden skill over the angle."""
     drawn = figure(10.0, 4.4)
-    for axes, (name, label) in zip(
-        drawn.subplots(1, 2), {"told": "R(α)", "skill": "h"}.items(), strict=True
-    ):
-        _draw(axes, results, name)
-        axes.set(xlabel="angle, degrees", ylabel=f"{label}, an episode")
-        plain(axes)
-    drawn.axes[0].set_title("what methods are told", fontsize=10)
-    drawn.axes[1].set_title("what demonstrators alone are told", fontsize=10)
-    drawn.axes[1].legend(frameon=False, fontsize=7)
+    left, right = drawn.subplots(1, 2)
+    _bands(left, results, "told")
+    _bands(right, results, "skill")
+    xlabel = "angle, degrees"
+    finish(left, "what methods are told", xlabel=xlabel, ylabel="R(α), an episode")
+    title = "what demonstrators alone are told"
+    finish(right, title, 7, xlabel=xlabel, ylabel="h, an episode")
     return drawn
 
 
-def _draw(axes: object, results: Results, name: str) -> None:
+def _bands(axes: Any, results: Results, name: str) -> None:
     for method, (color, mark) in _LOOKS.items():
         rows = matching(results.tables["scores"], method=method)
-        if method in _ONE_EACH:
+        if method in REFERENCES:
             rows = matching(rows, demonstrated=1)
         if rows:
-            style = "none" if method in _ONE_EACH else "-"
+            style = "none" if method in REFERENCES else "-"
             band(axes, rows, "angle", name, color=color, marker=mark, label=method, linestyle=style)
 
 
 def _learning(results: Results) -> Figure:
-    """R(α) + c h of each dial while it trains: mean over the demonstrated angles."""
+    """Draw R(α) + c h of each dial while it trains: the mean over the demonstrated angles."""
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
-    colors = {
-        "alone": _LOOKS["RL on R(α)"],
-        "prior": _LOOKS["prior on rewards"],
-        "shared": _LOOKS["shared competence"],
-        "inferred": _LOOKS["shared competence, angles inferred"],
-    }
-    curves = results.tables["curves"]
-    for name in dict.fromkeys(row["run"] for row in curves):
-        rows = matching(curves, run=name)
-        updates, totals = ([row[key] for row in rows] for key in ("updates", "total"))
-        axes.plot(updates, totals, color=colors[name.split("/")[0]][0], linewidth=0.9, alpha=0.7)
-    axes.set(xlabel="updates", ylabel="R(α) + c h, mean of 0°, 45°, 90°")
-    axes.set_title("Dials while they train, colours as in the scores", fontsize=10)
-    plain(axes)
+    colors = {FOLDERS[method]: color for method, (color, _) in _LOOKS.items()}
+    for (run,), rows in groups(results.tables["curves"], "run").items():
+        color = colors[run.split("/")[0]]
+        line(axes, rows, "updates", "total", color=color, linewidth=0.9, alpha=0.7)
+    title = "Dials while they train, colours as in the scores"
+    finish(axes, title, xlabel="updates", ylabel="R(α) + c h, mean of 0°, 45°, 90°")
     return drawn

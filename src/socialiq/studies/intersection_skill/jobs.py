@@ -1,46 +1,57 @@
-"""Training jobs of the study: demonstrators, dials, the thesis' learner, clones."""
+"""Jobs of the study: training, recordings, and the inference of the demonstrators' angles.
+
+Inference is the E-step of expectation-maximisation. The absolute angle is a gauge
+(`learners.competence.angles`), fixed by the same conventions: directions have length 1, and what
+demonstrators share is first assumed to be 0, so that the angles explain as much as they can. Then
+a dial is trained with these angles, and they are inferred once more with it; the dial is not
+trained again.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import log_softmax
 
+from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.mixture import concatenate
+from socialiq.demonstrations.mixture import concatenate, equal_transitions
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS
-from socialiq.experiments.intersection.jobs import CHECKPOINT, CHUNK, callbacks_of, source_of
-from socialiq.experiments.intersection.monitor import Checks, write_curve
+from socialiq.experiments.intersection.demonstration_sets import (
+    DEMONSTRATIONS,
+    Recording,
+    record_experts,
+)
+from socialiq.experiments.intersection.episodes import DIAL, angle_file
+from socialiq.experiments.intersection.fitting import fit, sizes_of, soft_collector, source_of
+from socialiq.experiments.intersection.training import DialRun, fit_dial
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners import behaviour_cloning as cloning
-from socialiq.learners.collect import Collector, soft
-from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.train import dial_of
-from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn.train import train as train_dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.nn.q_network import network_of
-from socialiq.storage import read_json
-from socialiq.studies.intersection_skill.demonstrations import demonstrations
-from socialiq.studies.intersection_skill.driving import DIAL, drive, policy_name
-from socialiq.studies.intersection_skill.inference import ANGLES
-from socialiq.studies.intersection_skill.skill import told
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import read_json, write_json
+from socialiq.studies.intersection_skill.skill import drive, with_skill
+from socialiq.types import Policy
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.world import Intersection
+
+ANGLES = "angles.json"
+TEMPERATURES = (0.03, 0.1, 0.3, 1.0)
+"""τ of a demonstrator, which is unknown; the likeliest counts."""
 
 
 @dataclass(frozen=True)
-class ExpertRun:
+class DemonstratorRun:
     """A demonstrator: a DQN on R(α) + c h."""
 
     structure: dqn.StaticConfig
@@ -51,93 +62,68 @@ class ExpertRun:
     options: Options = field(default_factory=Options)
 
 
-def train_expert(
-    config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+def train_demonstrator(
+    config: DemonstratorRun,
+    folder: Path,
+    _inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
 ) -> None:
-    """Train; writes the policy."""
-    structure, numbers, world = config.structure, config.numbers, Intersection(config.options)
-    steps = CHUNK * structure.steps_per_update
-    source = source_of(config.options, config.environments, steps)
-    trained = train_dqn(
-        structure,
-        [numbers],
-        [told(source, config.weight, numbers.angle)],
-        (world.n_features, world.n_actions),
-        callbacks_of(folder, None, on_progress),
-        CHUNK,
-    )
-    trained.policy(0).save(folder / policy_name(numbers.angle))
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    """Write the policy of a demonstrator."""
+    structure, numbers = config.structure, config.numbers
+    source = source_of(config.options, config.environments, structure.steps_per_update)
+    skilled = with_skill(source, config.weight, numbers.angle)
+    train = partial(train_dqn, structure, [numbers], [skilled], sizes_of(config.options))
+    fit(train, folder, on_progress, [angle_file(numbers.angle)])
 
 
-@dataclass(frozen=True)
-class DialRun:
-    """One dial; a job of which one input is the demonstrations, another inferred angles if any."""
+def record_demonstrators(
+    config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Record each demonstrator, given in the order of the modes."""
+    demonstrators = {
+        mode: QPolicy.load(trained / angle_file(angle))
+        for (mode, angle), trained in zip(MODES.items(), inputs.values(), strict=True)
+    }
+    record_experts(demonstrators, config, folder, on_progress)
 
-    structure: dial.StaticConfig
-    numbers: dial.Hyperparameters
-    size: int
+
+def demonstrations(pools: Path, size: int, seed: int) -> dict[str, Demonstrations]:
+    """Draw about so many transitions of each demonstrator, in whole episodes."""
+    found = {}
+    for mode in MODES:
+        pool = {mode: files.load(pools / f"{mode}.safetensors")}
+        found[mode] = equal_transitions(pool, size, seed)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkillDialRun(DialRun):
+    """One dial; its inputs are the demonstrations, if it learns from them, and inferred angles."""
+
     weight: float
-    """c of the score by which it is looked at; it is not told."""
-    steps_per_update: int = 12
-    environments: int = 12
-    options: Options = field(default_factory=Options)
-    checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
+    """c of the score that checks measure; the dial is not rewarded for it."""
 
 
 def train_family(
-    config: DialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+    config: SkillDialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Train a dial; writes it and its learning curve."""
-    structure, numbers = _told_angles(config.structure, inputs), config.numbers
-    world = Intersection(config.options)
-    source = source_of(config.options, config.environments, CHUNK * config.steps_per_update)
-    trained = train_dial(
-        structure,
-        [numbers],
-        _datasets(structure, inputs, config.size, numbers.seed),
-        sizes=(world.n_features, world.n_actions),
-        callbacks=callbacks_of(folder, lambda state: _looked(config, state), on_progress),
-        chunk=CHUNK,
-        before_chunk=Collector([source], [numbers.seed], acting(structure, [numbers])),
-    )
-    trained.policy(0).save(folder / DIAL)
-    write_curve(trained.history, folder / "curve.csv")
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    """Write a dial and its learning curve, which is of R(α) + c h."""
+    structure = config.structure
+    for trained in inputs.values():
+        if (trained / ANGLES).is_file():
+            angles = tuple(row["angle"] for row in read_json(trained / ANGLES))
+            structure = dataclasses.replace(structure, demonstrators=angles)
+    data: list[Demonstrations] = []
+    if structure.demonstrations:
+        drawn = demonstrations(inputs[DEMONSTRATIONS], config.size, config.numbers.seed)
+        data = list(drawn.values())
+        data = data if structure.demonstrators else [concatenate(data)]
 
+    def value(batch: Batch, policy: Policy, seeds: np.ndarray, angle: float) -> float:
+        return float(drive(batch, policy, seeds).score(angle, config.weight).mean())
 
-def _told_angles(structure: dial.StaticConfig, inputs: Mapping[str, Path]) -> dial.StaticConfig:
-    """The demonstrators' angles that were inferred, in the place of their own."""
-    for folder in inputs.values():
-        if (folder / ANGLES).is_file():
-            found = tuple(row["angle"] for row in read_json(folder / ANGLES))
-            return dataclasses.replace(structure, demonstrators=found)
-    return structure
-
-
-def _datasets(
-    structure: dial.StaticConfig, inputs: Mapping[str, Path], size: int, seed: int
-) -> list[Demonstrations]:
-    """None, a set of each demonstrator, or all in one."""
-    if not structure.demonstrations:
-        return []
-    shown = demonstrations(inputs[DEMONSTRATIONS], size, seed)
-    return list(shown.values()) if structure.demonstrators else [concatenate(list(shown.values()))]
-
-
-def _looked(config: DialRun, state: Any) -> dict[str, np.ndarray]:
-    """Mean of R(α) + c h over the demonstrated angles; NaN where no check is due."""
-    done = math.ceil(int(state.optimiser.count[0]) / CHUNK)
-    if not config.checks.due(done, math.ceil(config.structure.updates / CHUNK)):
-        return {"total": np.array([np.nan])}
-    family = dial_of(config.structure, config.numbers, network_of(state.target_network.values, 0))
-    first, count = config.checks.first_seed, config.checks.episodes
-    seeds, batch = np.arange(first, first + count), Batch(config.options, min(count, 256))
-    scores = [
-        drive(batch, family.at(angle), seeds).score(angle, config.weight).mean()
-        for angle in MODES.values()
-    ]
-    return {"total": np.array([np.mean(scores)])}
+    config = dataclasses.replace(config, structure=structure)
+    fit_dial(config, data, value, folder, on_progress)
 
 
 @dataclass(frozen=True)
@@ -154,23 +140,14 @@ class ReturnsRun:
 def train_returns(
     config: ReturnsRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Train; writes a policy for each angle."""
+    """Write a policy for each angle."""
     structure, numbers = config.structure, config.numbers
-    seed = numbers[0].seed
-    steps = CHUNK * structure.env_steps_per_update
-    sources = [source_of(config.options, config.environments, steps) for _ in numbers]
-    behaviour = soft([one.temperature for one in numbers])
-    trained = train_iq(
-        structure,
-        numbers,
-        [concatenate(list(demonstrations(inputs[DEMONSTRATIONS], config.size, seed).values()))],
-        callbacks=callbacks_of(folder, None, on_progress),
-        chunk=CHUNK,
-        before_chunk=Collector(sources, [one.seed for one in numbers], behaviour),
-    )
-    for run, one in enumerate(numbers):
-        trained.policy(run).save(folder / policy_name(one.angle))
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    drawn = demonstrations(inputs[DEMONSTRATIONS], config.size, numbers[0].seed)
+    steps = structure.env_steps_per_update
+    collector = soft_collector(config.options, config.environments, steps, numbers)
+    data = [concatenate(list(drawn.values()))]
+    train = partial(train_iq, structure, numbers, data, before_chunk=collector)
+    fit(train, folder, on_progress, [angle_file(one.angle) for one in numbers])
 
 
 @dataclass(frozen=True)
@@ -185,13 +162,61 @@ class CloneRun:
 def train_clones(
     config: CloneRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Clone; writes a policy for each demonstrated angle."""
-    shown = demonstrations(inputs[DEMONSTRATIONS], config.size, config.seed)
+    """Write a policy for each demonstrated angle."""
+    drawn = demonstrations(inputs[DEMONSTRATIONS], config.size, config.seed)
     numbers = [
         cloning.Hyperparameters(seed=config.seed, dataset=place) for place in range(len(MODES))
     ]
-    callbacks = callbacks_of(folder, None, on_progress)
-    cloned = cloning.clone(config.structure, numbers, list(shown.values()), callbacks, CHUNK)
-    for run, angle in enumerate(MODES.values()):
-        cloned.policy(run).save(folder / policy_name(angle))
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    train = partial(cloning.clone, config.structure, numbers, list(drawn.values()))
+    fit(train, folder, on_progress, [angle_file(angle) for angle in MODES.values()])
+
+
+@dataclass(frozen=True)
+class Inference:
+    """One E-step by one dial; the other input is the demonstrations."""
+
+    size: int
+    seed: int
+    grid: int
+
+
+def infer(
+    config: Inference, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the likeliest angle of each demonstrator, and the likelihood of each angle."""
+    drawn = demonstrations(inputs[DEMONSTRATIONS], config.size, config.seed)
+    (trained,) = (path for name, path in inputs.items() if name != DEMONSTRATIONS)
+    family = DialPolicy.load(trained / DIAL)
+    angles = np.arange(family.low, family.high + 1e-9, config.grid)
+    rows = []
+    for number, (mode, true) in enumerate(MODES.items(), start=1):
+        one = drawn[mode]
+        logs = likelihood(family, one.observation, one.action, angles.tolist())
+        rows.append(
+            {"mode": mode, "true_angle": true, "angle": float(angles[int(logs.argmax())])}
+            | {"log_likelihood": (logs / one.n_transitions).tolist()}
+        )
+        on_progress(number / len(MODES))
+    write_json(folder / ANGLES, rows)
+
+
+def likelihood(
+    family: DialPolicy,
+    observation: Float[np.ndarray, "step feature"],
+    action: Int[np.ndarray, " step"],
+    angles: Sequence[float],
+) -> Float[np.ndarray, " angle"]:
+    """Return the log-likelihood of a demonstrator's actions at each angle, at the best temperature.
+
+    Args:
+        family: Dial whose softmax(Q/τ) at an angle models a demonstrator of that angle.
+        observation: Observations of the demonstrator.
+        action: Its actions.
+        angles: In degrees.
+    """
+    found, rows = [], np.arange(len(action))
+    for angle in angles:
+        q = family.at(angle).q_values(observation).astype(np.float64)
+        logs = (log_softmax(q / one, axis=1) for one in TEMPERATURES)
+        found.append(max(float(one[rows, action].sum()) for one in logs))
+    return np.array(found)
