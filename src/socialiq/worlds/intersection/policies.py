@@ -42,7 +42,7 @@ Seen = Float[np.ndarray, "batch vehicle feature"]
 Rule = Callable[[Seen], Int64[np.ndarray, " batch"]]
 
 
-def in_metres(observation: Float[np.ndarray, "batch feature"]) -> Seen:
+def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
     """Return the vehicles of observations, one row of features each, in m and m/s."""
     vehicles = observation.shape[1] // len(FEATURES)
     seen = observation.reshape(len(observation), vehicles, len(FEATURES)).astype(np.float64)
