@@ -24,13 +24,11 @@ from socialiq.experiments.intersection.fitting import CHUNK, source_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.config import Hyperparameters
 from socialiq.learners.dial.presets import QUICK, RUNS, Preset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.studies.compare_priors.budget import Run as GridRun
-from socialiq.studies.compare_priors.budget import dial_numbers, dial_structure
+from socialiq.studies.compare_priors.config import BY_NAME, Run, settings
 from socialiq.studies.dial.evaluate import KEY_ANGLES
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
@@ -142,7 +140,8 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
         for mode, driver in DRIVERS.items()
     }
     data = [MIXTURES["equal_trajectories"](shown, 100, 0)]
-    hyperparameters: Hyperparameters = dial_numbers(rates, GridRun(0.0, rates.strength, 0, 0))
+    run = Run(0.0, rates.strength, 0, 0)
+    dial_config, hyperparameters = settings(BY_NAME["dial"], base, rates, run)
 
     def collector(behaviour: Behaviour) -> Collector:
         source = source_of(options, 12, base.env_steps_per_update)
@@ -154,7 +153,7 @@ def _intersection() -> tuple[tuple[Trains, int], tuple[Trains, int]]:
         return train_iq(shorter, [rates], data, None, callbacks, chunk, acts)
 
     def dial(updates: int, callbacks: Callbacks, chunk: int) -> Any:
-        shorter = dataclasses.replace(dial_structure(base), updates=updates)
+        shorter = dataclasses.replace(dial_config, updates=updates)
         acts = collector(acting(shorter, [hyperparameters]))
         return train_dial(
             shorter, [hyperparameters], data, callbacks=callbacks, chunk=chunk, before_chunk=acts

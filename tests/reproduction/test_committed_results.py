@@ -29,10 +29,14 @@ from socialiq.studies import intersection_world, lambda_sweep, poc, worlds
 from socialiq.studies.audits import policies as audited
 from socialiq.studies.audits import study as audits
 from socialiq.studies.compare_priors import intersection as priors
-from socialiq.studies.compare_priors.budget import Run
-from socialiq.studies.compare_priors.config import EPISODES_EACH, Config
+from socialiq.studies.compare_priors.config import (
+    BY_NAME,
+    EPISODES_EACH,
+    THESIS_STRENGTHS,
+    Config,
+    Run,
+)
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
-from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS
 from socialiq.studies.competence import bench
 from socialiq.studies.grid import study as grid
 from socialiq.studies.theory import cases

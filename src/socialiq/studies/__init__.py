@@ -33,7 +33,7 @@ STUDIES = {
     "audits": "audits.study",
     "theory": "theory",
     "classic-control": "classic_control",
-    "compare-priors": "compare_priors",
+    "compare-priors": "compare_priors.study",
 }
 """Name on the command line, and the study's module."""
 

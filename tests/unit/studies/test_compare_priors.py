@@ -13,12 +13,19 @@ from socialiq.experiments.gridworld_runs import Ground
 from socialiq.experiments.jobs import fingerprints
 from socialiq.experiments.study import run
 from socialiq.plotting.style import png
-from socialiq.studies.compare_priors import STUDY, alignment, intersection, learners, study
-from socialiq.studies.compare_priors.budget import Run, structure_of
-from socialiq.studies.compare_priors.config import Config
-from socialiq.studies.compare_priors.gridworlds import effective_share
-from socialiq.studies.compare_priors.learners import Arena
-from socialiq.studies.compare_priors.methods import BY_NAME, IQ, LABELS, METHODS, nearest_mode
+from socialiq.studies.compare_priors import gridworlds, intersection, study, tables
+from socialiq.studies.compare_priors.config import (
+    BY_NAME,
+    IQ,
+    LABELS,
+    METHODS,
+    Config,
+    Run,
+    nearest_mode,
+    settings,
+)
+from socialiq.studies.compare_priors.gridworlds import Arena, effective_share
+from socialiq.studies.compare_priors.study import STUDY
 
 TINY = Config(
     worlds=("crossing5",),
@@ -43,16 +50,16 @@ def five_by_five() -> Arena:
     "name",
     [
         pytest.param(name, marks=[] if name in ("clone", "cql") else pytest.mark.slow)
-        for name in ("advantage", *learners.LEARNERS)
+        for name in ("advantage", *gridworlds.LEARNERS)
         if name != IQ
     ],
 )
-def test_every_learner_trains_a_policy_for_each_lane(arena: Arena, name: str) -> None:
+def test_every_learner_trains_a_policy_for_each_run(arena: Arena, name: str) -> None:
     method = BY_NAME[name]
     runs = [Run(0.0, 1.0, 0, 0), Run(90.0, 3.0, 1, 1)]
-    policies = learners.LEARNERS[method.learner](arena, method, runs)
+    policies = gridworlds.LEARNERS[method.learner](arena, method, runs)
     tables = [action_table(policy, arena.ground.part, "soft") for policy in policies]
-    assert len(policies) == 2 and not np.allclose(*tables)
+    assert len(policies) == 2 and not np.allclose(tables[0], tables[1])
     for policy, given in zip(policies, runs, strict=True):
         assert policy.provenance["numbers"]["seed"] == given.seed
         structure = policy.provenance["structure"]
@@ -66,13 +73,13 @@ def test_rows_of_a_table_have_labels_and_distinct_names() -> None:
     assert len(BY_NAME) == len(METHODS)
     assert set(LABELS) == set(BY_NAME)
     trained_by = {method.learner for method in METHODS}
-    assert trained_by == set(learners.LEARNERS) == set(intersection.LEARNERS)
+    assert trained_by == set(gridworlds.LEARNERS) == set(intersection.LEARNERS)
 
 
 def test_every_method_of_iq_learn_has_a_structure_of_its_own() -> None:
     """But for the thesis' row, which differs from the running returns' by its λ alone."""
     own = {
-        method.name: structure_of(method, TINY.structure)
+        method.name: settings(method, TINY.structure, TINY.numbers, Run(0.0, 1.0, 0, 0))[0]
         for method in METHODS
         if method.learner == IQ
     }
@@ -109,11 +116,11 @@ def test_the_strength_with_the_greatest_mean_value_is_chosen() -> None:
         {"world": "w", "method": "m", "strength": strength, "value": value}
         for strength, value in [(1.0, 3.0), (1.0, 1.0), (3.0, 2.0), (3.0, 2.5), (10.0, 2.25)]
     ]
-    assert study.choose(rows) == {("w", "m"): 3.0}
+    assert tables.choose(rows) == {("w", "m"): 3.0}
     tied = [row for row in rows if row["strength"] != 1.0 and row["value"] != 2.5]
     tied[0] = tied[0] | {"value": 2.25}
-    assert study.choose(tied[::-1]) == {("w", "m"): 3.0}
-    assert study.choose([]) == {}
+    assert tables.choose(tied[::-1]) == {("w", "m"): 3.0}
+    assert tables.choose([]) == {}
 
 
 @pytest.fixture(name="work", scope="module")
@@ -149,7 +156,7 @@ def test_means_and_ranges_are_over_seeds(results) -> None:
         own = [
             one["regret"]
             for one in results.tables["policies"]
-            if all(one[key] == row[key] for key in study.KEYS)
+            if all(one[key] == row[key] for key in tables.KEYS)
         ]
         assert row["seeds"] == len(own) == 2
         assert row["regret"] == pytest.approx(np.mean(own), abs=2e-6)
@@ -186,13 +193,13 @@ def test_angle_errors_are_ranked_against_regrets() -> None:
     alike = [row("a", 10.0 * n, 0.1 * n) for n in range(1, 4)]
     against = [row("b", -10.0 * n, 1.0 - 0.1 * n) for n in range(1, 4)]
     unknown = [row("c", 1.0, "")]
-    found = {r["world"]: r for r in alignment.alignment([*alike, *against, *unknown])}
+    found = {r["world"]: r for r in tables.alignment([*alike, *against, *unknown])}
     assert set(found) == {"a", "b"}
     assert found["a"]["spearman"] == pytest.approx(1.0)
     assert found["b"]["spearman"] == pytest.approx(-1.0)
     assert found["b"]["error_at_least_regret"] == pytest.approx(30.0)
     assert found["b"]["regret_at_least_error"] == pytest.approx(0.9)
-    counted = alignment.counts(list(found.values()))
+    counted = tables.alignment_counts(list(found.values()))
     assert counted["groups"] == 2 and counted["least_error_has_least_regret"] == 1
 
 

@@ -1,11 +1,13 @@
-"""The comparison in the intersection, as jobs beside those of its own study."""
+"""The comparison in the intersection: jobs of training and evaluation, and their rows."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,35 +39,20 @@ from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners import cql
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.q_policy import QPolicy
-from socialiq.studies.compare_priors.budget import (
-    Run,
-    clone_numbers,
-    clone_structure,
-    cql_numbers,
-    cql_structure,
-    dial_numbers,
-    dial_structure,
-    numbers_of,
-    rl_numbers,
-    rl_structure,
-    structure_of,
-)
-from socialiq.studies.compare_priors.config import Config
-from socialiq.studies.compare_priors.methods import Method, nearest_mode
+from socialiq.studies.compare_priors.config import Config, Method, Run, nearest_mode, settings
 from socialiq.types import Row
 
 WORLD = "intersection"
 RATES = presets.INTERSECTION_CALIBRATED_NUMBERS
 COSTS = {"iq_learn": 80.0, "rl": 60.0, "cql": 40.0}
-"""Seconds or so; a clone takes half of CQL's."""
+"""Approximate seconds; a clone takes half of CQL's."""
 
 
 @dataclass(frozen=True)
 class OfflineRun:
-    """A clone, or conservative Q-learning, on a mixture of the recordings of some modes."""
+    """Behaviour cloning or conservative Q-learning on a mixture of demonstrations of some modes."""
 
     structure: bc.StaticConfig | cql.StaticConfig
     numbers: bc.Hyperparameters | cql.Hyperparameters
@@ -77,7 +64,7 @@ class OfflineRun:
 def train_offline(
     config: OfflineRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Mix all modes, keep those that are asked for, train, keep the last network."""
+    """Mix all modes, select the given ones, train, and save the last network."""
     (pools,) = inputs.values()
     mixed = mixture_of(pools, config.mixture, config.size, config.numbers.seed)
     data = of_modes(mixed, config.modes)
@@ -86,7 +73,7 @@ def train_offline(
 
 
 def train_offline_policy(config: OfflineRun, data: Demonstrations, callbacks: Callbacks) -> QPolicy:
-    """The policy of one run."""
+    """Train the policy of a run."""
     match config.structure, config.numbers:
         case cql.StaticConfig() as structure, cql.Hyperparameters() as numbers:
             return cql.train(structure, [numbers], [data], callbacks).policy(0)
@@ -96,7 +83,7 @@ def train_offline_policy(config: OfflineRun, data: Demonstrations, callbacks: Ca
 
 
 def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
-    """The episodes of these modes."""
+    """Return the episodes of these modes."""
     wanted = [number for number, name in enumerate(data.mode_names) if name in modes]
     return data.select(np.flatnonzero(np.isin(data.episode_modes, wanted)))
 
@@ -104,7 +91,7 @@ def of_modes(data: Demonstrations, modes: Sequence[str]) -> Demonstrations:
 def jobs_of(
     config: Config, phase: str, method: Method, strengths: Sequence[float], seeds: Sequence[int]
 ) -> Iterator[Job]:
-    """Training and evaluation of one method at every angle, strength and seed."""
+    """Yield training and evaluation of a method at every angle, strength and seed."""
     dials: set[str] = set()
     for run in runs_of(config, method, strengths, seeds):
         name = job_name(phase, method, run)
@@ -114,24 +101,24 @@ def jobs_of(
         if method.learner == "dial":  # trained once, turned to each angle
             dial = f"dials/{phase}/{run.strength:g}/{run.seed}"
             if dial not in dials:
-                yield Job(dial, train_dial, _dial_run(config, run), inputs, 2 * cost)
+                yield Job(dial, train_dial, _dial_run(config, method, run), inputs, 2 * cost)
                 dials.add(dial)
             inputs, cost = (dial,), 1.0
         yield Job(name, work, given, inputs, cost)
-        looking = Evaluation(LAST, method.readouts, episodes=config.episodes)
-        yield Job(f"evaluation/{name}", evaluate, looking, (name,), cost=6.0)
+        evaluation = Evaluation(LAST, method.readouts, episodes=config.episodes)
+        yield Job(f"evaluation/{name}", evaluate, evaluation, (name,), cost=6.0)
 
 
 def runs_of(
     config: Config, method: Method, strengths: Sequence[float], seeds: Sequence[int]
 ) -> list[Run]:
-    """A method that doesn't know the angle is trained once for each seed."""
+    """Return the runs of a method; one that doesn't depend on the angle has one for each seed."""
     angles = config.development_angles if method.by_angle else config.development_angles[:1]
-    return [Run(a, strength, seed, 0) for a in angles for strength in strengths for seed in seeds]
+    return [Run(*each, 0) for each in itertools.product(angles, strengths, seeds)]
 
 
 def job_name(phase: str, method: Method, run: Run) -> str:
-    """Folder of a training run."""
+    """Return the folder of a training run."""
     return f"priors/{WORLD}/{phase}/{method.name}/{run.strength:g}/{run.angle:g}/{run.seed}"
 
 
@@ -143,8 +130,8 @@ def rows_of(
     strengths: Sequence[float],
     seeds: Sequence[int],
 ) -> list[Row]:
-    """One row for each policy, angle that it serves, and readout; there is no regret to state."""
-    found: list[Row] = []
+    """Return a row for each policy, angle and action selection; regrets are unknown here."""
+    rows: list[Row] = []
     for run in runs_of(config, method, strengths, seeds):
         folder = work / "evaluation" / job_name(phase, method, run)
         for readout in method.readouts:
@@ -152,66 +139,54 @@ def rows_of(
             for angle in (run.angle,) if method.by_angle else config.development_angles:
                 label = {"world": WORLD, "method": method.name, "strength": run.strength}
                 label |= {"target_angle": angle, "readout": readout, "seed": run.seed}
-                worth = {"value": metrics.value(angle), "regret": "", "effective_share": ""}
-                found.append(label | metrics._asdict() | worth)
-    return found
+                values = {"value": metrics.value(angle), "regret": "", "effective_share": ""}
+                rows.append(label | metrics._asdict() | values)
+    return rows
 
 
-Made = tuple[Callable[..., None], object]
+Work = tuple[Callable[..., None], object]
 """Function of a job, and its configuration."""
 
 
-def _base(config: Config) -> iq.StaticConfig:
-    return dataclasses.replace(presets.INTERSECTION_CALIBRATED, updates=config.intersection_updates)
+def _settings(config: Config, method: Method, run: Run) -> tuple[Any, Any]:
+    updates = config.intersection_updates
+    base = dataclasses.replace(presets.INTERSECTION_CALIBRATED, updates=updates)
+    return settings(method, base, RATES, run)
 
 
-def _iq_learn(config: Config, method: Method, run: Run) -> Made:
-    if method.target_kind == "advantage":  # no state is ever seen twice
+def _iq_learn(config: Config, method: Method, run: Run) -> Work:
+    if method.target_kind == "advantage":  # no state occurs twice
         method = dataclasses.replace(method, target_kind="advantage_fitted")
-    structure = structure_of(method, _base(config))
-    numbers = numbers_of(RATES, run)
-    return train_learner, LearnerRun(structure, numbers, MIXTURE, SIZE)
+    return train_learner, LearnerRun(*_settings(config, method, run), MIXTURE, SIZE)
 
 
-def _clone(config: Config, method: Method, run: Run) -> Made:
-    structure = clone_structure(_base(config), method.learner == "clone_weighted")
+def _offline(config: Config, method: Method, run: Run) -> Work:
     modes = (nearest_mode(run.angle),) if method.learner == "clone_of_mode" else tuple(MODES)
-    numbers = clone_numbers(RATES, run)
-    return train_offline, OfflineRun(structure, numbers, modes, MIXTURE, SIZE)
+    return train_offline, OfflineRun(*_settings(config, method, run), modes, MIXTURE, SIZE)
 
 
-def _conservative(config: Config, _method: Method, run: Run) -> Made:
-    structure, numbers = cql_structure(_base(config)), cql_numbers(RATES, run)
-    return train_offline, OfflineRun(structure, numbers, tuple(MODES), MIXTURE, SIZE)
+def _reinforcement(config: Config, method: Method, run: Run) -> Work:
+    """Return the experts' learner at the budget of the other rows."""
+    return train_expert, ExpertRun(*_settings(config, method, run), checks=Checks(times=2))
 
 
-def _reinforcement(config: Config, _method: Method, run: Run) -> Made:
-    """The experts' learner, at the budget of the other rows."""
-    structure, numbers = rl_structure(_base(config)), rl_numbers(RATES, run)
-    return train_expert, ExpertRun(structure, numbers, checks=Checks(times=2))
-
-
-def _dial(_config: Config, _method: Method, run: Run) -> Made:
+def _dial(_config: Config, _method: Method, run: Run) -> Work:
     return save_at_angle, DialAngle(run.angle)
 
 
-def _dial_run(config: Config, run: Run) -> MixtureDialRun:
-    base = _base(config)
-    numbers = dial_numbers(RATES, run)
+def _dial_run(config: Config, method: Method, run: Run) -> MixtureDialRun:
+    static, numbers = _settings(config, method, run)
     return MixtureDialRun(
-        structure=dial_structure(base),
-        numbers=numbers,
-        size=SIZE,
-        steps_per_update=base.env_steps_per_update,
+        structure=static, numbers=numbers, size=SIZE, steps_per_update=static.environments
     )
 
 
-LEARNERS: dict[str, Callable[[Config, Method, Run], Made]] = {
+LEARNERS: dict[str, Callable[[Config, Method, Run], Work]] = {
     "iq_learn": _iq_learn,
-    "clone": _clone,
-    "clone_of_mode": _clone,
-    "clone_weighted": _clone,
-    "cql": _conservative,
+    "clone": _offline,
+    "clone_of_mode": _offline,
+    "clone_weighted": _offline,
+    "cql": _offline,
     "rl": _reinforcement,
     "dial": _dial,
 }

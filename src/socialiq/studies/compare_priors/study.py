@@ -1,41 +1,49 @@
-"""`compare priors`: choose each method's λ on seeds of development, then fill the table on others.
+"""`compare priors`: choose each method's λ on development seeds, then train on other seeds.
 
-Every method of a world has the same updates, steps in the world, network, rates and data sets.
+Every method of a world has the same updates, environment steps, network, rates and data sets.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.experiments.intersection.demonstration_sets import (
     RECORDED_EPISODES,
     atlas_demonstrations,
 )
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.results import from_csv
-from socialiq.experiments.study import Context, Findings
-from socialiq.experiments.tables import groups
+from socialiq.experiments.results import Results, from_csv
+from socialiq.experiments.study import Context, Findings, Study, View
+from socialiq.experiments.tables import groups, matching
 from socialiq.studies.compare_priors import intersection
-from socialiq.studies.compare_priors.alignment import alignment, counts
-from socialiq.studies.compare_priors.config import EPISODES_EACH, GRIDWORLDS, Config
+from socialiq.studies.compare_priors.config import (
+    BY_NAME,
+    EPISODES_EACH,
+    GRIDWORLDS,
+    LABELS,
+    THESIS_STRENGTHS,
+    Config,
+    Method,
+)
+from socialiq.studies.compare_priors.figures import draw_figures, quantity, strength
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, references, run_method
-from socialiq.studies.compare_priors.methods import BY_NAME, THESIS_STRENGTHS, Method
+from socialiq.studies.compare_priors.tables import (
+    Chosen,
+    alignment,
+    alignment_counts,
+    choose,
+    means,
+    overall,
+    summarise,
+)
 from socialiq.types import Row
 
-KEYS = ("world", "method", "strength", "target_angle", "readout")
 DEVELOPMENT, FRESH = "development", "fresh"
-
-Chosen = Mapping[tuple[str, str], float]
-"""λ by world and method."""
 
 
 def development_jobs(config: Config) -> list[Job]:
-    """Every method that has a λ, at each λ."""
+    """Return the jobs of every method with a λ, at each λ."""
     jobs: list[Job] = []
     for world in config.worlds:
         jobs += [] if world in GRIDWORLDS else [atlas_demonstrations(RECORDED_EPISODES)]
@@ -91,18 +99,10 @@ def _jobs(
         yield from intersection.jobs_of(config, phase, method, strengths, seeds)
         return
     angles = config.angles if phase == FRESH else config.development_angles
-    run_of = GridRun(
-        world,
-        method,
-        config.structure,
-        config.numbers,
-        angles,
-        strengths,
-        seeds,
-        EPISODES_EACH[world],
-    )
+    sizes = (angles, strengths, seeds, EPISODES_EACH[world])
+    grid = GridRun(world, method, config.structure, config.numbers, *sizes)
     runs = len(seeds) * len(strengths) * (len(angles) if method.by_angle else 1)
-    yield Job(_name(phase, world, method), run_method, run_of, cost=runs + 10.0)
+    yield Job(_name(phase, world, method), run_method, grid, cost=runs + 10.0)
 
 
 def _name(phase: str, world: str, method: Method) -> str:
@@ -110,7 +110,7 @@ def _name(phase: str, world: str, method: Method) -> str:
 
 
 def development_rows(config: Config, work: Path) -> Iterator[Row]:
-    """Results of the seeds of development."""
+    """Yield the rows of the development seeds."""
     for world in config.worlds:
         for method in _scaled(config):
             strengths = _strengths(config, world)
@@ -118,7 +118,7 @@ def development_rows(config: Config, work: Path) -> Iterator[Row]:
 
 
 def fresh_rows(config: Config, chosen: Chosen, work: Path) -> Iterator[Row]:
-    """Rows of the table."""
+    """Yield the rows of the table's seeds."""
     for world in config.worlds:
         for method in _methods(config):
             strengths = (_strength(world, method, chosen),)
@@ -139,24 +139,8 @@ def _rows(
     return intersection.rows_of(config, work, phase, method, strengths, seeds)
 
 
-def choose(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
-    """For each world and method the λ with the greatest mean J(α).
-
-    The mean is over angles, seeds and readouts; J*(α) is the same for all λ, so this is also the
-    least mean regret. Of equal ones the smaller λ is taken.
-    """
-    values: dict[tuple[str, str], dict[float, list[float]]] = {}
-    for row in rows:
-        by_strength = values.setdefault((row["world"], row["method"]), {})
-        by_strength.setdefault(float(row["strength"]), []).append(row["value"])
-    return {
-        key: max(sorted(found), key=lambda strength: round(float(np.mean(found[strength])), 9))
-        for key, found in values.items()
-    }
-
-
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Compute rows, their means over seeds, and what the choice of λ was made from."""
+    """Compute rows, their means over seeds, and the rows from which λ was chosen."""
     developed = list(development_rows(config, context.work))
     chosen = choose(developed)
     fresh = list(fresh_rows(config, chosen, context.work))
@@ -178,62 +162,38 @@ def compute_tables(config: Config, context: Context) -> Findings:
             for (world, method), strength in chosen.items()
         ],
     }
-    summary = _summary(pooled) | {"alignment": counts(aligned)}
+    summary = summarise(pooled) | {"alignment": alignment_counts(aligned)}
     return Findings(tables, summary)
 
 
-def means(rows: Sequence[Row]) -> list[Row]:
-    """Means over seeds; α̂ is that of the mean totals, low and high are of single seeds."""
-    found: list[Row] = []
-    for values, group in groups(rows, *KEYS).items():
-        metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
-        found.append(
-            dict(zip(KEYS, values, strict=True))
-            | {"seeds": len(group)}
-            | metrics._asdict()
-            | _spread(group, "value")
-            | _spread(group, "regret")
-            | {"effective_share": _mean(group, "effective_share")}
-        )
-    return found
+def view(results: Results) -> Sequence[View]:
+    """Return a table of methods by target angle for each world and action selection."""
+    views = []
+    for world in dict.fromkeys(row["world"] for row in results.tables["pooled"]):
+        for readout in ("greedy", "soft"):
+            rows = table(results, world, readout)
+            title = f"{world}, {readout}: {quantity(results, world)} at the target angle"
+            views += [View(rows, f"{title}, mean over seeds")] if rows else []
+    return views
 
 
-def overall(pooled: Sequence[Row]) -> list[Row]:
-    """Each method over all target angles: mean J(α), mean regret, and its regret where it is worst.
-
-    Regrets are empty where no optimum is known.
-    """
-    keys = ("world", "method", "strength", "readout")
+def table(results: Results, world: str, readout: str) -> list[Row]:
+    """Return a row for each method with its λ; columns are target angles in degrees."""
+    rows = matching(results.tables["pooled"], world=world, readout=readout)
+    measured = quantity(results, world)
     return [
-        dict(zip(keys, values, strict=True))
-        | {"angles": len(group), "value": _mean(group, "value"), "regret": _mean(group, "regret")}
-        | {"worst_regret": "" if group[0]["regret"] == "" else max(r["regret"] for r in group)}
-        for values, group in groups(pooled, *keys).items()
+        {"method": LABELS[method], "λ": strength(group[0])}
+        | {f"{row['target_angle']:g}°": row[measured] for row in group}
+        for (method,), group in groups(rows, "method").items()
     ]
 
 
-def _spread(group: Sequence[Row], name: str) -> Row:
-    if any(row[name] == "" for row in group):
-        return {name: "", f"{name}_low": "", f"{name}_high": ""}
-    values = [row[name] for row in group]
-    return {
-        name: float(np.mean(values)),
-        f"{name}_low": min(values),
-        f"{name}_high": max(values),
-    }
-
-
-def _mean(group: Sequence[Row], name: str) -> float | str:
-    return "" if group[0][name] == "" else float(np.mean([row[name] for row in group]))
-
-
-def _summary(pooled: Sequence[Row]) -> dict[str, Any]:
-    """λ, α̂, arrival and what a policy is worth, by world, method, readout and target angle."""
-    found: dict[str, Any] = {}
-    for row in pooled:
-        method = found.setdefault(row["world"], {}).setdefault(row["method"], {})
-        method["strength"] = row["strength"]
-        entry = method.setdefault(row["readout"], {})
-        names = ("value", "regret", "regret_low", "regret_high", "angle", "arrival")
-        entry[f"{row['target_angle']:g}"] = {name: row[name] for name in names}
-    return found
+STUDY = Study(
+    name="compare-priors",
+    Config=Config,
+    jobs=development_jobs,
+    more_jobs=chosen_jobs,
+    tables=compute_tables,
+    figures=draw_figures,
+    view=view,
+)
