@@ -129,6 +129,7 @@ def markdown(value: Any, most: int) -> Any:
     return cut(printable(value), most).translate(_MARKED)
 
 
+@functools.cache
 def templates(package: str, most: int = 0) -> Any:
     """Return the Jinja environment of a package's templates.
 

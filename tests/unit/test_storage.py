@@ -280,3 +280,32 @@ def test_a_kind_that_is_no_word_is_not_repeated(tmp_path, kind):
 def test_a_pipe_says_nothing_of_its_kind(tmp_path):
     os.mkfifo(tmp_path / "a.safetensors")
     assert storage.kind_of(tmp_path / "a.safetensors") == ""
+
+
+def test_a_folder_is_replaced_whole_or_stays(tmp_path):
+    folder = tmp_path / "made"
+    with storage.whole_folder(folder) as part:
+        (part / "old").write_text("1")
+    with pytest.raises(KeyError), storage.whole_folder(folder) as part:
+        (part / "new").write_text("2")
+        raise KeyError
+    assert [path.name for path in tmp_path.rglob("*")] == ["made", "old"]
+    with storage.whole_folder(folder) as part:
+        (part / "new").write_text("2")
+    assert [path.name for path in tmp_path.rglob("*")] == ["made", "new"]
+
+
+def test_an_output_folder_is_checked_before_the_work(tmp_path):
+    folder = tmp_path / "parent" / "out"
+    assert not storage.check_output_folder(folder, replace=False) and folder.parent.is_dir()
+    folder.mkdir()
+    assert not storage.check_output_folder(folder, replace=False)
+    (folder / "file").write_text("1")
+    assert storage.check_output_folder(folder, replace=True)
+    with pytest.raises(UserError, match="add --replace"):
+        storage.check_output_folder(folder, replace=False)
+    with pytest.raises(UserError, match="is not a folder"):
+        storage.check_output_folder(folder / "file", replace=True)
+    (tmp_path / "link").symlink_to(folder)
+    with pytest.raises(UserError, match="is not a folder"):
+        storage.check_output_folder(tmp_path / "link", replace=True)

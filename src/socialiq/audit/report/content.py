@@ -163,11 +163,6 @@ def _hashes(audited: Audited) -> dict[str, str]:
     }
 
 
-def shares(driver: Outcomes) -> dict[str, float]:
-    """Return the share of episodes of each criterion."""
-    return {name: float(happened.mean()) for name, happened in events_of(driver).items()}
-
-
 def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
     """Return one driver's means.
 
@@ -182,7 +177,7 @@ def driver_row(driver: Outcomes, angle: float) -> dict[str, Any]:
         "r_social": driver.mean.social,
         "value": float(driver.values(angle).mean()),
         "expected": None if driver.expected is None else driver.expected._asdict(),
-        **shares(driver),
+        **{name: float(happened.mean()) for name, happened in events_of(driver).items()},
         "decisions": float(driver.length.mean()),
     }
 
