@@ -34,6 +34,7 @@ from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import paired_differences
+from socialiq.learners.ranges import check_counts
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import head
 from socialiq.types import Row
@@ -79,9 +80,7 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse empty sizes."""
-        for name in ("set_steps", "draws", "decisions", "episodes"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        check_counts(self, ("set_steps", "draws", "decisions", "episodes"))
         if not self.seeds:
             raise UserError("name at least one seed")
 

@@ -45,6 +45,7 @@ from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import paired_differences
+from socialiq.learners.ranges import check_counts
 from socialiq.plotting.style import COLORS, figure, head
 from socialiq.types import Row
 
@@ -58,11 +59,11 @@ class Config:
     """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (40, 41, 42, 43, 44)
-    """Training seeds of the egoists; the first one's trio that sees a set goes into the atlas."""
+    """Training seeds of the egoists; the set trio of the first seed goes into the atlas."""
     flat_steps: int = EXPERT_STEPS
     """Environment steps of an expert that reads the flat list (thesis 5.2)."""
     set_steps: int = 2_400_000
-    """Environment steps of an expert that sees a set; it updates four times as often."""
+    """Environment steps of an expert that reads a set; it updates four times as often."""
     episodes: int = EPISODES
     """Evaluation episodes of each policy, the intersection study's own."""
     highway_episodes: int = HIGHWAY_EPISODES
@@ -70,9 +71,7 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse empty sizes."""
-        for name in ("flat_steps", "set_steps", "episodes"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        check_counts(self, ("flat_steps", "set_steps", "episodes"))
         if not self.seeds or self.highway_episodes < 0:
             raise UserError("name at least one seed, and highway_episodes of 0 or more")
 
@@ -118,7 +117,7 @@ def _summary(
     egoists: Mapping[str, Sequence[Row]],
     differences: Sequence[Row],
 ) -> dict[str, Any]:
-    """Summarize the egoists, the trio that sees a set, the differences and the settings."""
+    """Summarize the egoists, the trio that reads a set, the differences and the settings."""
     return egoist_summary(egoists) | {
         "trio": {name: rows[job, "greedy"] for name, job in members(config).items()},
         "differences": {row["metric"]: row for row in differences},

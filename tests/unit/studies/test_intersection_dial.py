@@ -13,8 +13,7 @@ from socialiq.learners.dial.acting import stratified
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
-from socialiq.studies.intersection_dial import STUDY
-from socialiq.studies.intersection_dial.study import Config
+from socialiq.studies.intersection_dial import STUDY, Config
 
 TINY = Config(
     seeds=(0, 1),

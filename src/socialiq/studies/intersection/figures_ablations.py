@@ -151,7 +151,7 @@ def data(results: Results) -> Figure:
         axes.minorticks_off()
         axes.set_ylim(*((0, None) if metric == "collision" else (-4, 104)))
         finish(axes, xlabel="transitions of each mode", ylabel=f"{metric}s (% of episodes)")
-    title = f"Intersection: how much is shown; {seeds_and_episodes(every)}"
+    title = f"Intersection: amount of demonstrations; {seeds_and_episodes(every)}"
     note = f"open marks: as many episodes of each mode, at {PER_EPISODE} times their number"
     head(drawn, f"{title}\n{note}", panels[0], columns=4)
     return drawn

@@ -115,7 +115,7 @@ def _legend(drawn: Figure) -> None:
             entry(mode, COLORS[mode], MARKS[mode], **thesis) for mode in thesis_values.TABLE_A_1
         ],
         "others": [
-            entry("driver by rule", "#666666", "x"),
+            entry("rule-based driver", "#666666", "x"),
             entry("hull, best for 0° to 90°", "#aaaaaa", linestyle="-"),
         ],
     }

@@ -80,7 +80,7 @@ class Config:
     pool_episodes: int = RECORDED_EPISODES
     """Episodes recorded of each expert."""
     mixture: str = MIXTURE
-    """Unit of which each expert has an equal number; 6.3 says transitions."""
+    """Unit of which each expert has an equal number; the thesis names transitions (6.3)."""
     size: int = SIZE
     """Transitions of each expert in a mixture, or episodes with mixture "equal_trajectories"."""
     episodes: int = EPISODES
@@ -88,7 +88,7 @@ class Config:
     evaluation_seeds: int = 5
     """Groups of evaluation episodes, as the thesis' five evaluation seeds."""
     group_episodes: int = 100
-    """Episodes of a group; the thesis doesn't say how many it played."""
+    """Episodes of a group; the thesis does not give the number."""
     highway_episodes: int = HIGHWAY_EPISODES
     """Episodes of each final policy on the real highway-env; 0 leaves that out."""
 

@@ -60,8 +60,8 @@ def _parts(results: Results) -> Figure:
     _bands(left, results, "told")
     _bands(right, results, "skill")
     xlabel = "angle, degrees"
-    finish(left, "what methods are told", xlabel=xlabel, ylabel="R(α), an episode")
-    title = "what demonstrators alone are told"
+    finish(left, "reward given to every method", xlabel=xlabel, ylabel="R(α), an episode")
+    title = "skill, rewarded in demonstrators only"
     finish(right, title, 7, xlabel=xlabel, ylabel="h, an episode")
     return drawn
 

@@ -23,6 +23,7 @@ from socialiq.learners.dial import config as dial
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
+from socialiq.learners.ranges import check_counts
 from socialiq.studies.intersection_skill.jobs import (
     CloneRun,
     DemonstratorRun,
@@ -105,7 +106,7 @@ class Config:
     pool_episodes: int = 1500
     """Episodes recorded of each demonstrator."""
     size: int = 10_000
-    """Demonstrated transitions of each demonstrator that a learner sees."""
+    """Transitions of each demonstrator that a learner gets."""
     structure: dial.StaticConfig = LEARNER
     """Static config of every dial."""
     numbers: dial.Hyperparameters = NUMBERS
@@ -119,7 +120,7 @@ class Config:
     clone_structure: cloning.StaticConfig = CLONE
     """Static config of the clones, one of each demonstrator."""
     grid: int = 5
-    """Degrees between the angles that demonstrators' are inferred from."""
+    """Step in degrees of the grid from which the demonstrators' angles are inferred."""
     steps_per_update: int = 12
     """Environment steps of a dial for each gradient step."""
     episodes: int = EPISODES
@@ -134,9 +135,7 @@ class Config:
         low, high = self.structure.low, self.structure.high
         if not all(low <= angle <= high for angle in self.angles):
             raise UserError(f"angles must lie in the dials' range, {low:g} to {high:g} degrees")
-        for name in ("pool_episodes", "size", "grid", "steps_per_update", "episodes"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        check_counts(self, ("pool_episodes", "size", "grid", "steps_per_update", "episodes"))
 
     def dial_of(self, method: str) -> dial.StaticConfig:
         """Return the static config of a method's dial; all have equal rows an update."""

@@ -7,12 +7,14 @@ evaluated on the intersection study's seeds.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from socialiq.errors import UserError
 from socialiq.evaluation.front import hypervolume
@@ -33,13 +35,19 @@ from socialiq.experiments.intersection.training import (
     train_dial,
 )
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import groups, matching, numeric_means, paired_differences
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
+from socialiq.learners.ranges import check_counts
+from socialiq.plotting.rows import band, line
+from socialiq.plotting.style import figure, finish
 from socialiq.social.angle import exact_weights
 from socialiq.types import Row
 
 DIALS, AGENTS = "dial", "agents"
+_LOOKS = {DIALS: ("#2166ac", "o", "one dial"), AGENTS: ("#c23b22", "^", "an agent each")}
+_RATES = {"arrival": "#1b7837", "collision": "#c23b22", "timeout": "#6e6e6e"}
 
 
 @dataclass(frozen=True)
@@ -76,9 +84,9 @@ class Config:
             raise UserError("name at least one training seed")
         if not set(self.key_angles) <= set(self.turned):
             raise UserError("every key angle must be among the angles at which a dial is driven")
-        for name in ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} must be at least 1, got {getattr(self, name)}")
+        check_counts(
+            self, ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes")
+        )
 
 
 def plan(config: Config) -> list[Job]:
@@ -123,43 +131,16 @@ def _training(
     yield Job(f"evaluation/{name}", evaluate_dial, driving, (name,), cost=cost)
 
 
-class Evaluated(NamedTuple):
-    """Evaluation of a dial or agent at an angle.
-
-    Attributes:
-        family: DIALS or AGENTS.
-        seed: Training seed.
-        angle: The requested angle, in degrees.
-        row: Metrics of thesis 5.4.
-    """
-
-    family: str
-    seed: int
-    angle: float
-    row: Row
-
-    @property
-    def point(self) -> tuple[float, float]:
-        """Mean totals."""
-        return self.row["r_env"], self.row["r_social"]
-
-    def value(self, angle: float) -> float:
-        """Return J(α) of the mean totals (Eq 4.3)."""
-        direction = exact_weights(angle)
-        return direction.env * self.point[0] + direction.social * self.point[1]
-
-
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dial of the first seed."""
     work = context.work
-    every = list(_evaluated(config, work))
-    best = {angle: max(one.value(angle) for one in every) for angle in config.turned}
-    families = _families(config, every, best)
+    policies = _policies(config, work)
+    families = _families(config, policies)
     trained = [job for job in context.jobs if job.work is train_dial]
     measures = [name for name in families[0] if name == "hypervolume" or "regret" in name]
     dials, agents = (matching(families, family=family) for family in (DIALS, AGENTS))
     tables = {
-        "policies": _policies(every, best),
+        "policies": policies,
         "families": families,
         "differences": paired_differences(dials, agents, *measures, label="measure"),
         "curves": curves(trained, work, columns=None),
@@ -169,54 +150,60 @@ def compute_tables(config: Config, context: Context) -> Findings:
     return Findings(tables, _summary(tables), {DIAL: first})
 
 
-def _evaluated(config: Config, work: Path) -> Iterator[Evaluated]:
+def _policies(config: Config, work: Path) -> list[Row]:
+    """Return metrics of each policy, its J(α) at the requested angle, and its regret there."""
+    rows: list[Row] = []
     for seed in config.seeds:
         runs = [(DIALS, dial_name(seed), angle) for angle in config.turned]
         runs += [(AGENTS, agent_name(angle, seed), angle) for angle in config.key_angles]
         for family, name, angle in runs:
             episodes = load_episodes(work / "evaluation" / name / angle_file(angle))
-            yield Evaluated(family, seed, angle, policy_row(name, "greedy", episodes))
-
-
-def _policies(every: Sequence[Evaluated], best: Mapping[float, float]) -> list[Row]:
-    """Return metrics of each policy, its J(α) at the requested angle, and its regret there."""
-    found: list[Row] = []
-    for one in every:
-        label = {"family": one.family, "seed": one.seed, "asked": one.angle}
-        value = one.value(one.angle)
-        metrics = {name: v for name, v in one.row.items() if name not in ("policy", "readout")}
-        found.append(label | {"value": value, "regret": best[one.angle] - value} | metrics)
-    return found
-
-
-def _families(config: Config, every: Sequence[Evaluated], best: Mapping[float, float]) -> list[Row]:
-    """Return hypervolume, regrets at the key angles and monotony of each family and seed."""
-    corner = np.array([one.point for one in every]).min(axis=0)
-    rows: list[Row] = []
-    for family in (DIALS, AGENTS):
-        for seed in config.seeds:
-            mine = [one for one in every if (one.family, one.seed) == (family, seed)]
-            mine.sort(key=lambda one: one.angle)
-            key = [one for one in mine if one.angle in config.key_angles]
-            regrets = {one.angle: best[one.angle] - one.value(one.angle) for one in key}
-            turns = np.diff(np.array([one.point for one in mine]), axis=0)
-            rows.append(
-                {
-                    "family": family,
-                    "seed": seed,
-                    "hypervolume": hypervolume(np.array([one.point for one in key]), corner),
-                    "mean_regret": float(np.mean(list(regrets.values()))),
-                    "worst_regret": max(regrets.values()),
-                }
-                | {f"regret_{angle:g}": value for angle, value in regrets.items()}
-                | {
-                    "angles": len(mine),
-                    "rise_r_env": float(max(turns[:, 0].max(), 0.0)),
-                    "drop_r_social": float(max(-turns[:, 1].min(), 0.0)),
-                    "most_arrivals": max(one.row["arrival"] for one in mine),
-                }
-            )
+            row = {"family": family, "seed": seed, "asked": angle, "value": 0.0, "regret": 0.0}
+            row |= policy_row(name, "greedy", episodes)
+            rows.append({key: row[key] for key in row if key not in ("policy", "readout")})
+    best = {angle: max(_value(row, angle) for row in rows) for angle in config.turned}
+    for row in rows:
+        row["value"] = _value(row, row["asked"])
+        row["regret"] = best[row["asked"]] - row["value"]
     return rows
+
+
+def _value(row: Row, angle: float) -> float:
+    """Return J(α) of a policy's mean totals (Eq 4.3)."""
+    direction = exact_weights(angle)
+    return direction.env * row["r_env"] + direction.social * row["r_social"]
+
+
+def _points(rows: Sequence[Row]) -> np.ndarray:
+    """Return the mean totals of policies, (policy, 2)."""
+    return np.array([(row["r_env"], row["r_social"]) for row in rows])
+
+
+def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
+    """Return hypervolume, regrets at the key angles and monotony of each family and seed."""
+    corner = _points(policies).min(axis=0)
+    found: list[Row] = []
+    for family, seed in itertools.product((DIALS, AGENTS), config.seeds):
+        rows = matching(policies, family=family, seed=seed)
+        rows.sort(key=lambda row: row["asked"])
+        key = [row for row in rows if row["asked"] in config.key_angles]
+        regrets = {f"regret_{row['asked']:g}": row["regret"] for row in key}
+        turns = np.diff(_points(rows), axis=0)
+        found.append(
+            {
+                "family": family,
+                "seed": seed,
+                "hypervolume": hypervolume(_points(key), corner),
+                "mean_regret": float(np.mean(list(regrets.values()))),
+                "worst_regret": max(regrets.values()),
+                **regrets,
+                "angles": len(rows),
+                "rise_r_env": float(max(turns[:, 0].max(), 0.0)),
+                "drop_r_social": float(max(-turns[:, 1].min(), 0.0)),
+                "most_arrivals": max(row["arrival"] for row in rows),
+            }
+        )
+    return found
 
 
 def _summary(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
@@ -236,3 +223,88 @@ def _mean(rows: list[Row]) -> Row:
     """Return the means of columns with numbers in all rows."""
     means = {name: value for name, value in numeric_means(rows).items() if name != "seed"}
     return means | {"seeds": len({row["seed"] for row in rows})}
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw all figures of the study."""
+    return {
+        "tradeoff": _tradeoff(results),
+        "regret": _regret(results),
+        "turning": _turning(results),
+        "learning": _learning(results),
+    }
+
+
+def _tradeoff(results: Results) -> Figure:
+    """Draw mean totals of every policy; a dial's are joined in the order in which it turns."""
+    drawn = figure(7.5, 5.2)
+    axes = drawn.subplots()
+    for family, (color, mark, label) in _LOOKS.items():
+        style: dict[str, Any] = {"linestyle": "-" if family == DIALS else "none"}
+        style |= {"marker": mark, "color": color, "linewidth": 0.6, "markersize": 5, "alpha": 0.6}
+        for number, seed in enumerate(results.config["seeds"]):
+            rows = matching(results.tables["policies"], family=family, seed=seed)
+            named = label if number == 0 else None
+            line(axes, rows, "r_env", "r_social", **style, label=named)
+    labels = {"xlabel": "mean total r_env of an episode"}
+    labels["ylabel"] = "mean total r_social of an episode"
+    finish(axes, "Turning from 0° (right) to 90° (left), all seeds", 9, **labels)
+    return drawn
+
+
+def _regret(results: Results) -> Figure:
+    """Draw regret against the best policy of all at each key angle."""
+    drawn = figure(7.0, 4.2)
+    axes = drawn.subplots()
+    for family, (color, mark, label) in _LOOKS.items():
+        rows = matching(results.tables["policies"], family=family)
+        band(axes, rows, "asked", "regret", color=color, marker=mark, label=label)
+    labels = {"xlabel": "angle asked for, degrees", "ylabel": "regret against the best of all"}
+    finish(axes, "Mean over seeds, band from least to largest", 9, **labels)
+    return drawn
+
+
+def _turning(results: Results) -> Figure:
+    """Draw the endings of the dial's episodes at each angle."""
+    drawn = figure(7.0, 4.2)
+    axes = drawn.subplots()
+    rows = matching(results.tables["policies"], family=DIALS)
+    for name, color in _RATES.items():
+        band(axes, rows, "asked", name, 100.0, color=color, marker="o", label=name)
+    title = "One dial, turned: mean over seeds, band from least to largest"
+    labels = {"xlabel": "angle asked for, degrees", "ylabel": "episodes, %"}
+    finish(axes, title, 9, **labels, ylim=(0, 100))
+    return drawn
+
+
+def _learning(results: Results) -> Figure:
+    """Draw J(α) of each run while it trains: the mean over the angles of its checks."""
+    drawn = figure(8.0, 4.2)
+    axes = drawn.subplots()
+    for (run,), rows in groups(results.tables["curves"], "run").items():
+        color, *_ = _LOOKS[DIALS if run.startswith("dials") else AGENTS]
+        line(axes, rows, "updates", "total", color=color, linewidth=0.9, alpha=0.6)
+    title = "Blue: dials. Red: agents, each at its own angle"
+    finish(axes, title, xlabel="updates", ylabel="J(α): a dial's mean over 0°, 45°, 90°")
+    return drawn
+
+
+STUDY = Study(
+    name="intersection-dial",
+    Config=Config,
+    jobs=plan,
+    tables=compute_tables,
+    figures=draw,
+    view=view_of(
+        "families",
+        "family",
+        "seed",
+        "hypervolume",
+        "mean_regret",
+        "worst_regret",
+        "rise_r_env",
+        "drop_r_social",
+        "most_arrivals",
+        title="regret against the best policy of all, over the key angles",
+    ),
+)
