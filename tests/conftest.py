@@ -11,7 +11,6 @@ import pytest
 
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.grid_world import GridWorld
 
 EXTRAS = Path(__file__).parent / "extras"
 EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows)")
@@ -68,9 +67,7 @@ def pytest_terminal_summary(
 
 @cache
 def tabulated(name: str, **options: Any) -> Table:
-    world = registry.make(name, **options)
-    assert isinstance(world, GridWorld)
-    return tabulate(world)
+    return tabulate(registry.make_grid(name, **options))
 
 
 @pytest.fixture(name="tabulated", scope="session")

@@ -57,7 +57,7 @@ class Collect:
     share: float = 0.2
     """The contaminant's share of the episodes."""
     clock: bool = False
-    """Whether observations end with the time, as a dial wants them; gridworlds only."""
+    """Whether observations end with the time, for training a dial; gridworlds only."""
     seed: int = 0
     """Of the rollouts and of the draw; episode i of an environment is reset with seed + i."""
     allow_code: bool = False

@@ -47,7 +47,7 @@ COMMANDS = {
 """Each command's module and class, in the order of the help page."""
 
 GROUPS = {"profile": "declarations for an audit", "data": "data sets and recorded traffic"}
-"""First words that are no commands by themselves, and what their commands are about."""
+"""First words that need a second one, and the subject of their commands."""
 
 OF_A_STUDY = ("reproduce", "compare")
 """Commands with options that depend on the study that is named."""
@@ -70,7 +70,7 @@ def command_class(name: str) -> type[Any]:
 
 
 def options_of(name: str) -> list[str] | None:
-    """Return a command's options by its source, or None where only an import could tell.
+    """Return a command's options by its source, or None where only an import gives them.
 
     Args:
         name: A key of `COMMANDS`.

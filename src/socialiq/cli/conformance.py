@@ -83,8 +83,8 @@ class Conformance:
             report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)
             for episode in compare(options, self.episodes, self.seed, driver):
                 rows.append(episode)
-                told = clock.report(len(rows), {}, {}, ())
-                report(told._replace(unit="episodes"))
+                progress = clock.report(len(rows), {}, {}, ())
+                report(progress._replace(unit="episodes"))
         columns = {name: [getattr(row, name) for row in rows] for name in rows[0]._fields}
         return {
             "episodes": len(rows),

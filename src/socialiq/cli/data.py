@@ -32,7 +32,7 @@ class FromArrays:
     out: Path
     """Demonstrations file to write; must not exist."""
     n_actions: int = 0
-    """Number of actions of the world. A file of `socialiq data to-arrays` tells it, except CSV."""
+    """Number of actions of the world. A file of `socialiq data to-arrays` has it, except CSV."""
     social: str = ""
     """none: a reward of one number a step is r_env, and r_social is 0."""
     mode: tuple[str, ...] = ()

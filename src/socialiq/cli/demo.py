@@ -64,7 +64,7 @@ class Demo:
         return rows
 
     def run(self) -> int:
-        """Run the small grid study, print the table, say where to look next."""
+        """Run the small grid study, print the table, name the next pages."""
         check_seeds(self.seeds)
         store.check_target(self.out, replace=True)
         config = grid.Config(
@@ -81,7 +81,7 @@ class Demo:
         print_table(rows, f"7x7: angle in degrees, greedy, {len(self.seeds)} seeds, exact")
         print(
             f"\nThe pictures are in {self.out}/: tradeoff.png first, then fig_6_2_ring.png.\n"
-            "The optimum for 45 degrees itself lies at 10.0 degrees: an angle of 39 would be a\n"
+            "The optimum for 45 degrees itself is at 10.0 degrees: an angle of 39 would be a\n"
             "deviation, so read the regret column (0 is optimal), not the angle's distance.\n"
         )
         print_table(driven, f"intersection: shares, km/h; {self.episodes} episodes each")

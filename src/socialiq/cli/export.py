@@ -97,7 +97,7 @@ class Export:
             digest = hashlib.sha256(self.evaluation.read_bytes()).hexdigest()
             words = (
                 f"By the file {one_line(self.evaluation.name, 80)}, SHA-256 {digest}. It does not "
-                "say which policy it is of; whoever wrote this card does."
+                "name its policy; the author of this card states it."
             )
         name = Path(self.policy).stem if self.angle is None else f"{Path(self.policy).stem} at "
         name = name if self.angle is None else f"{name}{self.angle:g} degrees"

@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 
 @dataclasses.dataclass(frozen=True)
 class NoSettings:
-    """A config without fields, in the place of one that a learner doesn't have."""
+    """Config without fields, for a learner that has no such config."""
 
 
 NO_SETTINGS = NoSettings()
@@ -76,7 +76,7 @@ def overridden(config: Any, given: Any, **more: Any) -> Any:
 
 
 def _plain(kind: Any) -> Any:
-    """Names are read as strings: the config's own message lists what it knows."""
+    """Return str for a literal type: the config's own message lists the valid names."""
     return str if typing.get_origin(kind) is Literal else kind
 
 

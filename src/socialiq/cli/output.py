@@ -34,18 +34,18 @@ def print_table(rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
         table.add_column(
             str(name).replace("_", " "),
             justify="right" if numeric else "left",
-            no_wrap=max(len(shown(row[name])) for row in rows) <= 12,
+            no_wrap=max(len(cell_text(row[name])) for row in rows) <= 12,
             overflow="fold",
         )
     for row in rows:
-        table.add_row(*(shown(value) for value in row.values()))
+        table.add_row(*(cell_text(value) for value in row.values()))
     if title:
         sys.stdout.write(f"{title}\n")
     width = max(Console().width, _LEAST_WIDTH) if sys.stdout.isatty() else _PIPED_WIDTH
     Console(width=width).print(table)
 
 
-def shown(value: Any) -> str:
+def cell_text(value: Any) -> str:
     """Return a cell's text."""
     if isinstance(value, float):
         text = f"{value:.3f}".rstrip("0").rstrip(".")

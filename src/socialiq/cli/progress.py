@@ -19,7 +19,7 @@ _WIDE = 60  # columns of a terminal that has room for counts and units
 
 
 class Display:
-    """Shows the stages of a command, one after another; a context manager.
+    """Display of the stages of a command, one after another; a context manager.
 
     Stage, bar, rate and the time left come first. Named losses follow as far as there is room.
 
@@ -102,11 +102,11 @@ def fitted(parts: Sequence[str], room: int) -> str:
 def to_all(callbacks: Sequence[Callable[[Report], None]]) -> Callable[[Report], None]:
     """Return a callback that passes each report on to several."""
 
-    def tell(report: Report) -> None:
+    def report_to_all(report: Report) -> None:
         for callback in callbacks:
             callback(report)
 
-    return tell
+    return report_to_all
 
 
 def remaining(seconds: float) -> str:

@@ -40,8 +40,8 @@ class Choices:
     road: Path | None = None
     """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
 
-    def reading(self) -> EpisodeConfig:
-        """Return the options as the library takes them."""
+    def config(self) -> EpisodeConfig:
+        """Return the options for the library."""
         return EpisodeConfig(
             policy_rate=self.policy_rate,
             target_speeds=self.speeds,
@@ -127,7 +127,9 @@ class TakeCensus:
             print_json(summary | more)
         else:
             show_counts(counts, "Recordings")
-            print_table([{"population": key, "value": said(v)} for key, v in population.items()])
+            print_table(
+                [{"population": key, "value": interval_text(v)} for key, v in population.items()]
+            )
             sys.stdout.write("\n".join(["What this can't show:", *census.LIMITS]) + "\n")
         return 0
 
@@ -206,13 +208,13 @@ def swap_all(paths: tuple[Path, ...], choices: Choices) -> list[ego_swap.Swapped
     if not paths:
         raise UserError("no recording: name at least one file of `socialiq data import`")
     road = None if choices.road is None else road_of(choices.road)
-    reading, found = choices.reading(), []
+    config, found = choices.config(), []
     for path in paths:
         recording = files.load(path)
         if road is not None:
             recording = Recording(recording.tracks, road)
         try:
-            found.append(ego_swap.swap(recording, reading))
+            found.append(ego_swap.swap(recording, config))
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
     return found
@@ -242,7 +244,7 @@ def check_share(confidence: float) -> None:
         raise UserError(f"confidence must be at least 0.5 and below 1, got {confidence:g}")
 
 
-def said(value: Any) -> Any:
+def interval_text(value: Any) -> Any:
     """Return a cell's text, with an interval in a single text."""
     if isinstance(value, dict):
         return f"{value['estimate']:.1f} ({value['low']:.1f} to {value['high']:.1f})"

@@ -73,13 +73,13 @@ WORDS = {
 
 def _show(verdict: LogVerdict) -> None:
     sys.stdout.write(f"{WORDS[verdict.decision].upper()}: {verdict.reason}\n")
-    shown = verdict.shown
+    region = verdict.shown
     rows: list[dict[str, Any]] = [
         {
             "test": "shown angle, degrees",
-            "estimate": shown.angle if shown else "not known",
-            "low": shown.low if shown else "",
-            "high": shown.high if shown else "",
+            "estimate": region.angle if region else "not known",
+            "low": region.low if region else "",
+            "high": region.high if region else "",
             "asked for": f"{verdict.declared:g} ± {verdict.margin:g}",
         }
     ]

@@ -99,7 +99,7 @@ class Import:
         total |= {"refused": sum(one["refused"] for one in rows), "states_per_s": ""}
         print_table([*rows, total] if len(rows) > 1 else rows, str(self.out))
         refused = [
-            {"recording": one["recording"], **told} for one in found for told in one["refused"]
+            {"recording": one["recording"], **track} for one in found for track in one["refused"]
         ]
         if refused:
             print_table(refused, "\nrefused tracks")

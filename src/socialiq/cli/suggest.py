@@ -36,7 +36,7 @@ ALIASES = {
     "theta": ("angle",),
     "workers": ("threads",),
 }
-"""Words of the field for options that have another name here; the first that a command has wins."""
+"""Common names of options, and the names here; the first that a command has is taken."""
 
 _OPTION = re.compile(r"^\W*(?:-\w, )?--([a-z][\w-]*(?:\.[\w-]+)*)", re.MULTILINE)
 

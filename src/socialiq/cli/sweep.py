@@ -69,7 +69,7 @@ class Sweep:
         if self.json:
             print_json({"out": str(self.out)} | results.summary)
         else:
-            print_table(shown(results))
+            print_table(summary_rows(results))
             print_failures(results)
         return 1 if results.summary["failures"] else 0
 
@@ -106,7 +106,7 @@ class Sweep:
         return 0
 
 
-def shown(results: Results) -> list[Row]:
+def summary_rows(results: Results) -> list[Row]:
     """Rows of the table that fit a screen: settings that differ, and what came out."""
     rows = results.tables["runs"]
     names = list(rows[0])
@@ -116,7 +116,7 @@ def shown(results: Results) -> list[Row]:
 
 
 def print_failures(results: Results) -> None:
-    """Complain of every run that stopped early."""
+    """Print a line for every run that stopped early, on standard error."""
     for line in dict.fromkeys(row["failure"] for row in results.tables["runs"]):
         if line:
             complain(line)

@@ -47,7 +47,7 @@ class TrainDial:
     """Demonstrations file, of `socialiq collect --clock`; a run without demonstrations has none."""
     preset: str = "online"
     """online, online-quick (seconds, less exact), online-alone (no demonstrations),
-    online-clockless, offline, offline-redrawn (each transition at times drawn anew)."""
+    online-clockless, offline, offline-redrawn (each transition at newly drawn times)."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     angle: float | None = None

@@ -1,6 +1,6 @@
 """Demonstrations from plain arrays of other programs; the remaining columns are derived.
 
-Nothing is assumed: facts that the arrays do not contain are asked for.
+Nothing is assumed: facts that the arrays do not contain must be given.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ class Reader:
             raise UserError(f"{self._path}: {name} is stored in another file: copy it in")
         if found.dtype.kind not in "fiub" or found.shape is None or not found.shape:
             kind = one_line(str(found.dtype), 40)
-            raise UserError(f"{self._path}: {name} is {kind}, no array of numbers")
+            raise UserError(f"{self._path}: {name} is {kind}, not an array of numbers")
         largest = max(math.prod(found.shape), math.prod(found.chunks or (1,)))
         if largest > self._left:
             raise UserError(f"{self._path} claims more than {MOST_NUMBERS:,} numbers: split it")

@@ -82,8 +82,8 @@ def _metadata(path: Path) -> dict[str, Any]:
     if not isinstance(metadata, dict) or not isinstance(metadata.get("total_episodes"), int):
         raise UserError(f"{path} is not of a Minari data set: it has no total_episodes")
     if metadata.get("data_format") != "hdf5":
-        told = one_line(str(metadata.get("data_format")), 40)
-        raise UserError(f"{path}: data_format is {told}: only hdf5 is read, convert the data set")
+        kept = one_line(str(metadata.get("data_format")), 40)
+        raise UserError(f"{path}: data_format is {kept}: only hdf5 is read, convert the data set")
     return metadata
 
 
@@ -93,15 +93,15 @@ def _id(metadata: dict[str, Any]) -> str:
 
 def _space(path: Path, metadata: dict[str, Any], name: str) -> _Space:
     try:
-        told = json.loads(metadata[name])
-        shape = tuple(int(size) for size in told.get("shape", ()))
-        start, size = told.get("start", 0), told.get("n", 0)
+        space = json.loads(metadata[name])
+        shape = tuple(int(size) for size in space.get("shape", ()))
+        start, size = space.get("start", 0), space.get("n", 0)
         if type(start) is not int or type(size) is not int:
-            start, size = 0, 0  # of a MultiBinary, say: refused by its type
-        image = told.get("dtype") == "uint8" and len(shape) in (2, 3) and min(shape[:2]) >= 32
-        return _Space(str(told["type"]), shape, image, start, size)
+            start, size = 0, 0  # for instance of a MultiBinary, which is refused by its type
+        image = space.get("dtype") == "uint8" and len(shape) in (2, 3) and min(shape[:2]) >= 32
+        return _Space(str(space["type"]), shape, image, start, size)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise UserError(f"{path}: the metadata tell no {name}: write the data set anew") from error
+        raise UserError(f"{path}: the metadata have no {name}: write the data set again") from error
 
 
 def _actions(path: Path, metadata: dict[str, Any]) -> _Space:
@@ -133,9 +133,11 @@ def _columns(
         raise UserError(f"{path} keeps images as JPEG: record it with jpeg_encoding=False")
     if len(seen.shape) > 1 and not flatten:
         raise UserError(f"{path} has observations of shape {seen.shape}: flatten them (flatten)")
-    size, told = reader.size(), metadata["total_episodes"]
-    if size != told or size < 1:
-        raise UserError(f"{path} holds {size} episodes and tells of {told}: record it again")
+    size, expected = reader.size(), metadata["total_episodes"]
+    if size != expected or size < 1:
+        raise UserError(
+            f"{path} holds {size} episodes, but its metadata say {expected}: record it again"
+        )
     parts = [_of_episode(reader, f"episode_{number}", path, seen) for number in range(size)]
     pairs = sum("pair" in part for part in parts)
     if 0 < pairs < size:

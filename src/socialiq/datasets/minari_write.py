@@ -1,8 +1,8 @@
 """Export of Minari data sets: HDF5, with the reward pair as a vector in `infos`.
 
-Minari keeps one reward a step, so the pair stands in `infos["reward_vector"]`, of one row more
+Minari keeps one reward a step, so the pair is in `infos["reward_vector"]`, of one row more
 than there are steps, as all of Minari's `infos` have: row 0 belongs to the reset and is zeros.
-What else a table has that Minari hasn't stands in `infos["socialiq"]` and in the metadata.
+Other columns of a table are in `infos["socialiq"]` and in the metadata.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def write_minari(
         demonstrations: The table, of whole steps.
         folder: Folder to make.
         dataset_id: Minari's name of it, NAME-vN; by default the folder's name.
-        angle: Social angle in degrees of the one reward that Minari wants, R(α) (Eq 4.3).
+        angle: Social angle in degrees of the one reward that Minari keeps, R(α) (Eq 4.3).
 
     Returns:
         The folder that `minari.MinariDataset` reads.

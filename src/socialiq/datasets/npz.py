@@ -72,9 +72,11 @@ def _read(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> np.n
     with archive.open(member) as file:
         shape, dtype = _header(file)
         if dtype.kind not in "fiub":
-            raise UserError(f"{path}: {name} is {dtype.kind!r}, no array of numbers: save numbers")
+            raise UserError(
+                f"{path}: {name} is {dtype.kind!r}, not an array of numbers: save numbers"
+            )
         if file.tell() + math.prod(shape) * dtype.itemsize != member.file_size:
-            raise UserError(f"{path}: {name} is not as large as it says: save it again")
+            raise UserError(f"{path}: {name} has another size than its header: save it again")
     with archive.open(member) as file:
         return npy.read_array(file, allow_pickle=False)
 

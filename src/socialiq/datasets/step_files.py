@@ -52,7 +52,7 @@ def read_steps(
 
     Args:
         path: The file; its ending names the format.
-        n_actions: Number of actions of the world; 0 where the file has a header that tells it.
+        n_actions: Number of actions of the world; 0 where the file has a header with it.
         mode_names: Names of the demonstrators that `mode` numbers; by default the header's, or one.
         social: "none" if a reward of one number a step is r_env, and r_social is 0.
         flatten: Whether observations of more axes (images) are flattened to one; .npz only.
@@ -62,12 +62,12 @@ def read_steps(
             line names it.
     """
     arrays, header = _read(path)
-    told = _header(path, header)
-    if told:
-        n_actions = _agreed(path, "the number of actions", n_actions, told["n_actions"])
-        mode_names = _agreed(path, "the modes", mode_names, tuple(told["mode_names"]))
+    written = _header(path, header)
+    if written:
+        n_actions = _agreed(path, "the number of actions", n_actions, written["n_actions"])
+        mode_names = _agreed(path, "the modes", mode_names, tuple(written["mode_names"]))
     elif n_actions < 1:
-        raise UserError(f"{path} doesn't tell how many actions there are: pass --n-actions")
+        raise UserError(f"{path} has no number of actions: pass --n-actions")
     try:
         table = of_steps(
             **arrays,
@@ -75,11 +75,11 @@ def read_steps(
             mode_names=mode_names or ("demonstrator",),
             social=social,
             flatten=flatten,
-            source=told["source"] if told else source_of(path),
+            source=written["source"] if written else source_of(path),
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
-    if told and told["sha256"] != files.sha256_of(table):
+    if written and written["sha256"] != files.sha256_of(table):
         raise UserError(
             f"{path} is not what was written (its SHA-256 differs): write it again, or remove its "
             f"{HEADER} entry"
@@ -154,19 +154,19 @@ def _header(path: Path, header: bytes | None) -> dict[str, Any] | None:
     if header is None:
         return None
     try:
-        told = json.loads(header)
+        written = json.loads(header)
     except (ValueError, RecursionError):
-        told = None
+        written = None
     kinds = {"mode_names": list, "n_actions": int, "source": dict, "sha256": str}
-    if not isinstance(told, dict) or not all(
-        isinstance(told.get(name), kind) for name, kind in kinds.items()
+    if not isinstance(written, dict) or not all(
+        isinstance(written.get(name), kind) for name, kind in kinds.items()
     ):
         raise UserError(f"{path} has a {HEADER} entry that cannot be read: remove it")
-    return told
+    return written
 
 
-def _agreed(path: Path, what: str, given: Any, told: Any) -> Any:
-    """Return what the file tells, refusing an option that differs."""
-    if given and given != told:
-        raise UserError(f"{path} tells {what}: {told}, not {given}: leave the option out")
-    return told
+def _agreed(path: Path, what: str, given: Any, written: Any) -> Any:
+    """Return the file's own value; refuse an option that differs."""
+    if given and given != written:
+        raise UserError(f"{path} has {what}: {written}, not {given}: leave the option out")
+    return written

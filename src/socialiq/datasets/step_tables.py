@@ -214,8 +214,8 @@ def _check_type(field: Any, wanted_kind: Kind | None, path: Path) -> None:
     except (NotImplementedError, TypeError):  # nested, or an extension's
         kind = "O"
     if kind not in kinds:
-        told = one_line(str(field.type), 40)
-        raise UserError(f"{path}: column {field.name} is {told}: write it as {wanted}")
+        found = one_line(str(field.type), 40)
+        raise UserError(f"{path}: column {field.name} is {found}: write it as {wanted}")
 
 
 def _column(table: Any, name: str, path: Path) -> np.ndarray:

@@ -161,19 +161,19 @@ def take(
     if not drivers:
         raise UserError(
             "no vehicle of these recordings meets a conflict, so there is no driver to count: "
-            "`socialiq data demonstrations` tells the reasons"
+            "`socialiq data demonstrations` lists the reasons"
         )
     names = [one.recording for one in drivers]
     group = np.unique(names, return_inverse=True)[1]
     points = np.array([[one.r_env, one.r_social] for one in drivers])
     population = _population(drivers, points, group, seed, confidence, resamples)
     pairs = [one.pair for each in swapped for one in each.episodes]
-    told = [
+    moving = [
         (pair, driver.speed >= STANDING)
         for pair, driver in zip(pairs, drivers, strict=True)
         if len(pair) >= LEAST_DECISIONS and driver.angle is not None
     ]
-    return Census(tuple(drivers), population, sectors(told, seed, resamples))
+    return Census(tuple(drivers), population, sectors(moving, seed, resamples))
 
 
 def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
@@ -187,7 +187,7 @@ def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
         recording=swapped.recording,
         identity=swapped.identity[place],
         decisions=len(one.pair),
-        seconds=len(one.pair) / swapped.reading.policy_rate,
+        seconds=len(one.pair) / swapped.config.policy_rate,
         ending="truncated" if ending == Ending.TIMEOUT else ending.name.lower(),
         r_env=env,
         r_social=social,

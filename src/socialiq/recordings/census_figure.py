@@ -44,22 +44,22 @@ def _points(axes: Any, drivers: Sequence[Mapping[str, Any]], population: Mapping
     axes.axvline(0.0, color="#aaaaaa", linewidth=0.8)
     for ending, (mark, color, label) in _ENDINGS.items():
         for standing in (False, True):
-            mine = [
+            group = [
                 one
                 for one in drivers
                 if one["ending"] == ending and (one["speed"] < STANDING) == standing
             ]
-            if mine:
+            if group:
                 axes.scatter(
-                    [one["r_env"] for one in mine],
-                    [one["r_social"] for one in mine],
-                    s=[8.0 + 6.0 * one["decisions"] for one in mine],
+                    [one["r_env"] for one in group],
+                    [one["r_social"] for one in group],
+                    s=[8.0 + 6.0 * one["decisions"] for one in group],
                     marker=mark,
                     facecolors="none" if standing else color,
                     edgecolors=color,
                     alpha=0.6,
                     linewidths=0.9,
-                    label=f"{label}{', stood all the time' if standing else ''} ({len(mine)})",
+                    label=f"{label}{', stood all the time' if standing else ''} ({len(group)})",
                 )
     env, social = population["r_env"], population["r_social"]
     axes.annotate(

@@ -176,7 +176,7 @@ def write_commonroad(recording: Recording, path: Path) -> None:
     taken = [*tracks.identity.tolist(), *road.lanelets]
     if len(set(taken)) < len(taken):
         twice = next(one for one in taken if taken.count(one) > 1)
-        raise UserError(f"number {twice} stands for two things: CommonRoad wants each number once")
+        raise UserError(f"number {twice} has two elements: CommonRoad numbers each element once")
     root = ElementTree.Element(
         "commonRoad",
         timeStepSize=_decimal(tracks.dt),
@@ -201,10 +201,10 @@ def _write_road(root: ElementTree.Element, road: RoadNetwork, free: Iterable[int
     lights: list[int] = []
     for lanelet in road.lanelets.values():
         element = _write_lanelet(root, lanelet)
-        shown = [(words.SIGN_NUMBERS[lanelet.sign], "")] if lanelet.sign > 0 else []
+        signed = [(words.SIGN_NUMBERS[lanelet.sign], "")] if lanelet.sign > 0 else []
         if np.isfinite(lanelet.speed_limit):
-            shown.append((words.SPEED_LIMIT_NUMBER, _decimal(lanelet.speed_limit)))
-        for number, value in shown:
+            signed.append((words.SPEED_LIMIT_NUMBER, _decimal(lanelet.speed_limit)))
+        for number, value in signed:
             identity = next(numbers)
             if number == words.LIGHT:
                 lights.append(identity)

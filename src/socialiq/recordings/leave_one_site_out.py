@@ -75,14 +75,14 @@ class HeldOut:
         """Return the results over all held-out decisions, by method."""
         found = []
         for method in dict.fromkeys(row["method"] for row in self.rows):
-            mine = [row for row in self.rows if row["method"] == method]
-            size = np.array([row["decisions"] for row in mine], np.float64)
-            shares = np.array([row["agreement"] for row in mine])
-            surprise = np.array([row["surprise"] for row in mine])
+            own = [row for row in self.rows if row["method"] == method]
+            size = np.array([row["decisions"] for row in own], np.float64)
+            shares = np.array([row["agreement"] for row in own])
+            surprise = np.array([row["surprise"] for row in own])
             found.append(
                 {
                     "method": method,
-                    "sites": len(mine),
+                    "sites": len(own),
                     "decisions": int(size.sum()),
                     "agreement": float((shares * size).sum() / size.sum()),
                     "surprise": float((surprise * size).sum() / size.sum()),
@@ -130,9 +130,9 @@ def held_out(table: Demonstrations, config: Config) -> HeldOut:
         chances = {"majority": np.tile(shares / shares.sum(), (test.n_transitions, 1))}
         policy = cloned.policy(number)
         chances["behaviour cloning"] = policy.probabilities(test.observation)
-        for lane, one in enumerate(hyperparameters):
+        for run, one in enumerate(hyperparameters):
             if one.dataset == number:
-                policy = trained.policy(lane)
+                policy = trained.policy(run)
                 chances[f"IQ-Learn, {one.angle:g}°"] = policy.probabilities(test.observation)
         rows += [
             {"site": sites[number], "method": method} | _score(found, test.action)

@@ -32,14 +32,14 @@ FASTEST = 70.0
 """m/s; 252 km/h."""
 
 MOVING = 2.0
-"""m/s; directions are judged where the driven speed is at least this."""
+"""m/s; directions are checked where the driven speed is at least this."""
 
 HEADING_ERROR = np.radians(20.0)
 """A track's median angle between heading, or velocity, and displacement. The middle of a car of 5 m
 that turns with a radius of 6 m moves some 14° beside its heading; measured headings add a few."""
 
 FEWEST_STEPS = 3
-"""Directions of a track with fewer moving steps are not judged."""
+"""Directions of a track with fewer moving steps are not checked."""
 
 LONGEST, WIDEST = 30.0, 4.5
 """m; road trains are as long, wide loads as wide."""
@@ -199,7 +199,7 @@ def _check_jumps(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
         one = steps.track[step]
         if reasons[one] == "":
             reasons[one] = (
-                f"jumps {further[step]:.2f} m further than its speed says after frame "
+                f"jumps {further[step]:.2f} m further than its speed allows after frame "
                 f"{tracks.frame[steps.row[step]]}"
             )
 
@@ -210,19 +210,19 @@ def _check_directions(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> Non
     walks = tracks.road_user == RoadUser.PEDESTRIAN
     along = moving & ~walks[steps.track]
     medians = _medians(steps.to_heading[along], steps.track[along], tracks.n_tracks)
-    bad, judged = medians > HEADING_ERROR, ~np.isnan(medians)
-    if 2 * bad.sum() > max(judged.sum(), 1):
+    bad, checked = medians > HEADING_ERROR, ~np.isnan(medians)
+    if 2 * bad.sum() > max(checked.sum(), 1):
         raise UserError(
-            f"in {bad.sum()} of {judged.sum()} tracks the heading is not the way they move: "
+            f"in {bad.sum()} of {checked.sum()} tracks the heading is not the way they move: "
             f"{_headings_read_as(steps, along, tracks.n_tracks)}"
         )
     for one in np.flatnonzero(bad & (reasons == "")):
         reasons[one] = f"heading {np.degrees(medians[one]):.0f}° off the way it moves (median)"
     medians = _medians(steps.to_velocity[moving], steps.track[moving], tracks.n_tracks)
-    bad, judged = medians > HEADING_ERROR, ~np.isnan(medians)
-    if 2 * bad.sum() > max(judged.sum(), 1):
+    bad, checked = medians > HEADING_ERROR, ~np.isnan(medians)
+    if 2 * bad.sum() > max(checked.sum(), 1):
         raise UserError(
-            f"in {bad.sum()} of {judged.sum()} tracks the velocity does not point the way they "
+            f"in {bad.sum()} of {checked.sum()} tracks the velocity does not point the way they "
             "move: do positions and velocities have the same axes, and does y point up?"
         )
     for one in np.flatnonzero(bad & (reasons == "")):
@@ -230,13 +230,13 @@ def _check_directions(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> Non
 
 
 def _headings_read_as(steps: _Steps, along: np.ndarray, n_tracks: int) -> str:
-    for told, read in _HEADINGS.items():
-        if "as degrees" in told and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
+    for words, read in _HEADINGS.items():
+        if "as degrees" in words and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
             continue  # A full turn in radians is the number 6.28, which is 6 degrees.
         angle = _axis_angle(steps.direction[along] - read(steps.heading[along]))
         medians = _medians(angle, steps.track[along], n_tracks)
         if 2 * (medians <= HEADING_ERROR).sum() > (~np.isnan(medians)).sum():
-            return f"headings are {told}"
+            return f"headings are {words}"
     return "headings are wrong, or the axes of positions are not those of headings"
 
 
@@ -262,6 +262,6 @@ def _check_overlaps(tracks: Tracks, good: Bool[np.ndarray, " track"], reasons: n
             one = numbers[kept.track[row]]
             if reasons[one] == "":
                 reasons[one] = (
-                    f"lies {found.depth[place]:.2f} m deep in {kept.identity[kept.track[beside]]} "
-                    f"at frame {kept.frame[row]}"
+                    f"overlaps by {found.depth[place]:.2f} m with "
+                    f"{kept.identity[kept.track[beside]]} at frame {kept.frame[row]}"
                 )

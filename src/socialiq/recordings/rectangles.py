@@ -87,12 +87,12 @@ def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " some"]) -> Overlaps:
     turned = tracks.heading[other] - tracks.heading[one]
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     depth = np.full(len(one), np.inf)
-    for own, theirs, row in ((half_one, half_other, one), (half_other, half_one, other)):
+    for own_half, other_half, row in ((half_one, half_other, one), (half_other, half_one, other)):
         east, north = np.cos(tracks.heading[row]), np.sin(tracks.heading[row])
         along = np.abs(apart[:, 0] * east + apart[:, 1] * north)
         across = np.abs(apart[:, 1] * east - apart[:, 0] * north)
-        reach_along = own[:, 0] + theirs[:, 0] * cos + theirs[:, 1] * sin
-        reach_across = own[:, 1] + theirs[:, 0] * sin + theirs[:, 1] * cos
+        reach_along = own_half[:, 0] + other_half[:, 0] * cos + other_half[:, 1] * sin
+        reach_across = own_half[:, 1] + other_half[:, 0] * sin + other_half[:, 1] * cos
         depth = np.minimum(depth, np.minimum(reach_along - along, reach_across - across))
     touch = depth > 0
     return Overlaps(one[touch], other[touch], depth[touch])

@@ -25,7 +25,7 @@ def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndar
     listed, place = table.source.get("recordings"), table.source.get("episode_recording")
     if not isinstance(listed, list) or not isinstance(place, list):
         raise UserError(
-            "these demonstrations don't say which recording each episode is from: make them with "
+            "these demonstrations lack the recording of each episode: make them with "
             "`socialiq data demonstrations`"
         )
     if len(place) != table.n_episodes:

@@ -52,7 +52,7 @@ def test_pickles_are_never_loaded(tmp_path):
     infos = np.array([Touches(str(trap))], object)
     np.savez(tmp_path / "x.npz", obs=np.zeros(2), infos=infos)
     assert list(read_npz(tmp_path / "x.npz", ("obs",))) == ["obs"]
-    with pytest.raises(UserError, match="infos is 'O', no array of numbers"):
+    with pytest.raises(UserError, match="infos is 'O', not an array of numbers"):
         read_npz(tmp_path / "x.npz", ("obs", "infos"))
     assert not trap.exists()
     np.load(tmp_path / "x.npz", allow_pickle=True)["infos"]
@@ -63,7 +63,7 @@ def test_huge_shapes_cost_nothing(tmp_path):
     tracemalloc.start()
     for shape in ((2**50,), (2**31, 2**31), (10**9, 1)):
         path = archive(tmp_path / "x.npz", a=member(shape, content=b"\0" * 64))
-        with pytest.raises(UserError, match="not as large as it says"):
+        with pytest.raises(UserError, match="has another size than its header"):
             read_npz(path, ("a",))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()

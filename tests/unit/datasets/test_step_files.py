@@ -200,9 +200,9 @@ def test_files_that_cannot_be_read(tmp_path, table):
 def test_what_the_file_tells_is_not_overruled(table, tmp_path):
     path = tmp_path / "x.npz"
     write_steps(path, table)
-    with pytest.raises(UserError, match="tells the number of actions: 4, not 3"):
+    with pytest.raises(UserError, match="has the number of actions: 4, not 3"):
         read_steps(path, n_actions=3)
-    with pytest.raises(UserError, match="tells the modes"):
+    with pytest.raises(UserError, match="has the modes"):
         read_steps(path, mode_names=("demonstrator",))
     with np.load(path) as archive:
         arrays = dict(archive)

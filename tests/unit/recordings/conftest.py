@@ -154,7 +154,7 @@ def drive():
 def swapped():
     """One recording of given episodes."""
 
-    def make(name, episodes, moments=None, reading=None):
+    def make(name, episodes, moments=None, config=None):
         return Swapped(
             recording=name,
             n_tracks=len(episodes) + 2,
@@ -165,7 +165,7 @@ def swapped():
             left_out={"never at a conflict area": 2},
             conflicts=4,
             moments=frozenset(moments or {f"{name}{n}".encode() for n in range(len(episodes))}),
-            reading=reading or EpisodeConfig(),
+            config=config or EpisodeConfig(),
         )
 
     return make

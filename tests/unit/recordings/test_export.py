@@ -73,5 +73,5 @@ def test_small_numbers_are_written_without_exponents(tmp_path, straight):
 
 def test_one_number_for_two_things_is_refused(tmp_path, recording):
     tracks = replace(recording.tracks, identity=np.array([1, 101, 102]))
-    with pytest.raises(UserError, match="number 1 stands for two things"):
+    with pytest.raises(UserError, match="number 1 has two elements"):
         write_commonroad(Recording(tracks, recording.road), tmp_path / "s.xml")

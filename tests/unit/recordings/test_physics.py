@@ -48,7 +48,7 @@ def test_good_tracks_stay_as_they_are(three):
         ({"width": lambda w: 5.0}, "4.5 m long and 5 m wide"),
         ({"length": lambda w: 31.0}, "31 m long"),
         ({"length": lambda w: 0.1}, "0.1 m long"),
-        ({"y": lambda y: y - 9.0}, "lies 0.80 m deep in 100 at frame"),
+        ({"y": lambda y: y - 9.0}, "overlaps by 0.80 m with 100 at frame"),
     ],
 )
 def test_a_track_that_cannot_be_true_is_left_out(three, columns, reason):

@@ -38,7 +38,7 @@ def test_a_split_needs_two_sides(held_out, message, human_table):
 def test_tables_that_lost_their_recordings_are_refused(human_table):
     with pytest.raises(UserError, match="picked or repeated"):
         split(human_table.select(np.array([0, 1])), ["monday"])
-    with pytest.raises(UserError, match="don't say which recording"):
+    with pytest.raises(UserError, match="lack the recording"):
         recordings_of(human_table.subsample(1))
 
 

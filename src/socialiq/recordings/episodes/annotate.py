@@ -60,28 +60,28 @@ class Driven:
     contact: int
 
 
-def driven(scene: Scene, track: int, way: Crossing, reading: EpisodeConfig) -> Driven | None:
+def driven(scene: Scene, track: int, way: Crossing, config: EpisodeConfig) -> Driven | None:
     """Annotate a vehicle's way over a junction; None if it is shorter than one decision.
 
     Args:
         scene: The recording.
         track: The vehicle.
         way: Its way over the junction.
-        reading: The choices.
+        config: The choices.
 
     Raises:
         UserError: If the policy rate doesn't fit the recording's.
     """
-    options = reading.options_at(scene.tracks.dt)
+    options = config.options_at(scene.tracks.dt)
     rows = _decision_rows(scene, track, way, options)
     if len(rows) < 2:
         return None
     snapshots = _ego(scene, way, rows)
-    endings, contact = _endings(scene, track, rows, snapshots, options, reading)
+    endings, contact = _endings(scene, track, rows, snapshots, options, config)
     last = next((k for k, one in enumerate(endings) if one), len(rows) - 1)
     rows, snapshots, endings = rows[: last + 1], snapshots[: last + 1], endings[: last + 1]
     snapshots["ending"] = endings
-    seen = _vehicles(scene, track, way, rows, snapshots, options, reading)
+    seen = _vehicles(scene, track, way, rows, snapshots, options, config)
     observation = np.zeros((len(rows), options.observed_vehicles, len(FEATURES)), np.float32)
     signals, pairs = np.zeros((len(rows), len(SIGNALS))), np.zeros((len(rows), 2))
     arguments = snapshots, seen, settings_of(options), observation, signals, pairs
@@ -181,19 +181,19 @@ def _endings(
     rows: Int64[np.ndarray, " snapshot"],
     snapshots: np.ndarray,
     options: Options,
-    reading: EpisodeConfig,
+    config: EpisodeConfig,
 ) -> tuple[list[int], Contact]:
     """Return the ending at each snapshot, the first of which is the start, and the contact."""
     arrived = (snapshots["kind"] == geometry.EXIT) & (snapshots["along"] >= EXIT_DISTANCE)
     late = np.arange(len(rows)) / options.policy_frequency >= options.duration
     endings, contact = [int(Ending.NONE)] * len(rows), Contact.NONE
     for k in range(1, len(rows)):
-        contact = _contact(scene, track, int(rows[k - 1]), int(rows[k]), int(rows[0]), reading)
+        contact = _contact(scene, track, int(rows[k - 1]), int(rows[k]), int(rows[0]), config)
         if contact != Contact.NONE:
             endings[k] = int(Ending.COLLISION)
         elif arrived[k]:
             endings[k] = int(Ending.ARRIVAL)
-        elif reading.clock and late[k]:
+        elif config.clock and late[k]:
             endings[k] = int(Ending.TIMEOUT)
         if endings[k]:
             break
@@ -201,11 +201,11 @@ def _endings(
 
 
 def _contact(
-    scene: Scene, track: int, before: int, after: int, first: int, reading: EpisodeConfig
+    scene: Scene, track: int, before: int, after: int, first: int, config: EpisodeConfig
 ) -> Contact:
     """Return the ego's first contact between two rows, and which vehicle struck."""
-    predicted = reading.contact == "predicted"
-    slack = 0.0 if predicted else reading.slack
+    predicted = config.contact == "predicted"
+    slack = 0.0 if predicted else config.slack
     for row in range(before + 1, after + 1):
         if predicted and row - 1 > first:
             found = scene.contact(track, row - 1, scene.tracks.dt, slack)
@@ -224,7 +224,7 @@ def _vehicles(
     rows: Int64[np.ndarray, " snapshot"],
     snapshots: np.ndarray,
     options: Options,
-    reading: EpisodeConfig,
+    config: EpisodeConfig,
 ) -> np.ndarray:
     """Return SEEN records of all vehicles; write the ego's slot and the count to the snapshots."""
     present = [scene.present(int(scene.tracks.frame[row])) for row in rows]
@@ -237,7 +237,7 @@ def _vehicles(
         line = _line(scene, track, way, row)
         seen["along"] = line.coordinates(scene.tracks.x[there], scene.tracks.y[there]).along
         for slot, other in enumerate(there.tolist()):
-            summed = reading.loss == "summed"
+            summed = config.loss == "summed"
             seen["lost"][slot] = scene.lost(other, options.frames, summed)
             seen["kind"][slot], seen["same_origin"][slot] = _seat(scene, way, entry, other)
     return made

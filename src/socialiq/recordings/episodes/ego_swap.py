@@ -51,7 +51,7 @@ class Swapped:
         left_out: Number of tracks without an episode, by reason.
         conflicts: Pairs of lanelets in conflict.
         moments: Signature of every track that moves.
-        reading: The options.
+        config: The options.
     """
 
     recording: str
@@ -63,7 +63,7 @@ class Swapped:
     left_out: dict[str, int]
     conflicts: int
     moments: frozenset[bytes]
-    reading: EpisodeConfig
+    config: EpisodeConfig
 
     @property
     def n_transitions(self) -> int:
@@ -87,20 +87,20 @@ class Swapped:
         } | {reason: self.left_out.get(reason, 0) for reason in REASONS}
 
 
-def swap(recording: Recording, reading: EpisodeConfig | None = None) -> Swapped:
+def swap(recording: Recording, config: EpisodeConfig | None = None) -> Swapped:
     """Make every vehicle that meets a conflict the ego of one episode.
 
     A vehicle that meets conflicts at several junctions drives its episode over the first.
 
     Args:
         recording: Tracks and road.
-        reading: Options; by default those of `EpisodeConfig`.
+        config: Options; by default those of `EpisodeConfig`.
 
     Raises:
         UserError: If there is no road network, the policy rate doesn't fit the recording's, or
             Shapely is not installed.
     """
-    chosen = reading or EpisodeConfig()
+    chosen = config or EpisodeConfig()
     scene = Scene(recording)
     chosen.options_at(scene.tracks.dt)
     made: list[Driven] = []
@@ -126,33 +126,31 @@ def swap(recording: Recording, reading: EpisodeConfig | None = None) -> Swapped:
     )
 
 
-def _episode(scene: Scene, track: int, reading: EpisodeConfig) -> Driven | str:
+def _episode(scene: Scene, track: int, config: EpisodeConfig) -> Driven | str:
     """Return a vehicle's episode, or the reason for which there is none."""
     if track not in scene.vehicles:
         return NOT_A_VEHICLE
     if scene.matched(track).off > OFF_THE_MAP:
         return OFF_THE_ROAD
-    near = [
-        j for j in scene.junctions(track) if scene.presence(track, j, reading.reach) is not None
-    ]
+    near = [j for j in scene.junctions(track) if scene.presence(track, j, config.reach) is not None]
     if not near:
         return NO_JUNCTION
-    met = next((junction for junction in near if meets(scene, track, junction, reading)), None)
+    met = next((junction for junction in near if meets(scene, track, junction, config)), None)
     if met is None:
         return ALONE
     way = scene.crossing(track, met)
     assert way is not None  # the junction is on its way
-    found = driven(scene, track, way, reading)
+    found = driven(scene, track, way, config)
     if found is None:
         return TOO_SHORT
     return found if found.jump <= _LARGEST_JUMP else NO_WAY
 
 
-def episode_of(recording: Recording, identity: int, reading: EpisodeConfig) -> Driven:
+def episode_of(recording: Recording, identity: int, config: EpisodeConfig) -> Driven:
     """Return the episode of one vehicle, by its number in the file.
 
     Raises:
-        UserError: If there is no such vehicle, or it makes no episode; the line says why.
+        UserError: If there is no such vehicle, or it makes no episode; the line has the reason.
     """
     scene, name = Scene(recording), recording.tracks.recording
     found = np.flatnonzero(scene.tracks.identity == identity)
@@ -160,33 +158,33 @@ def episode_of(recording: Recording, identity: int, reading: EpisodeConfig) -> D
         raise UserError(
             f"no vehicle {identity} in {name}: choose one of its {scene.tracks.n_tracks}"
         )
-    episode = _episode(scene, int(found[0]), reading)
+    episode = _episode(scene, int(found[0]), config)
     if isinstance(episode, str):
         raise UserError(f"vehicle {identity} of {name} makes no episode: {episode}")
     return episode
 
 
-def meets(scene: Scene, track: int, junction: int, reading: EpisodeConfig) -> bool:
+def meets(scene: Scene, track: int, junction: int, config: EpisodeConfig) -> bool:
     """Whether another vehicle's way conflicts with a vehicle's, close in time."""
-    way, mine = scene.crossing(track, junction), scene.presence(track, junction, reading.reach)
-    if way is None or mine is None:
+    way, own = scene.crossing(track, junction), scene.presence(track, junction, config.reach)
+    if way is None or own is None:
         return False
     for other in scene.vehicles.tolist():
-        theirs = None if other == track else scene.presence(other, junction, reading.reach)
-        if theirs is None or scene.matched(other).off > OFF_THE_MAP:
+        others = None if other == track else scene.presence(other, junction, config.reach)
+        if others is None or scene.matched(other).off > OFF_THE_MAP:
             continue
-        apart = max(theirs[0] - mine[1], mine[0] - theirs[1], 0) * scene.tracks.dt
+        apart = max(others[0] - own[1], own[0] - others[1], 0) * scene.tracks.dt
         their_way = scene.crossing(other, junction)
         assert their_way is not None  # it is at the junction
-        if apart <= reading.near and _in_conflict(scene, track, way, other, their_way):
+        if apart <= config.near and _in_conflict(scene, track, way, other, their_way):
             return True
     return False
 
 
 def _in_conflict(scene: Scene, track: int, way: Crossing, other: int, other_way: Crossing) -> bool:
-    mine = scene.matched(track).lanelets[way.first : way.last + 1]
-    theirs = scene.matched(other).lanelets[other_way.first : other_way.last + 1]
-    return any(scene.lanes.conflict(one, two) for one in mine for two in theirs)
+    own = scene.matched(track).lanelets[way.first : way.last + 1]
+    others = scene.matched(other).lanelets[other_way.first : other_way.last + 1]
+    return any(scene.lanes.conflict(one, two) for one in own for two in others)
 
 
 def moments_of(tracks: Tracks) -> frozenset[bytes]:
@@ -224,8 +222,8 @@ def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
             differently.
     """
     check_distinct(swapped)
-    readings = {repr(one.reading) for one in swapped}
-    if len(readings) > 1:
+    configs = {repr(one.config) for one in swapped}
+    if len(configs) > 1:
         raise UserError("the recordings were read under different choices: read them alike")
     episodes = [one for each in swapped for one in each.episodes]
     if not episodes:
@@ -251,7 +249,7 @@ def _source(swapped: Sequence[Swapped]) -> dict[str, Any]:
     residual = np.concatenate([one.residual for each in swapped for one in each.episodes])
     return {
         "made_by": "ego swap",
-        "reading": asdict(swapped[0].reading),
+        "reading": asdict(swapped[0].config),
         "recordings": [
             {"name": one.recording, "source": one.source, "egos": list(one.identity)}
             for one in swapped

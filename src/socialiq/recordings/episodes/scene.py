@@ -138,8 +138,8 @@ class Scene:
         if len(found) == 0:
             return Contact.NONE
         between = centre[found[0], 1] - centre[found[0], 0]
-        mine, theirs = velocity[found[0]] @ between
-        return Contact.EGO_STRUCK if mine >= -theirs else Contact.EGO_WAS_STRUCK
+        own, other = velocity[found[0]] @ between
+        return Contact.EGO_STRUCK if own >= -other else Contact.EGO_WAS_STRUCK
 
     def lost(self, row: int, frames: int, summed: bool) -> float:
         """Return the loss of speed over the last frames, or since it came into view, m/s."""

@@ -43,7 +43,7 @@ class ColumnMap:
         format: Name of the layout.
         licence: A line about the data's licence, stored with the recording.
         separator: Separator of cells.
-        columns: Name of a quantity here to the file's name of its column.
+        columns: The file's name of a column, by our name of its quantity.
         scales: Factor of the file's unit, by quantity of `UNITS`.
         rate: Frames a second; 0 if `rate_file` has it.
         rate_file: Ending of the file's name, its replacement for the file with the rate,
@@ -178,7 +178,7 @@ def _columns(columns: dict[str, Any], users: dict[str, Any]) -> dict[str, str]:
 
 def _classes(classes: dict[str, Any]) -> dict[str, RoadUser]:
     if not classes:
-        raise UserError("[classes] is missing: say what each word of the class column stands for")
+        raise UserError("[classes] is missing: give the class of each word of the class column")
     for word, kind in classes.items():
         one_of(f"class of '{one_line(word, 40)}'", kind, [one.name.lower() for one in RoadUser])
     return {word: RoadUser[kind.upper()] for word, kind in classes.items()}

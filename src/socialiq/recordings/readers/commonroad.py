@@ -207,14 +207,14 @@ class _Draft:
         )
 
     def _source(self, sha256: str) -> dict[str, object]:
-        told = ("commonRoadVersion", "source", "author", "affiliation", "date")
+        names = ("commonRoadVersion", "source", "author", "affiliation", "date")
         return {
             "format": "commonroad",
             "file": self._path.name,
             "sha256": sha256,
             "licence": LICENCE,
             "intervals": self._n_intervals,
-            **{name: one_line(self._attributes.get(name, "")) for name in told},
+            **{name: one_line(self._attributes.get(name, "")) for name in names},
         }
 
 
@@ -237,8 +237,10 @@ def _kind_and_size(thing: Element) -> tuple[int, float, float]:
     kind = int(words.TYPES[name])
     shapes = list(thing.find("shape") or [])  # type: ignore[arg-type]
     if len(shapes) != 1 or shapes[0].tag not in ("rectangle", "circle"):
-        told = ", ".join(shape.tag for shape in shapes) or "missing"
-        raise ValueError(f"its shape is {one_line(told, 40)}: only one rectangle or circle is read")
+        found = ", ".join(shape.tag for shape in shapes) or "missing"
+        raise ValueError(
+            f"its shape is {one_line(found, 40)}: only one rectangle or circle is read"
+        )
     shape = shapes[0]
     if shape.tag == "circle":
         # A circle is represented by the square around it.

@@ -44,8 +44,8 @@ class RoadDraft:
                 self._signs[int(thing.attrib["id"])] = _sign(thing)
             elif thing.tag == "trafficLight":
                 dark = (thing.findtext("active") or "").strip() == "false"
-                shown = Sign.NONE if dark else Sign.LIGHT
-                self._signs[int(thing.attrib["id"])] = shown, np.inf
+                signs = Sign.NONE if dark else Sign.LIGHT
+                self._signs[int(thing.attrib["id"])] = signs, np.inf
             else:
                 return thing.tag in _IGNORED
         except (KeyError, ValueError, TypeError, UserError) as error:
@@ -61,12 +61,12 @@ class RoadDraft:
         )
 
     def _with_signs(self, lanelet: Lanelet) -> Lanelet:
-        shown = [self._signs[one] for one in self._named[lanelet.identity] if one in self._signs]
-        if not shown:
+        signs = [self._signs[one] for one in self._named[lanelet.identity] if one in self._signs]
+        if not signs:
             return lanelet
         # A light takes precedence over signs, as on the road.
-        sign = max(one for one, _ in shown)
-        limit = min(lanelet.speed_limit, *(limit for _, limit in shown))
+        sign = max(one for one, _ in signs)
+        limit = min(lanelet.speed_limit, *(limit for _, limit in signs))
         return replace(lanelet, sign=sign, speed_limit=limit)
 
     def _lanelet(self, thing: Element) -> None:

@@ -135,8 +135,8 @@ class _Stream:
         self._bytes = 0 if self._finished > before else self._bytes + len(chunk)
         if self._bytes > _MOST_BYTES:
             raise UserError(
-                f"{self._where()}: one element is larger than {_MOST_BYTES >> 20} MiB: this is no "
-                "recording"
+                f"{self._where()}: one element is larger than {_MOST_BYTES >> 20} MiB: this is not "
+                "a recording"
             )
 
     def end(self) -> None:

@@ -27,7 +27,7 @@ Words = dict[str, int]
 
 
 class Table:
-    """Columns of a file by their names here; texts are numbered.
+    """Columns of a file by our names; texts are numbered.
 
     Attributes:
         path: The file.
@@ -64,7 +64,7 @@ class Table:
         """Read the file.
 
         Args:
-            columns: Names here to the file's.
+            columns: The file's names of columns, by our names.
             texts: Names of columns of text; the others are numbers, NaN for an empty cell.
             whole: Names of columns of whole numbers, without empty cells.
 
@@ -190,10 +190,10 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
     names = [name.strip() for name in header]
     missing = [column for column in columns.values() if column not in names]
     if missing:
-        told = one_line(", ".join(names), 300)
+        known = one_line(", ".join(names), 300)
         raise UserError(
             f"{path} has no column {', '.join(missing)}: correct the column map; "
-            f"the file has {told}"
+            f"the file has {known}"
         )
     twice = next((column for column in columns.values() if names.count(column) > 1), None)
     if twice is not None:
@@ -204,8 +204,8 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
 def _beside(path: Path, endings: tuple[str, str]) -> Path:
     if not path.name.endswith(endings[0]):
         raise UserError(
-            f"{path}: the column map wants a name that ends in {endings[0]}, to find the file that "
-            f"ends in {endings[1]}"
+            f"{path}: the column map expects a name that ends in {endings[0]}, to find the file "
+            f"that ends in {endings[1]}"
         )
     return path.with_name(path.name.removesuffix(endings[0]) + endings[1])
 

@@ -52,7 +52,7 @@ def test_the_same_moments_under_two_names_are_refused(drive, swapped):
 def test_nobody_and_different_readings_are_refused(drive, swapped):
     with pytest.raises(UserError, match="no vehicle"):
         demonstrations([swapped("a", [])])
-    other = swapped("b", [drive([[0.1, 0.1]])], reading=EpisodeConfig(near=1.0))
+    other = swapped("b", [drive([[0.1, 0.1]])], config=EpisodeConfig(near=1.0))
     with pytest.raises(UserError, match="different choices"):
         demonstrations([swapped("a", [drive([[0.1, 0.1]])]), other])
 
