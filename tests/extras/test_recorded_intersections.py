@@ -10,8 +10,8 @@ pytest.importorskip("shapely", reason="extra `data` is not installed")
 
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.ego_swap import check_distinct, demonstrations, swap
+from socialiq.recordings.held_out import recordings_of, split
 from socialiq.recordings.readers.commonroad import read_commonroad
-from socialiq.recordings.splits import recordings_of, split
 from socialiq.types import Ending
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")

@@ -27,8 +27,7 @@ from socialiq.recordings.readers.commonroad import read_commonroad
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.readers.csv_recording import read_csv
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.lanes import Conflict, lanes_of
-from socialiq.recordings.road.network import RoadNetwork
+from socialiq.recordings.road.network import Conflict, RoadNetwork, lanes_of
 from socialiq.recordings.tracks import RoadUser
 from socialiq.types import Ending
 from socialiq.worlds.intersection.core.geometry import LEFT, RIGHT, STRAIGHT

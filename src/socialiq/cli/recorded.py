@@ -16,9 +16,8 @@ from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.foreign import one_line
 from socialiq.plotting.style import png
-from socialiq.recordings import census, files
+from socialiq.recordings import census, files, held_out
 from socialiq.recordings import census_figure as picture
-from socialiq.recordings import leave_one_site_out as held_out
 from socialiq.recordings.episodes import ego_swap
 from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.readers.commonroad_road import road_of
@@ -166,7 +165,7 @@ class Agreement:
         check_target(self.out, self.replace)
         swapped = swap_all(self.recordings, self.choices)
         config = held_out.Config(self.angle, self.updates, hidden=self.hidden, seed=self.seed)
-        found = held_out.held_out(ego_swap.demonstrations(swapped), config)
+        found = held_out.agreement(ego_swap.demonstrations(swapped), config)
         methods = found.by_method()
         summary = {"methods": methods, "finite": found.finite, "failures": list(found.failures)}
         asked = _Trained(self.choices, config, sources_of(swapped))

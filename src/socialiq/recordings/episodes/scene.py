@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int64
 
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.rectangles import touching
-from socialiq.recordings.road.lanes import Lanes, lanes_of
+from socialiq.recordings.road.network import Lanes, lanes_of
 from socialiq.recordings.road.routes import APPROACH, JUNCTION, Crossing, Matched, Matcher
 from socialiq.recordings.tracks import RoadUser
 from socialiq.worlds.intersection.state import Contact

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from socialiq.recordings.road.lanes import Lanes
-from socialiq.recordings.road.network import RoadNetwork
+from socialiq.recordings.road.network import Lanes, RoadNetwork
 from socialiq.recordings.road.paths import Path, path_of, wrapped
 from socialiq.recordings.tracks import Tracks
 

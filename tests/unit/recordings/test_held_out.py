@@ -3,7 +3,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.ego_swap import demonstrations
-from socialiq.recordings.splits import recordings_of, site_of, split
+from socialiq.recordings.held_out import recordings_of, site_of, split
 
 
 def test_whole_recordings_go_to_one_side(human_table):
