@@ -11,6 +11,7 @@ pytest.importorskip("h5py", reason="extra `minari` is not installed")
 
 import h5py
 import minari
+from minari.data_collector import EpisodeBuffer
 
 from socialiq.cli.main import main
 from socialiq.datasets import hdf5
@@ -122,7 +123,7 @@ def test_a_part_that_minari_split_off_is_read(table, written, tmp_path, monkeypa
     dataset = minari.MinariDataset(str(written / "data"))
     part = dataset.filter_episodes(lambda episode: episode.id < 4)
     buffers = [
-        minari.data_collector.EpisodeBuffer(
+        EpisodeBuffer(
             observations=one.observations,
             actions=one.actions,
             rewards=one.rewards,

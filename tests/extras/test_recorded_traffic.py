@@ -59,10 +59,13 @@ def busy():
     return [simulated.record(options, policy("stop_line"), seed) for seed in (3, 7)]
 
 
-def annotated(recording, ego):
+def annotated(recording, ego, config=SIMULATORS):
     scene = Scene(recording)
     way = scene.crossing(ego, scene.junctions(ego)[0])
-    return driven(scene, ego, way, SIMULATORS)
+    assert way is not None
+    found = driven(scene, ego, way, config)
+    assert found is not None
+    return found
 
 
 def shows_its_way(recording, ego, episode):
@@ -205,9 +208,7 @@ def test_speed_may_be_lost_within_a_decision(episodes):
     """Summed falls are at least the loss from decision to decision."""
     for episode in episodes[:6]:
         summed = dataclasses.replace(SIMULATORS, loss="summed")
-        scene = Scene(episode.recording)
-        way = scene.crossing(episode.ego, scene.junctions(episode.ego)[0])
-        found = driven(scene, episode.ego, way, summed)
+        found = annotated(episode.recording, episode.ego, summed)
         assert (
             found.signals[:, 7] >= annotated(episode.recording, episode.ego).signals[:, 7]
         ).all()

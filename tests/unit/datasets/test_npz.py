@@ -4,6 +4,7 @@ import io
 import os
 import tracemalloc
 import zipfile
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ class Touches:
         return os.mkdir, (self.path,)
 
 
-def member(shape, descr="<f8", content=b"", version=(1, 0)):
+def member(shape, descr: Any = "<f8", content=b"", version=(1, 0)):
     file = io.BytesIO()
     header = {"descr": descr, "fortran_order": False, "shape": shape}
     (npy.write_array_header_1_0 if version == (1, 0) else npy.write_array_header_2_0)(file, header)
@@ -39,7 +40,11 @@ def archive(path, **members):
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_arrays_come_back(tmp_path, save):
-    arrays = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([True]), "c": np.int16([3])}
+    arrays = {
+        "a": np.arange(6.0).reshape(2, 3),
+        "b": np.array([True]),
+        "c": np.array([3], np.int16),
+    }
     save(tmp_path / "x.npz", **arrays, d=np.zeros((2, 2), np.float32).T)
     found = read_npz(tmp_path / "x.npz", ("a", "b", "c", "d", "missing"))
     assert list(found) == ["a", "b", "c", "d"]

@@ -1,5 +1,7 @@
 """From episodes to one table of demonstrations."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -74,4 +76,4 @@ def test_the_recordings_rate_is_that_of_the_sub_steps():
 def test_numbers_that_make_no_sense_are_refused():
     for given in ({"reach": float("inf")}, {"near": -1.0}, {"slack": float("nan")}):
         with pytest.raises(UserError):
-            EpisodeConfig(**given)
+            dataclasses.replace(EpisodeConfig(), **given)
