@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, events_of
+from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.scenario import World, scenario_sha256, world_of
@@ -123,7 +123,7 @@ def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
         others = [name for name in POPULATIONS if name != world.options.population]
         found = [(f"drivers of population {one}", {"population": one}) for one in others]
         seen = not world.options.connected_lanes
-        sight = "who see across connected lanes" if seen else "who see their own lane alone"
+        sight = "who see across connected lanes" if seen else "who see their own lane only"
         found.append((f"drivers {sight}", {"connected_lanes": seen}))
     else:
         usual = world.options.spawn_probability
@@ -191,14 +191,14 @@ def changes(
     """
     old, new = _regrets(declared, angle), _regrets(there, angle)
     found = [_change("regret", old.mean(), new.mean(), mean_contrast(new, old, confidence), None)]
-    best = [_best(one, angle) for one in (declared, there)]
+    before, after = (events_of(one.policy) for one in (declared, there))
+    best_before, best_after = (events_of(_best(one, angle)) for one in (declared, there))
     for name in CRITERIA:
-        mine = [events_of(one.policy)[name] for one in (declared, there)]
-        theirs = [events_of(one)[name].mean() for one in best]
-        counts = [(int(one.sum()), len(one)) for one in mine]
-        contrast = share_contrast(*counts[1], *counts[0], confidence)
-        reference = float(theirs[1] - theirs[0])
-        found.append(_change(name, mine[0].mean(), mine[1].mean(), contrast, reference))
+        counts = [(int(one[name].sum()), len(one[name])) for one in (after, before)]
+        contrast = share_contrast(*counts[0], *counts[1], confidence)
+        reference = float(best_after[name].mean() - best_before[name].mean())
+        shares = before[name].mean(), after[name].mean()
+        found.append(_change(name, *shares, contrast, reference))
     return tuple(found)
 
 
@@ -227,14 +227,11 @@ def _changes_text(shift: Shift) -> str:
 def _change(
     measure: str, declared: Any, there: Any, contrast: Contrast, reference: float | None
 ) -> Change:
-    low, high = contrast.low, contrast.high
-    shown = low > 0.0 or high < 0.0
-    return Change(
-        measure, float(declared), float(there), contrast.value, low, high, shown, reference
-    )
+    significant = contrast.low > 0.0 or contrast.high < 0.0
+    return Change(measure, float(declared), float(there), *contrast, significant, reference)
 
 
-def _best(evidence: Evidence, angle: float) -> Any:
+def _best(evidence: Evidence, angle: float) -> Outcomes:
     """Return the apparently best reference at an angle."""
     return max(evidence.references, key=lambda one: score(exact_weights(angle), one.mean))
 
