@@ -57,7 +57,7 @@ class Ground(NamedTuple):
 def grid_of(
     angles: Sequence[float], strengths: Sequence[float], seeds: Sequence[int], base: Hyperparameters
 ) -> list[Hyperparameters]:
-    """Numbers for every angle, strength and seed; seed number i learns from data set i."""
+    """Return hyperparameters for every angle, strength and seed; seed i learns from data set i."""
     return [
         dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
         for angle in angles
@@ -75,9 +75,9 @@ def train_runs(
     chunk: int = 500,
     monitor: Monitor | None = None,
 ) -> Trained:
-    """Train in the ground's world; what the monitor returns is recorded after every chunk.
+    """Train in the ground's world and record the monitor's values after every chunk.
 
-    Without a monitor of its own a study that shows progress watches the exact metrics.
+    The default monitor of a training with a progress callback is the exact metrics.
     """
     if monitor is None and on_report is not None:
         monitor = exact_monitor(ground.part, [one.temperature for one in hyperparameters])
@@ -87,14 +87,14 @@ def train_runs(
 
 
 def evaluate(ground: Ground, policy: QPolicy, readout: Readout) -> Metrics:
-    """Exact metrics of one trained policy."""
+    """Return the exact metrics of a trained policy."""
     return evaluate_exactly(ground.part, action_table(policy, ground.part, readout))
 
 
 def rows_of(
     ground: Ground, policies: Sequence[QPolicy], angle: float, label: Row, seeds: Sequence[int]
 ) -> list[Row]:
-    """One row for each policy and readout: label, seed, metrics, regret at an angle."""
+    """Return label, seed, metrics and regret of each policy and action selection."""
     rows = []
     for policy, seed in zip(policies, seeds, strict=True):
         for readout in READOUTS:
@@ -107,7 +107,7 @@ def rows_of(
 
 
 def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
-    """Means over seeds of rows that share `keys`; the angle is that of the mean totals.
+    """Return means over seeds of rows with equal `keys`; the angle is that of the mean totals.
 
     `angle_low` and `angle_high` are the least and greatest angle of a single seed.
     """
@@ -126,7 +126,7 @@ def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
 
 
 def with_clock(ground: Ground, clock: bool) -> Ground:
-    """The same ground, whose world shows the time or doesn't."""
+    """Return the ground with the time in the observations, or unchanged."""
     if not clock:
         return ground
     table, part = (
@@ -137,12 +137,12 @@ def with_clock(ground: Ground, clock: bool) -> Ground:
 
 
 def seen(world: GridWorld) -> tuple[tuple[int, int], ...]:
-    """One-hot code of a gridworld: smallest value and number of values by feature."""
+    """Return the one-hot code of a gridworld: least value and number of values by feature."""
     return tuple((feature.low, feature.size) for feature in world.observed)
 
 
 def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
-    """The actions of one greedy episode in the deterministic world, W for Wait and G for Go."""
+    """Return the actions of a greedy episode in a deterministic world, W for Wait, G for Go."""
     mdp, letters = table.mdp, ""
     state = int(mdp.initial.argmax())
     for _ in range(table.world.horizon):

@@ -31,7 +31,7 @@ STUDIES = {
     "intersection-skill": "intersection_skill",
     "audit-power": "audit_power.study",
     "audits": "audits.study",
-    "theory": "theory",
+    "theory": "theory.study",
     "classic-control": "classic_control",
     "compare-priors": "compare_priors.study",
 }

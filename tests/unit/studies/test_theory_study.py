@@ -9,8 +9,8 @@ from socialiq.evaluation.prediction import Setting, lines_of, predictions, probl
 from socialiq.experiments.gridworld_runs import Ground
 from socialiq.experiments.study import run
 from socialiq.mdp.solve import evaluate_policy
-from socialiq.studies.theory import STUDY, training, verdicts
-from socialiq.studies.theory.study import Config
+from socialiq.studies.theory import training, verdicts
+from socialiq.studies.theory.study import STUDY, Config
 from socialiq.theory.semi_gradient import demonstrated_policy
 
 

@@ -1,4 +1,4 @@
-"""The problems on which the statements of the theory are tried."""
+"""Problems on which the statements of the theory are tested."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Case(NamedTuple):
     Attributes:
         world: "crossing5", "crossing7" or "random 3" (with the seed).
         angle: α in degrees.
-        target_kind: What the prior's target is.
+        target_kind: Target of the prior.
         problem: The problem, at the default λ and τ.
     """
 
@@ -39,19 +39,19 @@ class Case(NamedTuple):
 
     @property
     def label(self) -> dict[str, str | float]:
-        """The columns that name it in a table."""
+        """Columns that name the case in a table."""
         return {"world": self.world, "angle": self.angle, "target_kind": self.target_kind}
 
 
 def gridworlds() -> dict[str, Table]:
-    """The reachable part of each gridworld."""
+    """Return the reachable part of each gridworld."""
     return {name: tabulate(make_grid(name)).reachable_part() for name in GRIDWORLDS}
 
 
 def grid_cases(
     worlds: dict[str, Table], kinds: Sequence[str] = KINDS, angles: Sequence[float] = ANGLES
 ) -> list[Case]:
-    """The pool of the three experts, with as many episodes of each, at every angle and target."""
+    """Return the pool of equal numbers of episodes of each expert, at every angle and target."""
     return [
         Case(name, angle, kind, problem_of(part, Setting(angle, kind)))
         for name, part in worlds.items()
@@ -61,7 +61,7 @@ def grid_cases(
 
 
 def random_cases(seeds: Sequence[int], kinds: Sequence[str] = KINDS) -> list[Case]:
-    """Worlds of ten states with three demonstrators, all drawn; no seed is left out."""
+    """Return random worlds of ten states with three random demonstrators, one for each seed."""
     return [_random_case(seed, kind) for seed in seeds for kind in kinds]
 
 

@@ -1,4 +1,4 @@
-"""The statements about small λ: the slope, the flips, and how long episodes become."""
+"""Statements about small λ: the slope, the flips, and the length of episodes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import Table
 
 COLD = 1e-4
-"""The temperature that stands for τ → 0, in units of reward."""
+"""Temperature used for τ → 0, in units of reward."""
 _PER_OCTAVE = 4
 _TIE = 1e-9  # λ of a flip that is a tie in the data
 
 
 def minimum_q(problem: Problem, start: np.ndarray | None) -> np.ndarray:
-    """Q at the minimum, a `QSolver`."""
+    """Return Q at the minimum, as a `QSolver`."""
     return minimise(problem, start).q
 
 
@@ -34,7 +34,7 @@ SOLVERS: dict[str, QSolver] = {"online": minimum_q, "target": semi_gradient.fixe
 
 
 def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]:
-    """E_ρ[T̄] per unit of mass along λ, beside its straight line, up to 1.5 times the reach."""
+    """Return E_ρ[T̄] per unit of mass along λ and its straight line, up to 1.5 times the reach."""
     rows = []
     for case in cases:
         level = np.where(case.problem.support, case.problem.demonstrated, 0.0)
@@ -62,7 +62,7 @@ def path_rows(cases: Sequence[Case], temperatures: Sequence[float]) -> list[Row]
 
 
 def slope_rows(cases: Sequence[Case]) -> list[Row]:
-    """dE_ρ[T̄]/dλ predicted, and measured at τ = `COLD` over a tenth of the lines' reach."""
+    """Return dE_ρ[T̄]/dλ, predicted and measured at τ = `COLD` over a tenth of the reach."""
     rows = []
     for case in cases:
         problem = dataclasses.replace(case.problem, temperature=COLD)
@@ -81,10 +81,10 @@ def slope_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
-    """Every state with a choice: λ of its first flip as predicted, and as found at τ = `COLD`.
+    """Return predicted and found λ (at τ = `COLD`) of the first flip of every state with a choice.
 
     The search runs from a tenth of the first predicted flip, or of the reach, to ten times the
-    last. Empty cells: none is predicted, or none is found there.
+    last. A cell is empty where no flip is predicted, or none is found.
     """
     rows = []
     for case in cases:
@@ -97,19 +97,19 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
         steps = int(np.ceil(_PER_OCTAVE * np.log2(high / low))) + 1
         found = found_flips(problem, SOLVERS[next_value], np.geomspace(low, high, steps).tolist())
         for flip in found:
-            told = predicted[flip.state]
+            first = predicted[flip.state]
             rows.append(
                 case.label
                 | {
                     "next_value": next_value,
                     "state": flip.state,
-                    "before": told.before,
-                    "after": told.after if np.isfinite(told.strength) else "",
-                    "predicted": told.strength if np.isfinite(told.strength) else "",
-                    "within_reach": int(told.strength <= reach),
+                    "before": first.before,
+                    "after": first.after if np.isfinite(first.strength) else "",
+                    "predicted": first.strength if np.isfinite(first.strength) else "",
+                    "within_reach": int(first.strength <= reach),
                     "found": flip.strength if np.isfinite(flip.strength) else "",
                     "found_after": flip.after if np.isfinite(flip.strength) else "",
-                    "tie": int(told.strength <= _TIE),
+                    "tie": int(first.strength <= _TIE),
                 }
             )
     return rows
@@ -118,7 +118,7 @@ def flip_rows(cases: Sequence[Case], next_value: NextValue) -> list[Row]:
 def length_rows(
     part: Table, angles: Sequence[float], strengths: Sequence[float], temperature: float
 ) -> list[Row]:
-    """Expected steps of an episode of the exact solution for rows, along λ; soft and greedy."""
+    """Return the expected steps of an episode of the exact solution for rows, along λ."""
     rows = []
     for angle in angles:
         reward = score(exact_weights(angle), part.mdp.rewards)
@@ -128,8 +128,8 @@ def length_rows(
             problem = problem_of(part, Setting(angle, kind, measure="rows"))
             q = None
             for strength in strengths:
-                here = dataclasses.replace(problem, strength=strength, temperature=temperature)
-                found = minimise(here, q)
+                changed = dataclasses.replace(problem, strength=strength, temperature=temperature)
+                found = minimise(changed, q)
                 q = found.q
                 greedy = np.eye(q.shape[1])[q.argmax(axis=1)]
                 rows.append(
@@ -155,6 +155,6 @@ def _mass(problem: Problem) -> float:
 
 
 def _mean(problem: Problem, occupancy: np.ndarray) -> float:
-    """E_ρ[T̄] / the mass of ρ_E."""
+    """Return E_ρ[T̄], divided by the mass of ρ_E."""
     on = problem.support
     return float(occupancy[on] @ problem.target[on]) / _mass(problem)

@@ -1,4 +1,4 @@
-"""The statements that hold at any λ: fixed point, primal form, shaping, λ = 0, offline identity."""
+"""Statements that hold at any λ: fixed point, primal form, shaping, λ = 0, offline identity."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ STRENGTHS = (0.0, 0.3, 1.0)
 TEMPERATURES = (1.0, 0.01)
 _N_POTENTIALS = 5
 _MIXED = np.geomspace(1e-3, 1.0, 13)
-_NOTHING = 1e-17  # below the rounding of a probability; in place of exactly 0
+_NOTHING = 1e-17  # below the rounding of a probability; replaces exactly 0
 
 
 def log10(value: Any) -> float:
-    """The decimal logarithm of a size, -17 at least: tables keep six decimals."""
+    """Return the decimal logarithm of a size, at least -17: tables keep six decimals."""
     return float(np.log10(max(abs(float(value)), _NOTHING)))
 
 
 def minimum_rows(cases: Sequence[Case]) -> list[Row]:
-    """For each case, λ and τ: how well the minimum is known, and its two certificates.
+    """Return the errors of the minimum by two certificates, for each case, λ and τ.
 
     `log10_closed_error` is of the largest distance of r̂ from the closed form, `log10_duality_gap`
-    of the dual less the primal value, relative. `largest_correction` is the most that the data add
-    to m, at most 1 / (2κ).
+    of the relative difference of dual and primal value. `largest_correction` is the largest
+    addition of the data to m, at most 1 / (2κ).
     """
     rows = []
     for case in cases:
@@ -64,18 +64,18 @@ def minimum_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def reward_rows(cases: Sequence[Case]) -> list[Row]:
-    """At λ = 1 and τ = 1: the centre, the solved and the closed r̂ of each demonstrated pair."""
+    """Return centre, solved and closed r̂ of each demonstrated pair, at λ = 1 and τ = 1."""
     rows = []
     for case in cases:
         found = minimise(case.problem)
-        closed, middle = closed_form(case.problem, found.occupancy), centre(case.problem)
+        closed, prior = closed_form(case.problem, found.occupancy), centre(case.problem)
         for state, action in np.argwhere(case.problem.support):
             rows.append(
                 case.label
                 | {
                     "state": int(state),
                     "action": int(action),
-                    "centre": middle[state, action],
+                    "centre": prior[state, action],
                     "solved": found.reward[state, action],
                     "closed": closed[state, action],
                 }
@@ -84,10 +84,10 @@ def reward_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def primal_rows(cases: Sequence[Case]) -> list[Row]:
-    """Loss of primal value by mixing another occupancy into the minimum's.
+    """Return the loss of primal value when another occupancy is mixed into the minimum's.
 
-    The others are the demonstrators', and the minima at λ = 0, at three times λ, and at the
-    opposite target.
+    The others are the demonstrators' occupancy, and the minima at λ = 0, at three times λ, and at
+    the opposite target.
     """
     rows = []
     for case in cases:
@@ -117,10 +117,10 @@ def _occupancy(problem: Problem, **changes: object) -> np.ndarray:
 
 
 def shaping_rows(cases: Sequence[Case], targets: Mapping[str, Sequence[Case]]) -> list[Row]:
-    """Largest difference of any action's probability from the policy of instantaneous targets.
+    """Return the largest difference of a probability from the policy of instantaneous targets.
 
     Args:
-        cases: With instantaneous targets.
+        cases: Cases with instantaneous targets.
         targets: The same cases with other targets, by the target's name.
     """
     rows = []
@@ -144,7 +144,7 @@ def _difference(case: Case, change: str, base: np.ndarray, other: Problem) -> Ro
 
 
 def zero_rows(cases: Sequence[Case]) -> list[Row]:
-    """λ = 0 beside the baseline (w = 0), and beside the baseline with α_χ = 1/6."""
+    """Compare λ = 0 with the baseline (w = 0), and with the baseline of α_χ = 1/6."""
     rows = []
     for case in cases:
         zero = minimise(dataclasses.replace(case.problem, strength=0.0))
@@ -162,7 +162,7 @@ def zero_rows(cases: Sequence[Case]) -> list[Row]:
 
 
 def offline_rows(cases: Sequence[Case]) -> list[Row]:
-    """The objective beside conservative Q-learning's, with their constant, at random Q."""
+    """Compare the objective with conservative Q-learning's plus the constant, at random Q."""
     rows = []
     for place, case in enumerate(cases):
         problem, rng = case.problem, np.random.default_rng(place)

@@ -1,4 +1,4 @@
-"""The theory's statements and predictions, held against exact minima and trained networks."""
+"""Statements and predictions of the theory against exact minima and trained networks."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.prediction import NEXT_VALUES
 from socialiq.experiments.gridworld_runs import Ground
-from socialiq.experiments.study import Context, Findings, StageCallback
+from socialiq.experiments.study import Context, Findings, StageCallback, Study, view_of
+from socialiq.experiments.tables import column, groups
 from socialiq.studies.theory import cases, statements, training
 from socialiq.studies.theory import small_strength as lines
+from socialiq.studies.theory.figures import draw_figures
 from socialiq.studies.theory.verdicts import flip_counts, growth, trained_summary
 from socialiq.types import Row
 
@@ -21,17 +23,17 @@ class Config:
     """Configuration of the study; the defaults are the committed results."""
 
     seeds: tuple[int, ...] = (10, 11, 12, 13, 14)
-    """Training seeds, each with a data set of its own."""
+    """Training seeds, each with its own data set."""
     angles: tuple[float, ...] = cases.ANGLES
-    """α in degrees, of the exact part in the gridworlds; 0 degrees is trained."""
+    """α in degrees of the exact part in the gridworlds; networks are trained at 0 degrees."""
     random_worlds: int = 6
-    """Random worlds, of seeds 0, 1, ...; beside the gridworlds."""
+    """Number of random worlds, of seeds 0, 1, ..., beside the gridworlds."""
     target_kinds: tuple[str, ...] = training.TARGETS
-    """Inputs of the trained networks' prior."""
+    """Targets of the trained networks' prior."""
     units: tuple[float, ...] = (0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
     """λ ‖T_⊥‖ of the trained networks, the same for every target."""
     lengths: tuple[float, ...] = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
-    """λ at which the exact episode length is stated."""
+    """λ of the exact episode lengths."""
     episodes_each: int = 60
     """Episodes of each expert in a data set."""
     updates: int = 3000
@@ -39,7 +41,7 @@ class Config:
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
-    """Solve, compare, train, compare."""
+    """Solve the exact problems, train networks, and compare both with the theory."""
     if not config.seeds or config.random_worlds < 1:
         raise UserError("the study theory needs a seed and a random world at least")
     worlds = cases.gridworlds()
@@ -54,9 +56,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
 def _statements(
     worlds: dict[str, Any], grids: list[cases.Case], randoms: list[cases.Case]
 ) -> dict[str, list[Row]]:
-    """Statements that hold at any λ."""
+    """Return the tables of the statements that hold at any λ."""
     plain = [case for case in grids + randoms if case.target_kind == "instantaneous"]
-    shown = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
+    drawn = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
     angles = list(dict.fromkeys(case.angle for case in grids))
     seeds = range(len({case.world for case in randoms}))
     others = {
@@ -65,11 +67,11 @@ def _statements(
     }
     return {
         "minima": statements.minimum_rows(grids + randoms),
-        "rewards": statements.reward_rows(shown),
-        "primal": statements.primal_rows(shown),
+        "rewards": statements.reward_rows(drawn),
+        "primal": statements.primal_rows(drawn),
         "shaping": statements.shaping_rows(plain, others),
         "zero": statements.zero_rows(
-            [case for case in plain if case.angle == 0.0]  # λ = 0 knows no angle
+            [case for case in plain if case.angle == 0.0]  # λ = 0 has no angle
         ),
         "offline": statements.offline_rows(grids + randoms),
     }
@@ -78,8 +80,8 @@ def _statements(
 def _small_strengths(
     worlds: dict[str, Any], grids: list[cases.Case], randoms: list[cases.Case], config: Config
 ) -> dict[str, list[Row]]:
-    """Statements for small λ, and beyond."""
-    shown = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
+    """Return the tables of the statements for small λ."""
+    drawn = [case for case in grids if case.world == "crossing7" and case.angle == 0.0]
     flips = [row for way in NEXT_VALUES for row in lines.flip_rows(grids + randoms, way)]
     lengths = [
         row
@@ -89,7 +91,7 @@ def _small_strengths(
         )
     ]
     return {
-        "path": lines.path_rows(shown, (lines.COLD, 0.1, 1.0)),
+        "path": lines.path_rows(drawn, (lines.COLD, 0.1, 1.0)),
         "slopes": lines.slope_rows(grids + randoms),
         "flips": flips,
         "lengths": lengths,
@@ -97,7 +99,7 @@ def _small_strengths(
 
 
 def _training(config: Config, on_stage: StageCallback) -> dict[str, list[Row]]:
-    """Networks in the 7x7 world, beside the predictions for them."""
+    """Train networks in the 7x7 world; return them with their predictions."""
     ground = Ground.of("crossing7")
     datasets = trajectory_datasets(ground.table, config.seeds, config.episodes_each)
     plan = training.Plan(config.target_kinds, config.units, config.seeds, config.updates)
@@ -110,12 +112,15 @@ def _training(config: Config, on_stage: StageCallback) -> dict[str, list[Row]]:
 
 
 def _summary(tables: dict[str, list[Row]], seeds: int) -> dict[str, Any]:
-    """The figures that the ledger and the page point at."""
+    """Largest errors of each statement, ratios, counts and lengths."""
 
-    def largest(table: str, column: str) -> float:
-        return float(max(row[column] for row in tables[table]))
+    def largest(table: str, name: str) -> float:
+        return float(max(column(tables[table], name)))
 
-    changes = dict.fromkeys(row["change"] for row in tables["shaping"])
+    changes = {
+        change: column(rows, "log10_difference")
+        for (change,), rows in groups(tables["shaping"], "change").items()
+    }
     slopes = [row["measured"] / row["predicted"] for row in tables["slopes"] if row["predicted"]]
     return {
         "seeds": seeds,
@@ -126,12 +131,8 @@ def _summary(tables: dict[str, list[Row]], seeds: int) -> dict[str, Any]:
         "primal_gained": largest("primal", "gained"),
         "log10_offline_error": largest("offline", "log10_error"),
         "shaping": {
-            name: {
-                "log10_largest": max(here),
-                "log10_least": min(here),
-            }
-            for name in changes
-            if (here := [r["log10_difference"] for r in tables["shaping"] if r["change"] == name])
+            change: {"log10_largest": max(values), "log10_least": min(values)}
+            for change, values in changes.items()
         },
         "zero": {
             "from_baseline": {row["world"]: row["largest_difference"] for row in tables["zero"]},
@@ -146,3 +147,12 @@ def _summary(tables: dict[str, list[Row]], seeds: int) -> dict[str, Any]:
         "lengths": growth(tables["lengths"]),
         "training": trained_summary(tables),
     }
+
+
+STUDY = Study(
+    name="theory",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw_figures,
+    view=view_of("predicted"),
+)

@@ -1,4 +1,4 @@
-"""Prediction against trained networks: at which λ of a grid they leave the baseline's choices."""
+"""Predictions against trained networks: the first λ of a grid without the baseline's choices."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from socialiq.types import RewardPair, Row
 
 ANGLE = 0.0
 TARGETS = ("instantaneous", "to_go", "advantage")
-"""Input of the networks' prior; advantage is that of the pooled policy."""
+"""Targets of the networks' prior; the advantage is that of the pooled policy."""
 
 
 class Plan(NamedTuple):
     """Size of the trainings.
 
     Attributes:
-        targets: What the networks' prior sees, of `TARGETS`.
+        targets: Targets of the networks' prior, of `TARGETS`.
         units: λ ‖T_⊥‖ of the grid, the same for every target.
-        seeds: Training seeds, each with a data set of its own.
+        seeds: Training seeds, each with its own data set.
         updates: Gradient steps.
     """
 
@@ -53,19 +53,23 @@ class Plan(NamedTuple):
 
 
 def rows_problem(ground: Ground, kind: str) -> Problem:
-    """Rows of the networks' batches; they carry no advantage, and its flips are the same."""
-    told = "instantaneous" if kind == "advantage" else kind
-    return problem_of(ground.part, Setting(ANGLE, told, measure="rows"))
+    """Return the problem of the networks' rows; flips of advantages are those of rewards."""
+    return problem_of(ground.part, Setting(ANGLE, _target_kind(kind), measure="rows"))
+
+
+def _target_kind(kind: str) -> str:
+    """Return the target kind of the learner; advantages are instantaneous shaped rewards."""
+    return "instantaneous" if kind == "advantage" else kind
 
 
 def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
-    """The first flip by each way to predict it, for each gradient and target.
+    """Return the first flip by each kind of prediction, for each gradient and target.
 
     `occupancy` and `rows` are straight lines for τ → 0. `solved` is the exact solution for rows at
-    the networks' temperature, as if trained offline; `replay` the same with the learner's own rows
-    in half of term 2, as the networks have it.
+    the networks' temperature, as if trained offline; `replay` is the same with the learner's own
+    rows in half of term 2, as in the training of the networks.
     """
-    found = []
+    predictions = []
     mdp, horizon = ground.part.mdp, ground.part.world.horizon
     for next_value in NEXT_VALUES:
         for kind in targets:
@@ -76,7 +80,7 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
             def replay(problem: Problem, start: Any, way: NextValue = next_value) -> np.ndarray:
                 return equilibrium(problem, mdp, horizon, way, start)
 
-            found.append(
+            predictions.append(
                 {
                     "next_value": next_value,
                     "target_kind": kind,
@@ -87,13 +91,13 @@ def predicted_rows(ground: Ground, targets: Sequence[str]) -> list[Row]:
                     "replay": first_flip(rows, replay, span),
                 }
             )
-    return found
+    return predictions
 
 
 def trained_rows(
     ground: Ground, plan: Plan, datasets: Sequence[Demonstrations], on_stage: StageCallback
 ) -> tuple[list[Row], list[Row]]:
-    """Train every gradient and target: a row for each lane, and for each seed's first flip."""
+    """Train every gradient and target; return a row for each run and for each seed's flip."""
     runs: list[Row] = []
     for next_value in NEXT_VALUES:
         for kind in plan.targets:
@@ -110,12 +114,14 @@ def _runs(
     next_value: NextValue,
     kind: str,
 ) -> list[Row]:
-    """The baseline, λ = 0 and the grid, for every seed."""
+    """Train the baseline, λ = 0 and the grid, for every seed."""
     problem = rows_problem(ground, kind)
     strengths = [0.0, *(unit / target_norm(problem) for unit in plan.units)]
-    told = "instantaneous" if kind == "advantage" else kind
-    structure = dataclasses.replace(
-        presets.SWEEP, next_value=next_value, target_kind=told, updates=plan.updates
+    static = dataclasses.replace(
+        presets.SWEEP,
+        next_value=next_value,
+        target_kind=_target_kind(kind),
+        updates=plan.updates,
     )
     base = presets.TABLE_C1_NUMBERS
     numbers: list[Hyperparameters] = []
@@ -123,14 +129,12 @@ def _runs(
         run = dataclasses.replace(base, angle=ANGLE, seed=seed, dataset=dataset)
         numbers.append(dataclasses.replace(run, prior_weight=0.0))  # the baseline, exactly
         numbers += [dataclasses.replace(run, strength=strength) for strength in strengths]
-    data = [shaped_by_value(ground, problem, one) for one in datasets]
+    data = [shaped_by_value(ground, problem, demonstrations) for demonstrations in datasets]
     report = on_stage(f"7x7, {kind} target, V(s') {next_value}")
-    trained = train_runs(
-        ground, structure, numbers, data if kind == "advantage" else datasets, report
-    )
+    trained = train_runs(ground, static, numbers, data if kind == "advantage" else datasets, report)
     choices = np.flatnonzero(problem.support.sum(axis=1) > 1)
     rows = []
-    for number, one in enumerate(numbers):
+    for number, run in enumerate(numbers):
         policy = trained.policy(number)
         greedy = action_table(policy, ground.part, "greedy").argmax(axis=1)[choices]
         soft = action_table(policy, ground.part, "soft")[choices]
@@ -139,9 +143,9 @@ def _runs(
             {
                 "next_value": next_value,
                 "target_kind": kind,
-                "seed": one.seed,
-                "prior_weight": one.prior_weight,
-                "strength": one.strength,
+                "seed": run.seed,
+                "prior_weight": run.prior_weight,
+                "strength": run.strength,
                 "choices": "-".join(map(str, greedy)),
                 "mean_go": float(soft[:, 1:].sum(axis=1).mean()),
             }
@@ -151,35 +155,35 @@ def _runs(
 
 
 def shaped_by_value(ground: Ground, problem: Problem, data: Demonstrations) -> Demonstrations:
-    """The same rows with rewards r + γ (1 - d) V(s') - V(s), with V of the pooled policy.
+    """Return the rows with rewards r + γ (1 - d) V(s') - V(s), with V of the pooled policy.
 
-    Sampled advantages: a shaping of each row, so that nothing but the networks can tell.
+    These sampled advantages are a shaping of each row, so that only the networks can differ.
     """
     policy = semi_gradient.demonstrated_policy(problem)
     policy = np.where(policy.sum(axis=1, keepdims=True) > 0.0, policy, 1.0 / policy.shape[1])
     world, part = ground.table.world, ground.part
     place = np.zeros(ground.table.mdp.n_states, np.int64)
     place[world.index(part.states)] = np.arange(len(part.states))
-    here = place[world.index(np.rint(data.observation).astype(np.int64))]
+    before = place[world.index(np.rint(data.observation).astype(np.int64))]
     runs = ~(data.terminated | data.truncated)
-    after = np.zeros_like(here)
+    after = np.zeros_like(before)
     after[runs] = place[world.index(np.rint(data.next_observation[runs]).astype(np.int64))]
     shaped = []
     for reward, column in zip(part.mdp.rewards, data.rewards, strict=True):
         v = evaluate_policy(problem.mdp, policy, reward, problem.discount).v
-        shaped.append(column + problem.discount * runs * v[after] - v[here])
+        shaped.append(column + problem.discount * runs * v[after] - v[before])
     return dataclasses.replace(data, rewards=RewardPair(*shaped))
 
 
 def _first_flips(runs: list[Row]) -> list[Row]:
-    """For each gradient, target and seed: the least λ whose choices aren't the baseline's."""
-    found = []
+    """Return the least λ with other choices than the baseline's, by gradient, target and seed."""
+    flips = []
     for (next_value, kind, seed), rows in groups(runs, "next_value", "target_kind", "seed").items():
         baseline = next(row["choices"] for row in rows if row["prior_weight"] == 0.0)
         grid = sorted((r for r in rows if r["prior_weight"] > 0.0), key=lambda r: r["strength"])
         left = [place for place, row in enumerate(grid) if row["choices"] != baseline]
         first = left[0] if left else None
-        found.append(
+        flips.append(
             {
                 "next_value": next_value,
                 "target_kind": kind,
@@ -189,4 +193,4 @@ def _first_flips(runs: list[Row]) -> list[Row]:
                 "zero_leaves": int(first == 0),
             }
         )
-    return found
+    return flips
