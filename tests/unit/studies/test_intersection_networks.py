@@ -7,7 +7,6 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection.experts import expert_name, policy_file
-from socialiq.experiments.intersection.rows import reaches_target
 from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import png
@@ -46,14 +45,6 @@ def test_the_summary_is_of_the_egoists_of_each_network(results):
         assert group["collision"]["high"] == max(row["collision"] for row in mine)
         reaching = [row for row in mine if row["arrival"] >= 0.95 and row["collision"] <= 0.04]
         assert group["reach_target"] == len(reaching)
-
-
-@pytest.mark.parametrize(
-    ("arrival", "collision", "reaches"),
-    [(0.95, 0.04, True), (0.949, 0.04, False), (0.95, 0.041, False)],
-)
-def test_the_target_has_two_sides(arrival, collision, reaches):
-    assert reaches_target({"arrival": arrival, "collision": collision}) is reaches
 
 
 def test_networks_are_compared_in_pairs(results):
