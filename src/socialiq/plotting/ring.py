@@ -18,9 +18,9 @@ class Mark(NamedTuple):
     """A policy on the ring; angles in degrees.
 
     Attributes:
-        name: Of its colour and mark.
-        angle: Ours.
-        label: Its line of the legend.
+        name: Key of its colour and mark.
+        angle: Our angle.
+        label: Text of its legend entry.
         thesis: The thesis' angle, if it prints one.
         spread: Ends of an arc, counterclockwise.
     """
@@ -33,7 +33,7 @@ class Mark(NamedTuple):
 
 
 def ring(marks: Sequence[Mark], title: str) -> Figure:
-    """Ours on the ring, spreads as arcs inside, the thesis' as open marks outside."""
+    """Draw our angles on the ring, spreads as arcs inside, the thesis' as open marks outside."""
     drawn = figure(6.4, 6.0)
     axes = drawn.add_subplot()
     axes.plot(*_arc(0.0, 360.0, 1.0), color="#cccccc", linewidth=1.2)
@@ -44,7 +44,7 @@ def ring(marks: Sequence[Mark], title: str) -> Figure:
         if mark.spread is not None:
             arc = _arc(*mark.spread, _ARC - number * _ARC_STEP)
             axes.plot(*arc, color=COLORS[mark.name], linewidth=2.2, solid_capstyle="round")
-        # Another may lie on the baseline; a larger mark below keeps both visible.
+        # Another mark may cover the baseline's, which is larger so that both are visible.
         size = 15 if mark.name == "baseline" else 10
         _mark(axes, mark.name, mark.angle, 1.0, size, COLORS[mark.name], mark.label)
         if mark.thesis is not None:
@@ -68,13 +68,5 @@ def _mark(
     axes: Any, name: str, degrees: float, radius: float, size: int, face: str, label: str | None
 ) -> None:
     x, y = radius * np.cos(np.radians(degrees)), radius * np.sin(np.radians(degrees))
-    axes.plot(
-        [x],
-        [y],
-        linestyle="none",
-        marker=MARKS[name],
-        markersize=size,
-        markerfacecolor=face,
-        markeredgecolor=COLORS[name],
-        label=label,
-    )
+    style = {"marker": MARKS[name], "markersize": size, "markeredgecolor": COLORS[name]}
+    axes.plot([x], [y], linestyle="none", markerfacecolor=face, label=label, **style)
