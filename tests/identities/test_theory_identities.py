@@ -11,12 +11,17 @@ from socialiq.mdp.occupancy import discounted_occupancy
 from socialiq.mdp.solve import soft_policy, soft_value
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.theory import response
+from socialiq.theory.closed_form import (
+    centre,
+    closed_form,
+    conservative_loss,
+    dual_value,
+    offset,
+    primal_value,
+)
 from socialiq.theory.demonstrators import mean_target, occupancies
-from socialiq.theory.fixed_point import centre, closed_form
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
-from socialiq.theory.offline import conservative_loss, offset
-from socialiq.theory.primal import dual_value, primal_value
 from socialiq.theory.semi_gradient import fixed_point
 from socialiq.theory.shaping import shaped
 from socialiq.types import Ending, RewardPair

@@ -4,7 +4,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.mdp.solve import bellman_reward, soft_policy, soft_value
-from socialiq.theory.fixed_point import centre
+from socialiq.theory.closed_form import centre
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
 from socialiq.theory.replay import equilibrium, replayed

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.mdp.solve import bellman_reward, soft_policy, soft_value
 from socialiq.theory import response, semi_gradient
-from socialiq.theory.fixed_point import centre
+from socialiq.theory.closed_form import centre
 from socialiq.theory.minimise import minimise
 
 

@@ -10,11 +10,16 @@ import numpy as np
 
 from socialiq.mdp.solve import soft_value
 from socialiq.studies.theory.cases import Case
-from socialiq.theory.fixed_point import centre, closed_form
+from socialiq.theory.closed_form import (
+    centre,
+    closed_form,
+    conservative_loss,
+    dual_value,
+    offset,
+    primal_value,
+)
 from socialiq.theory.minimise import minimise
 from socialiq.theory.objective import Problem
-from socialiq.theory.offline import conservative_loss, offset
-from socialiq.theory.primal import dual_value, primal_value
 from socialiq.theory.shaping import shaped
 from socialiq.types import Row
 
