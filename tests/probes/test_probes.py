@@ -184,7 +184,9 @@ def test_conservative_q_learning_reaches_its_minimiser_in_closed_form() -> None:
         cql.Hyperparameters(90.0, 1.0, 1.0, temperature=0.5, learning_rate=RATE),
         cql.Hyperparameters(45.0, 3.0, 0.0, learning_rate=RATE),
     ]
-    found = cql.train(CONSERVATIVE, settings, [bandit((7, 3))], chunk=CONSERVATIVE.updates)
+    found = cql.ConservativeQ.train_on(
+        CONSERVATIVE, settings, [bandit((7, 3))], chunk=CONSERVATIVE.updates
+    )
     assert found.failures == ()
     share = np.array([0.7, 0.3])
     for run, hyperparameters in enumerate(settings):
@@ -203,5 +205,7 @@ def test_conservative_values_travel_back_at_the_discount() -> None:
     """With a single action the conservative term is 0, and Q is the discounted reward."""
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
     hyperparameters = cql.Hyperparameters(discount=0.9, learning_rate=3e-3, polyak=0.1)
-    found = cql.train(CONSERVATIVE, [hyperparameters], [table(road * 4, 2, 1)], chunk=6000)
+    found = cql.ConservativeQ.train_on(
+        CONSERVATIVE, [hyperparameters], [table(road * 4, 2, 1)], chunk=6000
+    )
     np.testing.assert_allclose(found.policy(0).q_values(np.eye(2))[:, 0], [2.7, 3.0], atol=0.02)

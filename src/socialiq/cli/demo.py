@@ -14,7 +14,7 @@ from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
 from socialiq.experiments import study as experiment
 from socialiq.experiments.intersection.rows import outcome_row
-from socialiq.learners.ranges import check_seeds
+from socialiq.learners.config import check_seeds
 from socialiq.studies.grid import study as grid
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas

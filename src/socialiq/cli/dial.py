@@ -15,7 +15,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import DialRollouts, Sweep, rollout_dial, sweep
 from socialiq.evaluation.exact import Optimum, Readout
 from socialiq.evaluation.metrics import Metrics
-from socialiq.learners.ranges import check_seed
+from socialiq.learners.config import check_seed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting

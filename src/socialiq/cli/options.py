@@ -81,13 +81,14 @@ def _plain(kind: Any) -> Any:
 
 
 def _docstrings(config: type) -> dict[str, str]:
-    """Return the text below each field."""
-    (body,) = ast.parse(textwrap.dedent(inspect.getsource(config))).body
-    assert isinstance(body, ast.ClassDef)
+    """Return the text below each field, inherited ones included."""
     found = {}
-    for field, after in zip(body.body, body.body[1:], strict=False):
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-            text = getattr(getattr(after, "value", None), "value", None)
-            if isinstance(after, ast.Expr) and isinstance(text, str):
-                found[field.target.id] = " ".join(text.split())
+    for part in reversed([one for one in config.__mro__ if dataclasses.is_dataclass(one)]):
+        (body,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
+        assert isinstance(body, ast.ClassDef)
+        for field, after in zip(body.body, body.body[1:], strict=False):
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                text = getattr(getattr(after, "value", None), "value", None)
+                if isinstance(after, ast.Expr) and isinstance(text, str):
+                    found[field.target.id] = " ".join(text.split())
     return found

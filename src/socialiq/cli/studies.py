@@ -24,7 +24,7 @@ from socialiq.experiments import study as experiment
 from socialiq.experiments.engine import Engine
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Study
-from socialiq.learners.ranges import check_seeds
+from socialiq.learners.config import check_seeds
 from socialiq.studies import STUDIES, find, module_of
 
 COMPARISONS = {"priors": "compare-priors"}

@@ -18,6 +18,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import acting_in
+from socialiq.learners.config import check_seeds
 from socialiq.learners.extensions import (
     checked_divergence,
     checked_prior,
@@ -28,7 +29,6 @@ from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.presets import PRESETS
 from socialiq.learners.iq_learn.train import check_fit, train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.ranges import check_seeds
 from socialiq.learners.state import Runs
 from socialiq.recordings.recording import refuse_recording
 from socialiq.types import Row

@@ -16,12 +16,12 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
+from socialiq.learners.config import check_seeds
 from socialiq.learners.dial.budget import Budget, Look
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
 from socialiq.learners.dial.presets import PRESETS
 from socialiq.learners.dial.train import train
 from socialiq.learners.kernel import Trained
-from socialiq.learners.ranges import check_seeds
 from socialiq.studies.dial.budgets import CHUNK as BUDGET_CHUNK
 from socialiq.studies.dial.budgets import exact_regret
 from socialiq.types import Row

@@ -16,37 +16,23 @@ import jax
 import optax
 from jaxtyping import Array
 
-from socialiq.errors import one_of
-from socialiq.learners.callbacks import Callbacks
+from socialiq.learners import config
+from socialiq.learners.config import check_above_zero, check_not_negative, check_seed
 from socialiq.learners.expert_table import Batch, ExpertTable
 from socialiq.learners.iq_learn import priors
-from socialiq.learners.kernel import Learner, Terms, Trained, check_datasets
-from socialiq.learners.ranges import check_above_zero, check_counts, check_not_negative, check_seed
+from socialiq.learners.kernel import Learner, Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState, stack
-from socialiq.nn.q_network import ACTIVATIONS, QNetwork
-from socialiq.nn.view import CHOICES
+from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import check_angle
 from socialiq.types import Transitions
 
 
 @dataclass(frozen=True)
-class StaticConfig:
+class StaticConfig(config.StaticConfig):
     """Static configuration, which shapes the program."""
 
-    hidden: tuple[int, ...] = (64, 64)
-    activation: str = "relu"
-    batch_size: int = 64
-    updates: int = 6000
     weighted: bool = False
     """Whether demonstrations count by their score, or all alike."""
-    view: str = "flat"
-    """Network's view of the vehicles of the intersection; a name of `nn.view.CHOICES`."""
-
-    def __post_init__(self) -> None:
-        """Refuse names and sizes that make no run."""
-        one_of("activation", self.activation, tuple(ACTIVATIONS))
-        one_of("view", self.view, tuple(CHOICES))
-        check_counts(self, ("batch_size", "updates"))
 
 
 @dataclass(frozen=True)
@@ -122,30 +108,6 @@ class BehaviourCloning(Learner):
         """Negative log-likelihood of the demonstrated actions."""
         loss = negative_log_likelihood(network, batch.observation, batch.action)
         return loss, {"loss": loss}
-
-
-def clone(
-    static: StaticConfig,
-    hyperparameters: Sequence[Hyperparameters],
-    datasets: Sequence[Transitions],
-    callbacks: Callbacks | None = None,
-    chunk: int = 500,
-) -> Trained:
-    """Train one run for each entry of `hyperparameters`, all in one compiled program.
-
-    Args:
-        static: Shared by all runs.
-        hyperparameters: One entry for each run.
-        datasets: Sets of demonstrations; `Hyperparameters.dataset` picks the set of each run.
-        callbacks: Progress, monitor, checkpoint.
-        chunk: Updates between two calls of the callbacks.
-
-    Raises:
-        UserError: If there is no run, or no such set of demonstrations.
-        Stopped: On Ctrl-C.
-    """
-    check_datasets(hyperparameters, datasets)
-    return BehaviourCloning.of(static, datasets).train(hyperparameters, callbacks, chunk)
 
 
 def effective_size(data: Transitions, hyperparameters: Hyperparameters) -> float:

@@ -17,82 +17,18 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.errors import UserError, one_of
+from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure
 from socialiq.learners import fit
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.config import Hyperparameters, StaticConfig
 from socialiq.learners.expert_table import ExpertTable
-from socialiq.learners.ranges import (
-    check_above_zero,
-    check_counts,
-    check_discount,
-    check_not_negative,
-    check_rate,
-    check_seed,
-    check_widths,
-)
 from socialiq.learners.state import History, HyperparameterArrays, TrainState, stack
-from socialiq.nn.q_network import ACTIVATIONS, QNetwork, network_of
+from socialiq.nn.q_network import QNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import CHOICES
-from socialiq.social.angle import check_angle
 from socialiq.types import Transitions
 
 Terms = dict[str, Float[Array, ""]]
-
-
-@dataclass(frozen=True)
-class StaticConfig:
-    """Choices that shape the program of a learner that needs no others."""
-
-    hidden: tuple[int, ...] = (64, 64)
-    """Widths of the hidden layers."""
-    activation: str = "relu"
-    """Between the layers."""
-    view: str = "flat"
-    """Encoding of the vehicles of the intersection for the network; a name of `nn.view.CHOICES`."""
-    batch_size: int = 64
-    """Transitions per batch."""
-    updates: int = 6000
-    """Gradient steps of a run."""
-
-    def __post_init__(self) -> None:
-        """Refuse names and sizes that make no run."""
-        one_of("activation", self.activation, tuple(ACTIVATIONS))
-        one_of("view", self.view, tuple(CHOICES))
-        check_counts(self, ("batch_size", "updates"))
-        check_widths(self.hidden)
-
-
-@dataclass(frozen=True)
-class Hyperparameters:
-    """Numbers of one run of a learner that needs no others."""
-
-    angle: float = 0.0
-    """α in degrees."""
-    strength: float = 1.0
-    """λ."""
-    temperature: float = 1.0
-    """τ of the soft policy."""
-    discount: float = 0.99
-    """γ."""
-    learning_rate: float = 3e-4
-    """Of Adam."""
-    polyak: float = 0.005
-    """Share of the network mixed into its target network at each update."""
-    seed: int = 0
-    """Of the network and the sampling."""
-    dataset: int = 0
-    """Index of the set of demonstrations that this run learns from."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        check_angle(self.angle)
-        check_not_negative(self, ("strength", "dataset"))
-        check_above_zero(self, ("temperature", "learning_rate"))
-        check_discount(self.discount)
-        check_rate(self, ("polyak",))
-        check_seed(self.seed)
 
 
 @dataclass(frozen=True)
@@ -242,6 +178,32 @@ class Learner(eqx.Module):
         angle = getattr(hyperparameters, "angle", None)
         return ("" if angle is None else f"angle {angle:g}, ") + f"seed {hyperparameters.seed}"
 
+    @classmethod
+    def train_on(
+        cls,
+        static: Any,
+        hyperparameters: Sequence[Any],
+        datasets: Sequence[Transitions],
+        callbacks: Callbacks | None = None,
+        chunk: int = 500,
+    ) -> Trained:
+        """Train on demonstrations alone, one run for each entry of `hyperparameters`.
+
+        Args:
+            static: Shared by all runs.
+            hyperparameters: One entry for each run.
+            datasets: Sets of demonstrations; `Hyperparameters.dataset` picks the set of each run.
+            callbacks: Progress, monitor, checkpoint.
+            chunk: Updates between two calls of the callbacks.
+
+        Raises:
+            UserError: If there is no run, or no such set of demonstrations.
+            Stopped: On Ctrl-C.
+        """
+        if not hyperparameters or max(one.dataset for one in hyperparameters) >= len(datasets):
+            raise UserError("pass at least one run, and the demonstrations that each run names")
+        return cls.of(static, datasets).train(hyperparameters, callbacks, chunk)
+
     def train(
         self,
         hyperparameters: Sequence[Any],
@@ -301,16 +263,6 @@ def _check_own(learner: Learner, hyperparameters: HyperparameterArrays) -> None:
     for name, term in terms.items():
         if getattr(term, "shape", None) != ():
             raise UserError(f"{what}: term '{name}' must be a scalar: take the mean over the rows")
-
-
-def check_datasets(hyperparameters: Sequence[Any], datasets: Sequence[Transitions]) -> None:
-    """Refuse training without a run, and runs without their demonstrations.
-
-    Raises:
-        UserError: If there is no run, or no such set of demonstrations.
-    """
-    if not hyperparameters or max(one.dataset for one in hyperparameters) >= len(datasets):
-        raise UserError("pass at least one run, and the demonstrations that each run names")
 
 
 def described(function: Any) -> dict[str, str]:

@@ -197,7 +197,7 @@ def agreement(table: Demonstrations, config: Config) -> HeldOut:
         behaviour_cloning.Hyperparameters(dataset=place, seed=config.seed)
         for place in range(len(sites))
     ]
-    cloned = behaviour_cloning.clone(shape, clones, seen)
+    cloned = behaviour_cloning.BehaviourCloning.train_on(shape, clones, seen)
     rows: list[Row] = []
     for number, (train_on, test) in enumerate(splits):
         shares = np.bincount(train_on.action, minlength=table.n_actions) + 1.0

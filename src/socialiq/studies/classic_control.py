@@ -145,7 +145,7 @@ def _clones(config: Config, data: Demonstrations, on_report: Any) -> list[QPolic
         activation=STATIC.activation, batch_size=STATIC.batch_size, updates=config.updates
     )
     runs = [bc.Hyperparameters(learning_rate=1e-3, seed=seed) for seed in config.seeds]
-    cloned = bc.clone(static, runs, [data], Callbacks(on_report=on_report))
+    cloned = bc.BehaviourCloning.train_on(static, runs, [data], Callbacks(on_report=on_report))
     return [cloned.policy(run) for run in range(len(runs))]
 
 

@@ -34,7 +34,7 @@ from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import paired_differences
-from socialiq.learners.ranges import check_counts
+from socialiq.learners.config import check_counts
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import head
 from socialiq.types import Row

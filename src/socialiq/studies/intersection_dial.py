@@ -38,8 +38,8 @@ from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import groups, matching, numeric_means, paired_differences
+from socialiq.learners.config import check_counts
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
-from socialiq.learners.ranges import check_counts
 from socialiq.plotting.rows import band, line
 from socialiq.plotting.style import figure, finish
 from socialiq.social.angle import exact_weights

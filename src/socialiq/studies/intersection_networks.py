@@ -45,7 +45,7 @@ from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import paired_differences
-from socialiq.learners.ranges import check_counts
+from socialiq.learners.config import check_counts
 from socialiq.plotting.style import COLORS, figure, head
 from socialiq.types import Row
 

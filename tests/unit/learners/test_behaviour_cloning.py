@@ -8,9 +8,9 @@ import pytest
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.behaviour_cloning import (
+    BehaviourCloning,
     Hyperparameters,
     StaticConfig,
-    clone,
     effective_size,
     negative_log_likelihood,
 )
@@ -59,7 +59,7 @@ def test_clones_recover_the_frequencies_of_their_own_sets() -> None:
     hyperparameters = [
         Hyperparameters(learning_rate=0.005, seed=seed, dataset=seed) for seed in (0, 1)
     ]
-    cloned = clone(static, hyperparameters, sets, chunk=1500)
+    cloned = BehaviourCloning.train_on(static, hyperparameters, sets, chunk=1500)
     expected = COUNTS / COUNTS.sum(axis=1, keepdims=True)
     for run, frequencies in ((0, expected), (1, expected[::-1])):
         np.testing.assert_allclose(cloned.policy(run).probabilities(STATES), frequencies, atol=0.05)
@@ -91,7 +91,7 @@ def test_weighted_clones_follow_the_totals_of_episodes() -> None:
         Hyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=temperature),
         Hyperparameters(learning_rate=0.005, angle=90.0, reweight_temperature=1e6),
     ]
-    cloned = clone(static, hyperparameters, [two_episodes()], chunk=1500)
+    cloned = BehaviourCloning.train_on(static, hyperparameters, [two_episodes()], chunk=1500)
     for run, first in enumerate([3 / 4, 1 / 4, 1 / 2]):
         chances = cloned.policy(run).probabilities(STATES[:1])[0]
         np.testing.assert_allclose(chances, [first, 1 - first, 0.0], atol=0.05)
@@ -107,21 +107,23 @@ def test_the_effective_size_by_hand() -> None:
 
 def test_weights_need_whole_episodes() -> None:
     with pytest.raises(UserError, match="misses steps"):
-        clone(StaticConfig(weighted=True), [Hyperparameters()], [two_episodes().subsample(2)])
+        BehaviourCloning.train_on(
+            StaticConfig(weighted=True), [Hyperparameters()], [two_episodes().subsample(2)]
+        )
 
 
 def test_runs_without_demonstrations_are_refused() -> None:
     data = counted(COUNTS)
     for hyperparameters in ([], [Hyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
-            clone(StaticConfig(), hyperparameters, [data])
+            BehaviourCloning.train_on(StaticConfig(), hyperparameters, [data])
 
 
 @pytest.mark.usefixtures("without_type_checker")
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StaticConfig(activation="gelu"),
+        lambda: StaticConfig(activation="gelu"),  # pyright: ignore[reportArgumentType]
         lambda: StaticConfig(batch_size=0),
         lambda: StaticConfig(updates=0),
         lambda: StaticConfig(view="round"),

@@ -11,7 +11,6 @@ from socialiq.learners.cql import (
     Hyperparameters,
     StaticConfig,
     conservative_loss,
-    train,
 )
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn.config import Endings
@@ -73,11 +72,11 @@ def test_the_loss_by_hand(ending: Ending, endings: Endings, follows: float) -> N
 
 
 def test_runs_are_sound_and_repeat_bit_for_bit(data, assert_same) -> None:
-    found = train(SMALL, RUNS, [data], chunk=20)
+    found = ConservativeQ.train_on(SMALL, RUNS, [data], chunk=20)
     assert found.failures == ()
     assert found.history.updates == [20, 40, 60]
     assert set(found.history.values) == {"bellman", "conservative", "loss", "max_q"}
-    assert_same(train(SMALL, RUNS, [data], chunk=20).networks, found.networks)
+    assert_same(ConservativeQ.train_on(SMALL, RUNS, [data], chunk=20).networks, found.networks)
     first, second = (found.policy(run).q_values(data.observation) for run in (0, 1))
     assert not np.allclose(first, second)
 
@@ -97,21 +96,23 @@ def test_the_target_network_moves_by_polyak_and_values_what_follows(data) -> Non
             assert np.abs(new - old).max() > 1e-3
         state = after
     rates = [dataclasses.replace(RUNS[0], polyak=polyak, discount=0.9) for polyak in (0.01, 1.0)]
-    trained = train(SMALL, rates, [data], chunk=60)
+    trained = ConservativeQ.train_on(SMALL, rates, [data], chunk=60)
     first, second = (trained.policy(run).q_values(data.observation) for run in (0, 1))
     assert np.abs(first - second).max() > 1e-3
 
 
 def test_a_policy_carries_its_origin_and_temperature(data) -> None:
     hyperparameters = dataclasses.replace(RUNS[0], temperature=0.3)
-    policy = train(SMALL, [hyperparameters], [data], chunk=60).policy(0)
+    policy = ConservativeQ.train_on(SMALL, [hyperparameters], [data], chunk=60).policy(0)
     assert policy.provenance["learner"] == "cql"
     assert Hyperparameters(**policy.provenance["numbers"]) == hyperparameters
     assert policy.temperature == 0.3
 
 
 def test_a_network_that_blows_up_is_told(data) -> None:
-    found = train(SMALL, [RUNS[0], dataclasses.replace(RUNS[1], learning_rate=1e30)], [data])
+    found = ConservativeQ.train_on(
+        SMALL, [RUNS[0], dataclasses.replace(RUNS[1], learning_rate=1e30)], [data]
+    )
     assert len(found.failures) == 1
     assert found.failures[0].startswith("angle 45, seed 1 stopped at update 0")
 
@@ -119,14 +120,14 @@ def test_a_network_that_blows_up_is_told(data) -> None:
 def test_runs_without_demonstrations_are_refused(data) -> None:
     for hyperparameters in ([], [Hyperparameters(dataset=1)]):
         with pytest.raises(UserError, match="the demonstrations that each run names"):
-            train(SMALL, hyperparameters, [data])
+            ConservativeQ.train_on(SMALL, hyperparameters, [data])
 
 
 @pytest.mark.usefixtures("without_type_checker")
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StaticConfig(activation="gelu"),
+        lambda: StaticConfig(activation="gelu"),  # pyright: ignore[reportArgumentType]
         lambda: StaticConfig(view="round"),
         lambda: StaticConfig(batch_size=0),
         lambda: StaticConfig(updates=0),

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.ranges import (
+from socialiq.learners.config import (
     check_above_zero,
     check_counts,
     check_not_negative,
@@ -17,6 +16,7 @@ from socialiq.learners.ranges import (
     check_shares,
     check_widths,
 )
+from socialiq.learners.iq_learn.config import Endings
 from socialiq.nn.q_network import ACTIVATIONS
 from socialiq.nn.view import CHOICES
 from socialiq.social.angle import check_angle

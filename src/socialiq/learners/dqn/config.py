@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from socialiq.errors import one_of
-from socialiq.learners.ranges import (
+from socialiq.learners.config import (
     check_above_zero,
     check_counts,
     check_discount,

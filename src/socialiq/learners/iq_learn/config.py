@@ -12,18 +12,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.ranges import (
+from socialiq.learners import config
+from socialiq.learners.config import (
     check_above_zero,
     check_counts,
-    check_discount,
     check_not_negative,
-    check_rate,
-    check_seed,
     check_shares,
-    check_widths,
 )
-from socialiq.nn.view import CHOICES
-from socialiq.social.angle import check_angle
 from socialiq.types import Ending
 
 Treatment = Literal["zero", "bootstrap", "absorbing"]
@@ -51,7 +46,7 @@ class Endings:
 
 
 @dataclass(frozen=True)
-class StaticConfig:
+class StaticConfig(config.StaticConfig):
     """Choices that shape the program. Defaults: the thesis' 7x7 preset (Table C.1, gridworld)."""
 
     prior: Literal["none", "reward", "bellman_shift", "reweighting", "shifted_chi2"] = "reward"
@@ -75,16 +70,6 @@ class StaticConfig:
     """Value of V(s') after each kind of ending."""
     online: bool = True
     """Whether the learner acts in a world and keeps a replay; offline it sees only the data."""
-    hidden: tuple[int, ...] = (64, 64)
-    """Widths of the hidden layers."""
-    activation: Literal["relu", "elu"] = "relu"
-    """Between the layers."""
-    view: str = "flat"
-    """Network's view of the vehicles of the intersection; a name of `nn.view.CHOICES`."""
-    batch_size: int = 64
-    """Transitions per batch, from the demonstrations and as many from replay."""
-    updates: int = 6000
-    """Gradient steps of a run."""
     env_steps_per_update: int = 1
     """Steps the learner takes in the world before each gradient step."""
     replay_capacity: int = 10_000
@@ -100,10 +85,8 @@ class StaticConfig:
             if typing.get_origin(hints[field.name]) is Literal:
                 what = field.name.replace("_", " ")
                 one_of(what, getattr(self, field.name), known)
-        one_of("view", self.view, tuple(CHOICES))
-        sizes = ("batch_size", "updates", "env_steps_per_update", "replay_capacity")
-        check_counts(self, sizes)
-        check_widths(self.hidden)
+        super().__post_init__()
+        check_counts(self, ("env_steps_per_update", "replay_capacity"))
         check_shares(self, ("social_discount",))
         if not self.online and self.value_term == "value":
             raise UserError(
@@ -126,42 +109,21 @@ class StaticConfig:
 
 
 @dataclass(frozen=True)
-class Hyperparameters:
+class Hyperparameters(config.Hyperparameters):
     """Numbers of one run; all are traced, so a whole grid of them shares one program.
 
-    Defaults: Table C.1, gridworld column.
+    Defaults: Table C.1, gridworld column. λ scales the prior's target, not its weight.
     """
 
-    angle: float = 0.0
-    """α_target in degrees."""
-    strength: float = 1.0
-    """λ: scales the prior's target, not its weight."""
     prior_weight: float = 1.0
     """w: multiplies L_reg, or the shifted χ² term. The thesis has w = 1."""
-    temperature: float = 1.0
-    """τ of Eq 2.5."""
-    discount: float = 0.99
-    """γ."""
     chi2_alpha: float = 0.5
     """α_χ of term 3."""
-    learning_rate: float = 3e-4
-    """Adam's learning rate."""
-    polyak: float = 0.005
-    """τ_target, the share of the network mixed into its target network at each update."""
     reweight_temperature: float = 1.0
     """τ_w of Eq B.2."""
-    seed: int = 0
-    """Seed of the network, the sampling and the acting."""
-    dataset: int = 0
-    """Index of the set of demonstrations that this run learns from."""
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
-        check_angle(self.angle)
-        check_not_negative(self, ("strength", "prior_weight", "dataset"))
-        check_above_zero(
-            self, ("temperature", "chi2_alpha", "learning_rate", "reweight_temperature")
-        )
-        check_discount(self.discount)
-        check_rate(self, ("polyak",))
-        check_seed(self.seed)
+        super().__post_init__()
+        check_not_negative(self, ("prior_weight",))
+        check_above_zero(self, ("chi2_alpha", "reweight_temperature"))

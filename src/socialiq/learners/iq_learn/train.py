@@ -20,7 +20,7 @@ from socialiq.learners.iq_learn import priors
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.divergences import Divergence
 from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
-from socialiq.learners.kernel import Learner, Terms, Trained, check_datasets, described
+from socialiq.learners.kernel import Learner, Terms, Trained, described
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.types import Ending, Simulator, Transitions
 
@@ -148,9 +148,8 @@ def train(
     if learner is not None:
         if any(one is not None for one in (simulator, before_chunk, prior, divergence, loss)):
             raise UserError("a learner of your own takes no world, prior, divergence or loss")
-        check_datasets(hyperparameters, datasets)
-        own_learner = checked_learner(learner).of(static, datasets)
-        return own_learner.train(hyperparameters, callbacks, chunk)
+        own_learner = checked_learner(learner)
+        return own_learner.train_on(static, hyperparameters, datasets, callbacks, chunk)
     if prior is not None and static.prior != "reward":
         raise UserError("a prior of your own replaces prior 'reward': leave the setting at that")
     check_fit(static, hyperparameters, datasets, simulator, before_chunk is not None)

@@ -97,7 +97,7 @@ def _clone(
     datasets: Sequence[Demonstrations] | None = None,
 ) -> list[QPolicy]:
     static, numbers = arena.settings(method, runs)
-    cloned = bc.clone(
+    cloned = bc.BehaviourCloning.train_on(
         static, numbers, datasets or arena.datasets, Callbacks(arena.on_report), CHUNK
     )
     return [cloned.policy(run) for run in range(len(runs))]
@@ -121,7 +121,9 @@ def of_mode(data: Demonstrations, angle: float) -> Demonstrations:
 
 def _conservative(arena: Arena, method: Method, runs: Sequence[Run]) -> list[QPolicy]:
     static, numbers = arena.settings(method, runs)
-    trained = cql.train(static, numbers, arena.datasets, Callbacks(arena.on_report), CHUNK)
+    trained = cql.ConservativeQ.train_on(
+        static, numbers, arena.datasets, Callbacks(arena.on_report), CHUNK
+    )
     return [trained.policy(run) for run in range(len(runs))]
 
 

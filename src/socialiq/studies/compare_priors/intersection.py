@@ -76,9 +76,9 @@ def train_offline_policy(config: OfflineRun, data: Demonstrations, callbacks: Ca
     """Train the policy of a run."""
     match config.structure, config.numbers:
         case cql.StaticConfig() as structure, cql.Hyperparameters() as numbers:
-            return cql.train(structure, [numbers], [data], callbacks).policy(0)
+            return cql.ConservativeQ.train_on(structure, [numbers], [data], callbacks).policy(0)
         case bc.StaticConfig() as structure, bc.Hyperparameters() as numbers:
-            return bc.clone(structure, [numbers], [data], callbacks).policy(0)
+            return bc.BehaviourCloning.train_on(structure, [numbers], [data], callbacks).policy(0)
     raise TypeError("structure and numbers belong to two learners")
 
 

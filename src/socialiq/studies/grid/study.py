@@ -145,7 +145,7 @@ def _comparison_rows(
     runs = [bc.Hyperparameters(seed=seed, dataset=i) for i, seed in enumerate(config.seeds)]
     for mixture, datasets in data.items():
         callbacks = Callbacks(on_report=on_stage(f"7x7 clones, {mixture.replace('_', ' ')}"))
-        cloned = bc.clone(static, runs, datasets, callbacks)
+        cloned = bc.BehaviourCloning.train_on(static, runs, datasets, callbacks)
         policies = [cloned.policy(run) for run in range(len(runs))]
         for angle in MODES.values():
             described = _label("behaviour_cloning", {"mixture": mixture}, "none", 0.0, angle)

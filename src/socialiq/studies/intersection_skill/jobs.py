@@ -167,7 +167,9 @@ def train_clones(
     numbers = [
         cloning.Hyperparameters(seed=config.seed, dataset=place) for place in range(len(MODES))
     ]
-    train = partial(cloning.clone, config.structure, numbers, list(drawn.values()))
+    train = partial(
+        cloning.BehaviourCloning.train_on, config.structure, numbers, list(drawn.values())
+    )
     fit(train, folder, on_progress, [angle_file(angle) for angle in MODES.values()])
 
 

@@ -19,11 +19,11 @@ from socialiq.experiments.intersection.experts import finer
 from socialiq.experiments.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq.experiments.jobs import Job
 from socialiq.learners import behaviour_cloning as cloning
+from socialiq.learners.config import check_counts
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
-from socialiq.learners.ranges import check_counts
 from socialiq.studies.intersection_skill.jobs import (
     CloneRun,
     DemonstratorRun,

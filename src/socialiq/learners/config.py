@@ -1,12 +1,72 @@
-"""Checks that the learners' configurations share; each line names the setting and its range."""
+"""Settings that the learners share, and checks of settings; each line names a setting's range."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, Literal
 
-from socialiq.errors import UserError
+from socialiq.errors import UserError, one_of
+from socialiq.nn.q_network import ACTIVATIONS
+from socialiq.nn.view import CHOICES
+from socialiq.social.angle import check_angle
+
+
+@dataclass(frozen=True)
+class StaticConfig:
+    """Choices that shape the program; a learner adds its own in a subclass."""
+
+    _: KW_ONLY
+    hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers."""
+    activation: Literal["relu", "elu"] = "relu"
+    """Between the layers."""
+    view: str = "flat"
+    """Encoding of the vehicles of the intersection for the network; a name of `nn.view.CHOICES`."""
+    batch_size: int = 64
+    """Demonstrated transitions of an update; a learner with a replay draws as many from it."""
+    updates: int = 6000
+    """Gradient steps of a run."""
+
+    def __post_init__(self) -> None:
+        """Refuse names and sizes that make no run."""
+        one_of("activation", self.activation, tuple(ACTIVATIONS))
+        one_of("view", self.view, tuple(CHOICES))
+        check_counts(self, ("batch_size", "updates"))
+        check_widths(self.hidden)
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Numbers of one run, all traced: a grid of runs shares one program. Defaults: Table C.1."""
+
+    angle: float = 0.0
+    """α of the reward R(α), in degrees."""
+    strength: float = 1.0
+    """λ, by which R(α) is scaled."""
+    _: KW_ONLY
+    temperature: float = 1.0
+    """τ of Eq 2.5."""
+    discount: float = 0.99
+    """γ."""
+    learning_rate: float = 3e-4
+    """Adam's learning rate."""
+    polyak: float = 0.005
+    """τ_target, the share of the network mixed into its target network at each update."""
+    seed: int = 0
+    """Seed of the network, the sampling and the acting."""
+    dataset: int = 0
+    """Index of the set of demonstrations that this run learns from."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        check_angle(self.angle)
+        check_not_negative(self, ("strength", "dataset"))
+        check_above_zero(self, ("temperature", "learning_rate"))
+        check_discount(self.discount)
+        check_rate(self, ("polyak",))
+        check_seed(self.seed)
 
 
 def check_counts(config: Any, names: tuple[str, ...]) -> None:
