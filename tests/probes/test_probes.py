@@ -129,7 +129,7 @@ def minimiser(share: float, hyperparameters: Hyperparameters) -> np.ndarray:
     def gap(chance: float) -> float:
         return chance - expit((q(chance)[0] - q(chance)[1]) / hyperparameters.temperature)
 
-    return q(brentq(gap, 0.0, 1.0))
+    return q(brentq(gap, 0.0, 1.0))  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("name", [name for name in BANDITS if name != "alike"])
@@ -160,7 +160,7 @@ def test_values_travel_back_at_the_discount(choices: dict[str, Any], worth: floa
     """
     road = [(0, 0, 1, Ending.NONE, 0.0, 0.0), (1, 0, 1, Ending.ARRIVAL, 3.0, 0.0)]
     loop = [(0, 0, 0, Ending.TIMEOUT, 3.0, 0.0)]
-    shared = {"learning_rate": 3e-3, "polyak": 0.1}
+    shared: dict[str, Any] = {"learning_rate": 3e-3, "polyak": 0.1}
     hyperparameters = [
         Hyperparameters(discount=0.9, **shared),
         Hyperparameters(discount=0.5, **shared),
