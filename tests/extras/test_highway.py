@@ -11,8 +11,7 @@ from socialiq.errors import UserError
 from socialiq.worlds.intersection.core import ego as ego_kernels
 from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.population import POPULATIONS
+from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.state import Contact
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")

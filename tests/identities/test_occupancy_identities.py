@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.mdp.horizon import horizon_evaluation
-from socialiq.mdp.occupancy import discounted_occupancy
-from socialiq.mdp.solve import evaluate_policy
+from socialiq.mdp.solve import discounted_occupancy, evaluate_policy
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.types import Ending, RewardPair
 

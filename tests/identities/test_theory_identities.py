@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialiq.mdp.occupancy import discounted_occupancy
-from socialiq.mdp.solve import soft_policy, soft_value
+from socialiq.mdp.solve import discounted_occupancy, soft_policy, soft_value
 from socialiq.mdp.tabular import TabularMDP
 from socialiq.theory import response
 from socialiq.theory.closed_form import (

@@ -18,8 +18,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
 from socialiq.learners.config import check_seeds
 from socialiq.learners.dial.budget import Budget, Look
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig, check_fit
-from socialiq.learners.dial.presets import PRESETS
+from socialiq.learners.dial.config import PRESETS, Hyperparameters, StaticConfig, check_fit
 from socialiq.learners.dial.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.studies.dial.budgets import CHUNK as BUDGET_CHUNK

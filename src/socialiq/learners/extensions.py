@@ -14,7 +14,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.learners.behaviour_cloning import BehaviourCloning
 from socialiq.learners.cql import ConservativeQ
-from socialiq.learners.iq_learn.divergences import Divergence
+from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.kernel import Learner
 
 _SAMPLE = np.linspace(-1.0, 1.0, 8, dtype=np.float32)  # rewards on which a function is tried

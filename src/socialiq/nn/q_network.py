@@ -9,8 +9,7 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn.one_hot import OneHot
-from socialiq.nn.view import View
+from socialiq.nn.view import OneHot, View
 
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"relu": jax.nn.relu, "elu": jax.nn.elu}
 

@@ -12,9 +12,8 @@ from jaxtyping import Float
 from scipy.special import softmax
 
 from socialiq.errors import UserError
-from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_network import Encoding, QNetwork
-from socialiq.nn.view import Choice, View
+from socialiq.nn.view import Choice, OneHot, View
 from socialiq.storage import load_arrays, save_arrays
 
 SCHEMA_VERSION = 2

@@ -14,8 +14,8 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown, one_line, templates
-from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.view import OneHot
 
 BLANK = "**[ blank ]**"
 MOST_ROWS = 300

@@ -15,9 +15,8 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.nn import dial_policy, q_policy
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import ACTIVATIONS, QPolicy
-from socialiq.nn.view import ROW
+from socialiq.nn.view import ROW, OneHot
 from socialiq.policies.interface import Interface
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.worlds.registry import GRIDWORLDS, make_grid

@@ -6,9 +6,8 @@ from typing import Any
 
 import torch  # pyright: ignore[reportMissingImports]
 
-from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import ROW, Choice, View
+from socialiq.nn.view import ROW, Choice, OneHot, View
 
 _ACTIVATIONS = {"relu": torch.nn.ReLU, "elu": torch.nn.ELU, "tanh": torch.nn.Tanh}
 

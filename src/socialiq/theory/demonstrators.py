@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError, one_of
-from socialiq.mdp.occupancy import discounted_occupancy
-from socialiq.mdp.solve import evaluate_policy
+from socialiq.mdp.solve import discounted_occupancy, evaluate_policy
 from socialiq.mdp.tabular import TabularMDP, check_reward
 
 TARGET_KINDS = ("instantaneous", "to_go", "advantage", "own_advantage")

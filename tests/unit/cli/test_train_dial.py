@@ -5,7 +5,7 @@ import json
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.learners.dial.presets import QUICK, RUNS
+from socialiq.learners.dial.config import QUICK, RUNS
 
 FULL_COMPILER = True
 

@@ -12,7 +12,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners.extensions import checked_divergence, checked_prior, load
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.divergences import DIVERGENCES
+from socialiq.learners.iq_learn.losses import DIVERGENCES
 from socialiq.learners.iq_learn.train import train
 from socialiq.learners.kernel import Hyperparameters as Numbers
 from socialiq.learners.kernel import Learner

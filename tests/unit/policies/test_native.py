@@ -6,9 +6,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import Choice, View
+from socialiq.nn.view import Choice, OneHot, View
 from socialiq.policies.load import load_policy
 from socialiq.storage import save_arrays
 

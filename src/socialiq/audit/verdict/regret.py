@@ -14,8 +14,7 @@ from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.verdict.decision import Decision, decide, episodes_needed
-from socialiq.social.angle import exact_weights, score
-from socialiq.social.arcs import Arc, arcs_of_grid, complement
+from socialiq.social.angle import Arc, arcs_of_grid, complement, exact_weights, score
 from socialiq.statistics import rare_events as rare
 from socialiq.statistics.bootstrap import (
     Moments,

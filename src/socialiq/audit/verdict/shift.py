@@ -24,7 +24,7 @@ from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
 from socialiq.statistics.comparisons import Contrast, mean_contrast, share_contrast
 from socialiq.types import RewardPair
-from socialiq.worlds.intersection.population import POPULATIONS
+from socialiq.worlds.intersection.options import POPULATIONS
 from socialiq.worlds.intersection.world import Intersection
 
 MEASURES = ("regret", *CRITERIA)

@@ -8,13 +8,13 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+import optax
+from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Act, Behaviour, Collector, Source
-from socialiq.learners.dqn import losses
 from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.kernel import Learner, Terms, Trained
@@ -22,6 +22,53 @@ from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import score
+from socialiq.types import Ending
+
+Scalar = Float[Array, ""]
+
+
+def next_value(
+    target_network: Float[Array, "batch action"], fast: Float[Array, "batch action"], double: bool
+) -> Float[Array, " batch"]:
+    """max_a Q(s', a) by the target network; "double" lets the network itself choose a.
+
+    Args:
+        target_network: Q(s', ·) of the target network (Mnih et al. 2015).
+        fast: Q(s', ·) of the network (van Hasselt et al. 2016).
+        double: Who chooses.
+    """
+    chosen = jnp.argmax(fast if double else target_network, axis=-1)
+    return jnp.take_along_axis(target_network, chosen[:, None], axis=-1)[:, 0]
+
+
+def bootstrapped_target(
+    reward: Float[Array, " batch"],
+    value: Float[Array, " batch"],
+    ending: Int[Array, " batch"],
+    discount: Scalar | float,
+    through_timeouts: bool,
+) -> Float[Array, " batch"]:
+    """Y = R(α) + γ (1 - d) max_a Q(s', a).
+
+    Args:
+        reward: R(α) of each transition (Eq 4.3).
+        value: Of the state reached.
+        ending: Values of `types.Ending`.
+        discount: γ.
+        through_timeouts: Whether d = 0 at a timeout, which is the clock's doing, not a state.
+    """
+    goes_on = ending == int(Ending.NONE)
+    if through_timeouts:
+        goes_on |= ending == int(Ending.TIMEOUT)
+    return reward + discount * jnp.where(goes_on, value, 0.0)
+
+
+def td_loss(
+    q: Float[Array, "batch action"], action: Int[Array, " batch"], target: Float[Array, " batch"]
+) -> Scalar:
+    """The mean Huber loss of Q(s, a) against the target (Mnih et al. 2015)."""
+    taken = jnp.take_along_axis(q, action[:, None], axis=-1)[:, 0]
+    return jnp.mean(optax.huber_loss(taken, target))
 
 
 class Carry(NamedTuple):
@@ -141,9 +188,9 @@ def _loss(
 ) -> tuple[Array, Array]:
     fast = jax.vmap(network)(batch.next_observation) if static.double else None
     steady = jax.vmap(target_network)(batch.next_observation)
-    value = losses.next_value(steady, steady if fast is None else fast, static.double)
+    value = next_value(steady, steady if fast is None else fast, static.double)
     target = jax.lax.stop_gradient(
-        losses.bootstrapped_target(
+        bootstrapped_target(
             score(hyperparameters.weights, batch.target),
             value,
             batch.ending,
@@ -152,4 +199,4 @@ def _loss(
         )
     )
     q = jax.vmap(network)(batch.observation)
-    return losses.td_loss(q, batch.action, target), jnp.max(jnp.abs(q))
+    return td_loss(q, batch.action, target), jnp.max(jnp.abs(q))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.iq_learn import losses, priors
 from socialiq.learners.iq_learn.config import StaticConfig
-from socialiq.learners.iq_learn.divergences import Divergence
+from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.q_network import QNetwork
 from socialiq.social.angle import score

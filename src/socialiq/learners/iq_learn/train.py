@@ -18,7 +18,7 @@ from socialiq.learners.extensions import checked_divergence, checked_learner, ch
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.iq_learn import priors
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
-from socialiq.learners.iq_learn.divergences import Divergence
+from socialiq.learners.iq_learn.losses import Divergence
 from socialiq.learners.iq_learn.objective import OURS, Batches, UserFunctions, objective
 from socialiq.learners.kernel import Learner, Terms, Trained, described
 from socialiq.learners.state import HyperparameterArrays, TrainState

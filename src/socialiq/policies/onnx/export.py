@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from socialiq.foreign import optional
-from socialiq.nn.one_hot import OneHot
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import ROW, View
+from socialiq.nn.view import ROW, OneHot, View
 
 OPSET = 17
 IR_VERSION = 8

@@ -16,7 +16,7 @@ from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.experiments.gridworld_runs import Ground, grid_of, seen, train_runs, with_clock
 from socialiq.experiments.study import StageCallback
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.presets import RUNS
+from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import train
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.dial_policy import DialPolicy

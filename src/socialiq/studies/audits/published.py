@@ -14,8 +14,7 @@ from socialiq.audit.verdict.calibration import preimage
 from socialiq.audit.verdict.decision import Decision, episodes_needed
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.thesis_values import FIG_6_5, POLICIES, TABLE_6_2, TABLE_A_1
-from socialiq.social.angle import angle_of, exact_weights, score
-from socialiq.social.arcs import Arc, arcs_of_grid
+from socialiq.social.angle import Arc, angle_of, arcs_of_grid, exact_weights, score
 from socialiq.statistics.intervals import clopper_pearson
 from socialiq.studies.audits.policies import floor_at
 from socialiq.types import RewardPair, Row

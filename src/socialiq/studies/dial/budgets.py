@@ -14,8 +14,7 @@ from socialiq.experiments.gridworld_runs import Ground, seen
 from socialiq.experiments.study import StageCallback
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import Budget, Regret
-from socialiq.learners.dial.config import Hyperparameters, StaticConfig
-from socialiq.learners.dial.presets import RUNS
+from socialiq.learners.dial.config import RUNS, Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import Trained, dial_of, train
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy

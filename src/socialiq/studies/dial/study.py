@@ -15,7 +15,7 @@ from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
 from socialiq.experiments.study import Context, Findings, StageCallback, Study, view_of
 from socialiq.experiments.tables import groups, nested, spread
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.presets import RUNS
+from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import Trained, train
 from socialiq.mdp.front import AttainableSet
 from socialiq.studies.dial.budgets import budget_tables

@@ -10,16 +10,16 @@ from jaxtyping import Bool, Float, Float32, Int8, Int64
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.buffers import (
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.settings import SIGNALS, settings_of
+from socialiq.worlds.intersection.state import (
+    ACTIONS,
     DECIDE,
     DECIDE_AND_RESET,
     RESET,
     SKIP,
     Buffers,
 )
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS, settings_of
-from socialiq.worlds.intersection.state import ACTIONS
 
 BackEnd = Literal["core", "highway_env"]
 BACK_ENDS = ("core", "highway_env")

@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float, Int64
 
 from socialiq.errors import one_of
 from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.population import POPULATIONS
+from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.state import (
     ACTIONS,
     FASTER,

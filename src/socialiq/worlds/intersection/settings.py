@@ -8,6 +8,7 @@ import numpy as np
 
 from socialiq.worlds.intersection.options import (
     MOST_SPEEDS,
+    POPULATIONS,
     Counted,
     Crash,
     Destination,
@@ -15,7 +16,6 @@ from socialiq.worlds.intersection.options import (
     Options,
     Zone,
 )
-from socialiq.worlds.intersection.population import POPULATIONS
 
 TIE = 1e-9
 """Largest difference that counts as equal in canonical mode, m."""

@@ -13,7 +13,14 @@ from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
 from socialiq.learners.collect import Act, Source
 from socialiq.learners.dqn.config import Hyperparameters, StaticConfig
-from socialiq.learners.dqn.train import acting, policy_of, train
+from socialiq.learners.dqn.train import (
+    acting,
+    bootstrapped_target,
+    next_value,
+    policy_of,
+    td_loss,
+    train,
+)
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.kernel import Trained
 from socialiq.nn.q_network import QNetwork
@@ -200,3 +207,42 @@ def test_a_network_that_blows_up_is_told_and_leaves_the_other_alone(
     assert len(found.failures) == 1
     assert found.failures[0].startswith("angle 0, seed 4 stopped at update 0: parameters not fini")
     assert_same(*(jax.tree.map(lambda leaf: leaf[0], one.networks) for one in (found, whole)))
+
+
+KINDS = jnp.arange(5)  # NONE, ARRIVAL, COLLISION, TIMEOUT, OTHER
+
+
+def column(*values: float) -> jax.Array:
+    return jnp.array(values, jnp.float32)
+
+
+@pytest.mark.parametrize(("double", "expected"), [(False, [3, 7]), (True, [1, 7])])
+def test_next_value_by_hand(double: bool, expected: list[float]) -> None:
+    """The network would take actions 0 and 1, the target network actions 2 and 1."""
+    target_network, fast = jnp.array([[1.0, 2, 3], [6, 7, 5]]), jnp.array([[9.0, 8, 0], [0, 4, 3]])
+    np.testing.assert_array_equal(next_value(target_network, fast, double), expected)
+
+
+@pytest.mark.parametrize(
+    ("through_timeouts", "expected"), [(True, [6, 1, 1, 21, 1]), (False, [6, 1, 1, 1, 1])]
+)
+def test_the_target_goes_on_where_nothing_ended(
+    through_timeouts: bool, expected: list[float]
+) -> None:
+    """r = 1 and γ = 1/2; the states reached are worth 10, 20, 30, 40 and 50."""
+    value, reward = column(10, 20, 30, 40, 50), jnp.ones(5)
+    found = bootstrapped_target(reward, value, KINDS, 0.5, through_timeouts)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_the_loss_is_square_near_the_target_and_straight_far_from_it() -> None:
+    """Errors 0.5 and -3 cost 0.5 · 0.25 and 3 - 0.5."""
+    q, action = jnp.array([[1.5, 99.0], [99.0, -3.0]]), jnp.array([0, 1])
+    found = td_loss(q, action, column(1, 0))
+    assert found == pytest.approx((0.125 + 2.5) / 2)
+
+
+def test_only_the_action_taken_is_moved_and_by_one_at_most() -> None:
+    q, action = jnp.array([[1.5, 99.0], [99.0, -3.0]]), jnp.array([0, 1])
+    gradient = jax.grad(td_loss)(q, action, column(1, 0))
+    np.testing.assert_allclose(gradient, [[0.5 / 2, 0], [0, -1 / 2]])

@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.learners.iq_learn import losses
 from socialiq.learners.iq_learn.config import Endings
-from socialiq.learners.iq_learn.divergences import DIVERGENCES, phi
+from socialiq.learners.iq_learn.losses import DIVERGENCES, phi, phi_slope
 
 KINDS = jnp.arange(5)  # NONE, ARRIVAL, COLLISION, TIMEOUT, OTHER
 
@@ -75,3 +75,92 @@ def test_value_terms_by_hand() -> None:
 def test_chi2_term_by_hand() -> None:
     assert losses.chi2_term(column(1, -2), 0.5) == pytest.approx(1.25)
     assert losses.chi2_term(column(1, -2), 0.25) == pytest.approx(2.5)
+
+
+FLOORS = {name: one.floor for name, one in DIVERGENCES.items() if one.floor is not None}
+each = pytest.mark.parametrize("name", DIVERGENCES)
+
+# The generators f of the divergences, f(1) = 0 (Garg et al. 2021, appendix).
+GENERATORS = {
+    "chi2": lambda t: (t - 1) ** 2,
+    "kl": lambda t: t * np.log(t),
+    "reverse_kl": lambda t: -np.log(t),
+    "hellinger": lambda t: (1 - np.sqrt(t)) ** 2,
+    "js": lambda t: t * np.log(t) - (t + 1) * np.log((t + 1) / 2),
+}
+
+
+def grid(name: str) -> np.ndarray:
+    """Rewards on both sides of the floor, none of them on it."""
+    floor = FLOORS.get(name, 0.0)
+    return floor + np.concatenate([-np.geomspace(5, 0.01, 20), np.geomspace(0.01, 12, 40)])
+
+
+@each
+def test_slope_is_the_gradient_on_both_sides_of_the_floor(name: str) -> None:
+    rewards = jnp.asarray(grid(name), jnp.float32)
+    gradient = jax.vmap(jax.grad(lambda x: phi(name, x)))(rewards)
+    np.testing.assert_allclose(phi_slope(name, rewards), gradient, rtol=1e-5)
+
+
+@each
+def test_phi_is_concave_and_rises(name: str) -> None:
+    slopes = np.asarray(phi_slope(name, jnp.asarray(grid(name), jnp.float32)))
+    assert (slopes > 0).all()
+    assert (np.diff(slopes) <= 0).all()
+
+
+@pytest.mark.parametrize("name", FLOORS)
+def test_phi_is_continuous_at_the_floor_and_straight_below(name: str) -> None:
+    floor = FLOORS[name]
+    below, at, above = (float(phi(name, floor + step)) for step in (-1e-5, 0.0, 1e-5))
+    assert below == pytest.approx(at, rel=1e-3)
+    assert above == pytest.approx(at, rel=1e-3)
+    slope = float(phi_slope(name, floor))
+    assert phi(name, floor - 3.0) == pytest.approx(at - 3 * slope, rel=1e-5)
+    assert phi_slope(name, -1e6) == pytest.approx(slope)
+
+
+@pytest.mark.parametrize(
+    ("name", "reward", "value", "slope"),
+    [
+        ("chi2", -7.5, -7.5, 1.0),
+        ("kl", -1.0, -1.0, 1.0),
+        ("kl", np.log(2) - 1, -0.5, 0.5),
+        ("reverse_kl", 1.0, 1.0, 1.0),
+        ("reverse_kl", 2.0, 1.6931472, 0.5),
+        ("reverse_kl", -0.1, 1 + np.log(0.1) - 2, 10.0),  # tangent at the floor 0.1
+        ("hellinger", 1.0, 0.5, 0.25),
+        ("hellinger", -0.5, -1.0, 4.0),
+        ("js", 0.0, 0.0, 1.0),
+        ("js", np.log(2), 0.4054651, 1 / 3),
+    ],
+)
+def test_values_by_hand(name: str, reward: float, value: float, slope: float) -> None:
+    assert phi(name, jnp.float32(reward)) == pytest.approx(value, rel=1e-5, abs=1e-7)
+    assert phi_slope(name, jnp.float32(reward)) == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "rewards"),
+    [
+        ("chi2", [-3.0, 0.0, 1.5]),
+        ("kl", [-3.0, 0.0, 2.0]),
+        ("reverse_kl", [0.15, 1.0, 4.0]),
+        ("hellinger", [-0.85, 0.0, 3.0]),
+        ("js", [-0.55, 0.0, 2.0]),
+    ],
+)
+def test_phi_is_minus_the_conjugate_of_the_generator(name: str, rewards: list[float]) -> None:
+    """φ(x) = -f*(-x) = min_t (t x + f(t)), and φ' is the density ratio t that attains it.
+
+    χ² has only its linear part in term 1; term 3 has the rest, -x²/4 for this f.
+    """
+    ratios = np.geomspace(1e-4, 1e3, 200_001)
+    for reward in rewards:
+        objective = ratios * reward + GENERATORS[name](ratios)
+        quadratic = (0.25 * reward**2, 0.5 * reward) if name == "chi2" else (0.0, 0.0)
+        found = float(phi(name, jnp.float32(reward))) - quadratic[0]
+        slope = float(phi_slope(name, jnp.float32(reward))) - quadratic[1]
+        assert found == pytest.approx(objective.min(), rel=1e-5, abs=1e-6)
+        assert slope == pytest.approx(ratios[objective.argmin()], rel=1e-3)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from socialiq.worlds.intersection.batch import Batch, Decisions
-from socialiq.worlds.intersection.buffers import ANNOTATE, Buffers
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import settings_of
-from socialiq.worlds.intersection.state import VEHICLE, Contact
+from socialiq.worlds.intersection.state import ANNOTATE, VEHICLE, Buffers, Contact
 
 
 @pytest.fixture

@@ -8,8 +8,7 @@ import pytest
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core.geometry import EXIT, LANES
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.population import POPULATIONS
+from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.state import Contact
 
 BUSY = {"spawn_probability": 1.0, "initial_vehicle_count": 9}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.core import rewards, zone
+from socialiq.worlds.intersection.core import rewards
 from socialiq.worlds.intersection.core.compile import entry_point, fingerprint
 from socialiq.worlds.intersection.core.geometry import distance
 from socialiq.worlds.intersection.core.observation import observe
@@ -53,12 +53,12 @@ def _entry(sources: int):
             for slot in range(count):
                 other = seen[slot]
                 apart = distance(other.x, other.y, seen[ego].x, seen[ego].y)
-                known = zone.counts(apart, other.same_origin, other.kind, chosen)
+                known = rewards.counts(apart, other.same_origin, other.kind, chosen)
                 counted[slot] = slot != ego and known
                 along[slot], lost[slot] = other.along, other.lost
             observe(seen, count, ego, along, chosen.tie, observation[row])
             speed, written = seen[ego].speed, signals[row]
-            within = zone.in_zone(here.kind, here.along, here.length, here.travelled, chosen)
+            within = rewards.in_zone(here.kind, here.along, here.length, here.travelled, chosen)
             rewards.env_signals(here.advance, here.on_road, speed, here.ending, chosen, written)
             rewards.social_signals(
                 speed, within, counted, lost, here.ending, chosen, written, braking

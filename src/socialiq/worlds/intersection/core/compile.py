@@ -126,7 +126,7 @@ def fingerprint() -> int:
     """
     digest = hashlib.sha256()
     here = Path(__file__).parent
-    names = ("buffers", "options", "settings", "state")
+    names = ("options", "settings", "state")
     around = (here.parent / f"{name}.py" for name in names)
     for path in (*sorted(here.glob("*.py")), *around):
         digest.update(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Road: twenty lanes of a four-armed crossing, and coordinates along them.
+"""Road: angles, twenty lanes of a four-armed crossing, and coordinates along them.
 
 Arms are numbered south 0, west 1, north 2, east 3. Each corner of highway-env's building loop makes
 five lanes: the approach, the right turn, the left turn, the way straight on, and the exit of the
@@ -12,8 +12,43 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.angles import wrap_to_pi
 from socialiq.worlds.intersection.core.compile import kernel
+
+_SMALL = 1e-9
+
+
+@kernel
+def wrap_to_pi(angle):
+    """Return the same direction in [-π, π)."""
+    turned = angle + math.pi
+    if 0.0 <= turned < 2 * math.pi:
+        return turned - math.pi
+    return turned % (2 * math.pi) - math.pi
+
+
+@kernel
+def sin(angle):
+    """Return the sine of an angle in rad."""
+    return angle if abs(angle) < _SMALL else math.sin(angle)
+
+
+@kernel
+def tan(angle):
+    """Return the tangent of an angle in rad."""
+    return angle if abs(angle) < _SMALL else math.tan(angle)
+
+
+@kernel
+def asin(value):
+    """Return the arcsine in rad."""
+    return value if abs(value) < _SMALL else math.asin(value)
+
+
+@kernel
+def atan(value):
+    """Return the arctangent in rad."""
+    return value if abs(value) < _SMALL else math.atan(value)
+
 
 N_LANES = 20
 LANE_WIDTH = 4.0

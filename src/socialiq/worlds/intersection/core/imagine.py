@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from socialiq.worlds.intersection.core import stream
-from socialiq.worlds.intersection.core.angles import wrap_to_pi
 from socialiq.worlds.intersection.core.compile import entry_point, fingerprint, kernel
 from socialiq.worlds.intersection.core.ego import route_coordinate, speed_index
 from socialiq.worlds.intersection.core.geometry import (
@@ -21,6 +20,7 @@ from socialiq.worlds.intersection.core.geometry import (
     heading_at,
     lateral,
     longitudinal,
+    wrap_to_pi,
 )
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver

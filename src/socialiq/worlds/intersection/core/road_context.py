@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.core import rewards, zone
+from socialiq.worlds.intersection.core import rewards
 from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
 from socialiq.worlds.intersection.core.ego import arrived, route_coordinate
 from socialiq.worlds.intersection.core.geometry import LANES, distance, longitudinal, on_lane
@@ -47,13 +47,13 @@ def write_signals(before, after, count, ego, start, ending, settings, signals, b
     rewards.env_signals(advance, _on_road(mine), mine.speed, ending, settings, signals)
     lane = LANES[mine.lane]
     along = longitudinal(lane, mine.x, mine.y)
-    within = zone.in_zone(mine.lane % 5, along, lane.length, reached - start, settings)
+    within = rewards.in_zone(mine.lane % 5, along, lane.length, reached - start, settings)
     counted, lost = np.empty(count, np.bool_), np.empty(count)
     for slot in range(count):
         other = after[slot]
         apart = distance(other.x, other.y, mine.x, mine.y)
         kind = other.target_lane % 5
-        known = zone.counts(apart, other.origin == mine.origin, kind, settings)
+        known = rewards.counts(apart, other.origin == mine.origin, kind, settings)
         counted[slot] = slot != ego and known
         lost[slot] = before[slot].speed - other.speed
     rewards.social_signals(mine.speed, within, counted, lost, ending, settings, signals, braking)

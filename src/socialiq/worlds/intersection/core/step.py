@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.buffers import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.intersection.core import rewards, road_context, spawn, stream
 from socialiq.worlds.intersection.core.collisions import collide
 from socialiq.worlds.intersection.core.compile import (
@@ -18,7 +17,14 @@ from socialiq.worlds.intersection.core.compile import (
 from socialiq.worlds.intersection.core.ego import choose, control, route_coordinate
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.traffic import drive, move
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.intersection.state import (
+    DECIDE,
+    DECIDE_AND_RESET,
+    RESET,
+    SKIP,
+    Buffers,
+    Contact,
+)
 
 _NOTHING = int(Ending.NONE)
 _NO_CONTACT = int(Contact.NONE)

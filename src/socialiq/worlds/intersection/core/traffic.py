@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from socialiq.worlds.intersection.core.angles import asin, atan, sin, tan, wrap_to_pi
 from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
 from socialiq.worlds.intersection.core.geometry import (
     CONNECTED,
@@ -14,10 +13,15 @@ from socialiq.worlds.intersection.core.geometry import (
     ROUTES,
     SPEED_LIMIT,
     VEHICLE_LENGTH,
+    asin,
+    atan,
     closest_lane,
     heading_at,
     lateral,
     longitudinal,
+    sin,
+    tan,
+    wrap_to_pi,
 )
 
 LATERAL_GAIN = 1 / 0.6  # 1/s, lateral offset to lateral speed

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
 
-from socialiq.worlds.intersection.population import POPULATIONS, Normal, Population
+from socialiq.worlds.intersection.options import POPULATIONS, Normal, Population
 
 
 class Driver(IDMVehicle):
