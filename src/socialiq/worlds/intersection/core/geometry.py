@@ -14,6 +14,8 @@ import numpy as np
 
 from socialiq.worlds.intersection.core.compile import kernel
 
+# Most vehicles drive straight along the centre of a lane, so most angles are rounding errors. Below
+# this the sine, tangent and their inverses round to the argument itself, in libm too.
 _SMALL = 1e-9
 
 
