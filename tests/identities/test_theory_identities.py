@@ -68,7 +68,7 @@ class Pool:
 def test_the_minimum_has_the_closed_form_and_no_duality_gap(
     seed, strength, temperature, prior_weight, chi2_alpha
 ):
-    """The occupancy of the closed form is computed independently, by mdp.occupancy."""
+    """The occupancy of the closed form is computed independently, by mdp.solve."""
     problem = Pool(seed).problem(
         "to_go",
         strength=strength,

@@ -36,7 +36,7 @@ class QModule(torch.nn.Module):
 
 
 class OneHotModule(torch.nn.Module):
-    """Integer features, one place for each value (`nn.one_hot`).
+    """Integer features, one place for each value (`nn.view`).
 
     Attributes:
         places: The feature that each output reads.

@@ -132,5 +132,5 @@ def check_occupancy(
     if error > _FLOW_TOLERANCE * entered.sum():
         raise UserError(
             f"this is not an occupancy of the MDP: its flow is off by {error:.3g}; "
-            "make it by mdp.occupancy.discounted_occupancy, or by theory.rows"
+            "make it by mdp.solve.discounted_occupancy, or by theory.rows"
         )
