@@ -74,7 +74,7 @@ def test_a_row_without_a_vehicle_counts_for_nothing(name: str) -> None:
 
 @pytest.mark.parametrize("name", POOLED)
 def test_more_empty_rows_change_nothing_in_a_pooled_view(name: str) -> None:
-    view = View.initialise(jax.random.key(1), name, VEHICLES * ROW).in_numpy()
+    view = View.initialise(jax.random.key(1), name, VEHICLES * ROW).in_numpy()  # pyright: ignore[reportOptionalMemberAccess]
     rows = observations()
     np.testing.assert_allclose(view(flattened(rows[:, :-1])), view(flattened(rows)), atol=1e-6)
 
@@ -101,7 +101,7 @@ def test_the_scale_is_of_positions_and_velocities_not_of_headings() -> None:
     view = View((), (), RELATIVE._replace(scale=5.0), 2 * ROW)
     found = view(np.array([1, 1, -2, 3, -4, 0.6, 0.8, *np.zeros(ROW)]))
     np.testing.assert_allclose(found[: ROW - 1], [5, -10, 15, -20, 0.6, 0.8])
-    found = of_others(view.choice, ego, other)
+    found = of_others(view.choice, ego, other)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(found, [1, 5, 10, 15, 0, 1, 0, 10, -5, 0, -15, 0, -1], atol=1e-12)
 
 
@@ -135,7 +135,7 @@ def test_pooling_is_the_sum_and_the_greatest_of_every_vehicles_code() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_numpy_forward_equals_the_jax_network(name: str) -> None:
     seen = flattened(observations())
-    expected = jax.vmap(network(name))(seen)
+    expected = jax.vmap(network(name))(seen)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(policy(name).q_values(seen), expected, atol=1e-5)
 
 
@@ -152,7 +152,7 @@ def test_a_saved_policy_comes_back_with_its_view(name: str, tmp_path: Path) -> N
     made.save(path)
     loaded = QPolicy.load(path)
     assert loaded.n_features == made.n_features == VEHICLES * ROW
-    assert (loaded.view and loaded.view.choice) == CHOICES[name]
+    assert (loaded.view and loaded.view.choice) == CHOICES[name]  # pyright: ignore[reportAttributeAccessIssue]
     np.testing.assert_array_equal(loaded.q_values(seen), made.q_values(seen))
     np.testing.assert_array_equal(loaded.predict(seen)[0], made.predict(seen)[0])
 
@@ -227,7 +227,7 @@ def test_a_policy_keeps_its_places_in_its_file(tmp_path) -> None:
     network = QNetwork(affine_layers(jax.random.key(0), (5, 8, 3)), "relu", PLACES)
     policy = QPolicy.of(network, 1.0, {})
     rows = np.array([[0, -1], [2, 0], [1, 0]], np.float32)
-    np.testing.assert_allclose(policy.q_values(rows), jax.vmap(network)(rows), atol=1e-6)
+    np.testing.assert_allclose(policy.q_values(rows), jax.vmap(network)(rows), atol=1e-6)  # pyright: ignore[reportArgumentType]
     policy.save(tmp_path / "policy.safetensors")
     again = QPolicy.load(tmp_path / "policy.safetensors")
     assert again.n_features == 2
