@@ -3,7 +3,7 @@
 A claim's `ours` is text with places such as {grid:policies.baseline_greedy.angle:.1f}, that is
 {study:path in results/STUDY/summary.json:format}. Our numbers therefore come from results files and
 are never typed. A claim with `value` and `tolerance` also names the place of `our_value`, and a
-test holds its verdict against the two.
+test compares its verdict with the two.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ _COMMANDS = {
 
 
 def ledger(results: Path) -> list[dict[str, Any]]:
-    """Every claim with our value, in the order of the thesis.
+    """Return every claim with our value, in the order of the thesis.
 
     Args:
-        results: Folder that holds one results folder for each study.
+        results: Folder with a results folder for each study.
 
     Returns:
         Rows with `id`, `place`, `study`, `statement`, `thesis`, `ours`, `our_value` (a number or
@@ -73,13 +73,13 @@ def ledger(results: Path) -> list[dict[str, Any]]:
 
 
 def count(rows: list[dict[str, Any]]) -> dict[str, int]:
-    """Number of claims by verdict."""
+    """Return the number of claims by verdict."""
     counts = Counter(row["verdict"] for row in rows)
     return {verdict: counts[verdict] for verdict in VERDICTS}
 
 
 def resolve(text: str, summaries: _Summaries) -> str:
-    """Fill the places of a text from the results."""
+    """Return a text with its places filled from the results."""
 
     def fill(match: re.Match[str]) -> str:
         study, path, form = match.groups()
@@ -89,14 +89,14 @@ def resolve(text: str, summaries: _Summaries) -> str:
 
 
 class _Summaries:
-    """The studies' summaries, read when first asked for."""
+    """Summaries of the studies, each read at its first use."""
 
     def __init__(self, results: Path) -> None:
         self.results = results
         self.read: dict[str, Any] = {}
 
     def at(self, study: str, path: str) -> Any:
-        """The value at a dotted path; a dot inside a key is written as a comma."""
+        """Return the value at a dotted path; a dot inside a key is written as a comma."""
         if study not in self.read:
             self.read[study] = read_json(self.results / study / "summary.json")
         value = self.read[study]

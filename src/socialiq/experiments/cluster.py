@@ -1,4 +1,4 @@
-"""Dask clusters: one of this command's own on this machine, or a running one."""
+"""Dask clusters: a local one for this command, or a running one."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ _SETTINGS = {
 
 @contextmanager
 def client_of(cluster: str | None, processes: int, work: Path) -> Iterator[Client]:
-    """Connect to a running cluster, or start one of this many processes for the time being.
+    """Connect to a running cluster, or start a local one for the duration of the context.
 
     Args:
         cluster: Address of a scheduler or its scheduler file; None for a local cluster.
-        processes: Of the local cluster.
+        processes: Number of processes of the local cluster.
         work: Folder of all jobs' folders; compiled programs are kept in it.
 
     Raises:
@@ -123,7 +123,7 @@ def _local(processes: int, work: Path) -> Iterator[Client]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's logs and warnings from standard error: a caller gets one line instead."""
+    """Keep Dask's logs and warnings from standard error; errors are raised as one line."""
     roots = ("distributed", "asyncio", "tornado")
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in roots]
     levels = {name: logging.getLogger(name).level for name in {*roots, *names}}

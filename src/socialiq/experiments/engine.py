@@ -1,7 +1,7 @@
 """Run the jobs of a study on Dask: on every core of this machine, or on a cluster.
 
-Finished folders are the only record of what is done (`experiments.jobs`). Dask decides where a job
-runs, and gives it to another process if its own dies.
+Finished folders are the only record of finished jobs (`experiments.jobs`). Dask chooses the process
+of a job, and another one if that process dies.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Engine:
     Its workers must see the work folder under the same path."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers and combinations that say nothing."""
+        """Refuse invalid numbers and combinations."""
         if self.processes < 0:
             raise UserError(f"processes must be at least 1, got {self.processes}")
         if self.processes and self.cluster is not None:
@@ -82,9 +82,9 @@ def available_cores() -> int:
 
 
 def job_environment(work: Path) -> dict[str, str]:
-    """Return the variables of processes that do jobs: one arithmetic, and programs compiled once.
+    """Return the variables of the jobs' processes: equal arithmetic, and a cache of programs.
 
-    A folder of compiled programs that the caller's environment names is used; else the jobs' own.
+    The cache is the folder that the caller's environment names, else a folder of the jobs.
     """
     from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
@@ -105,7 +105,7 @@ def run_jobs(
     processes: int = 0,
     cluster: str | None = None,
 ) -> None:
-    """Do what is not done yet, each job after its inputs.
+    """Run the jobs that are not finished, each after its inputs.
 
     Args:
         jobs: Each stands after its inputs.
@@ -135,7 +135,7 @@ def run_jobs(
 
 
 class _Call:
-    """The open jobs of one call, as tasks of a cluster."""
+    """Open jobs of a call, as tasks of a cluster."""
 
     def __init__(
         self,

@@ -1,9 +1,9 @@
-"""A long study as jobs in a work folder: on every core, resumable at each of them.
+"""Long studies as jobs in a work folder, resumable after each job.
 
-A job is a function that fills a folder. Its fingerprint is of its configuration, of the jobs it
-reads and of this package's version: a finished folder with the same fingerprint is used again, any
-other is made anew. A job that was cut off finds what it had written and goes on from there if it
-can.
+A job is a function that fills a folder. Its fingerprint covers its configuration, the jobs that it
+reads and the version of this package. A finished folder of the same fingerprint is reused, any
+other is made again. An interrupted job finds the files that it had written and may resume from
+them.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ RECORD = "job.json"
 _BEGUN = "begun.json"
 
 RETRIES = 3
-"""Number of times that one call repeats a job whose process was killed."""
+"""Number of times that a call repeats a job whose process was killed."""
 
 ProgressCallback = Callable[[float], None]
-"""Called by a job with the share of it that is done."""
+"""Called by a job with its finished share."""
 
 Work = Callable[[Any, Path, Mapping[str, Path], ProgressCallback], None]
 """Fills a folder: given the job's configuration, its folder, and the folders of its inputs."""
@@ -44,11 +44,11 @@ class Job:
     """One step of a study.
 
     Attributes:
-        name: Its folder below the work folder; what stands before the first "/" is its stage.
-        work: A function of a module, so that another process can find it.
-        config: What it depends on: a dataclass of JSON-able fields.
+        name: Folder below the work folder; the part before the first "/" is its stage.
+        work: Function of a module, so that another process can import it.
+        config: Everything it depends on: a dataclass with fields that JSON can hold.
         inputs: Names of the jobs whose folders it reads.
-        cost: What it takes, in seconds or so; only proportions matter, for the time left.
+        cost: Approximate seconds; only proportions matter, for the estimated time left.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Job:
 
 
 def fingerprints(jobs: Sequence[Job]) -> dict[str, str]:
-    """SHA-256 of everything that each job depends on, its inputs' fingerprints among it.
+    """Return the SHA-256 of everything that each job depends on, its inputs' fingerprints too.
 
     Raises:
         UserError: If two jobs share a name.
@@ -93,22 +93,22 @@ def is_done(folder: Path, fingerprint: str) -> bool:
 def do(
     job: Job, work: Path, fingerprint: str, on_progress: ProgressCallback, call: str = ""
 ) -> float:
-    """Do one job: its folder appears whole, or its written parts stay for the next try.
+    """Run a job: its folder appears whole, or its written files remain for the next try.
 
     Two processes never do the same job at a time; the second finds it finished.
 
     Args:
         job: The job.
         work: Folder of all jobs' folders.
-        fingerprint: Of `fingerprints`.
+        fingerprint: The job's fingerprint.
         on_progress: Called by the job.
-        call: Name of the call of `run_jobs`; tries that were cut off are counted for each call.
+        call: Name of the call of `run_jobs`; interrupted tries are counted for each call.
 
     Returns:
         The seconds it took.
 
     Raises:
-        UserError: If the folder can't be written, or the job was cut off too often.
+        UserError: If the folder can't be written, or the job was interrupted too often.
     """
     with _locked(work / ".locks" / job.name, job.name):
         if is_done(work / job.name, fingerprint):
@@ -155,7 +155,7 @@ def _begun(job: Job, work: Path, fingerprint: str, call: str) -> Path:
 
 
 def open_jobs(jobs: Sequence[Job], work: Path) -> list[Job]:
-    """The jobs that are still to be done."""
+    """Return the jobs that are not finished."""
     known = fingerprints(jobs)
     return [job for job in jobs if not is_done(work / job.name, known[job.name])]
 

@@ -35,8 +35,8 @@ class Results:
         study: Its name.
         config: Its resolved configuration: seeds, sizes, presets, hashes of the data.
         tables: Rows by table name; each becomes a CSV file.
-        summary: The figures that the claims ledger points at.
-        versions: Of Python and of the libraries that made the numbers.
+        summary: Values that the claims ledger refers to.
+        versions: Versions of Python and of the numerical libraries.
         files: Content of other files by path; written, but not read back.
     """
 
@@ -68,11 +68,11 @@ def versions() -> dict[str, str]:
 
 
 def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace: bool) -> None:
-    """Write a results folder whole, or leave what was there.
+    """Write a results folder whole, or leave the existing one.
 
     Args:
-        results: What to write.
-        folder: The folder to make.
+        results: The results.
+        folder: Folder to write.
         pictures: PNG files by name.
         replace: Whether an existing results folder may be replaced.
 
@@ -97,8 +97,8 @@ def check_target(folder: Path, replace: bool) -> None:
     """Refuse an output folder before any work is done.
 
     Raises:
-        UserError: If it exists with something in it and may not be replaced, would replace
-            something that is no results folder, or can't be made there.
+        UserError: If it exists, isn't empty and may not be replaced or isn't a results folder,
+            or can't be made.
     """
     if check_output_folder(folder, replace) and not (folder / "summary.json").is_file():
         raise UserError(f"{folder} is not a results folder: it is not replaced; name another")
@@ -108,7 +108,7 @@ def load(folder: Path) -> Results:
     """Read a results folder.
 
     Raises:
-        UserError: If it is missing or is no results folder.
+        UserError: If it is missing or isn't a results folder.
     """
     folder = shipped(folder)
     if not (folder / "config.json").is_file():
@@ -120,7 +120,7 @@ def load(folder: Path) -> Results:
 
 
 def as_csv(rows: list[Row]) -> str:
-    """Rows of equal keys as CSV text."""
+    """Return rows of equal keys as CSV text."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -129,10 +129,10 @@ def as_csv(rows: list[Row]) -> str:
 
 
 def from_csv(path: Path) -> list[Row]:
-    """Rows of a CSV file; cells that read as numbers become numbers.
+    """Return the rows of a CSV file; numeric cells become numbers.
 
     Raises:
-        UserError: If it is no text, or a row has not as many cells as the first line.
+        UserError: If it isn't text, or a row has another number of cells than the first line.
     """
     try:
         with path.open(newline="") as file:

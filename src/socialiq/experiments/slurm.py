@@ -1,4 +1,4 @@
-"""Slurm: an array script whose tasks do the open jobs of a work folder, one each."""
+"""Slurm array scripts whose tasks each run an open job of a work folder."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ def array_script(
     """Return the text of an array script.
 
     Args:
-        command: Words of the command that does one job, without its number, which comes last.
-        numbers: Of the jobs that are not finished.
+        command: Words of the command that runs a job, without its number, which comes last.
+        numbers: Numbers of the jobs that are not finished.
         work: Folder of all jobs' folders; the tasks' logs are written there.
-        environment: Variables of the tasks.
+        environment: Environment variables of the tasks.
     """
     exports = [f"export {name}={shlex.quote(value)}" for name, value in environment.items()]
     lines = [

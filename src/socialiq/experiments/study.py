@@ -1,8 +1,8 @@
 """A study: what to run, which tables and pictures follow from it, and which tables to print.
 
-A study is a module of `studies` that ends with `STUDY`. Jobs fill folders and can be
-resumed (`experiments.jobs`); tables follow from these folders alone, pictures and printed tables
-from the tables alone. A short study has no jobs: its tables are computed in one go.
+A study is a module of `studies` that ends with `STUDY`. Jobs fill folders and can be resumed
+(`experiments.jobs`); tables follow from these folders alone, pictures and printed tables from the
+tables alone. A short study has no jobs: its tables are computed in one go.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def view_of(table: str, *columns: str, title: str = "") -> Callable[[Results], S
 
 
 def counter(on_stage: StageCallback, stage: str, total: int, unit: str) -> Callable[[int], None]:
-    """Begin a stage that counts; return what is called with the number that is done."""
+    """Begin a stage that counts; return the callback for the number of finished units."""
     report, clock = on_stage(stage), Clock(0, total, 1)
 
     def count(done: int) -> None:

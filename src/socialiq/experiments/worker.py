@@ -1,4 +1,4 @@
-"""Functions that run in the processes of a Dask cluster: do a job, report on it, stop it."""
+"""Functions for the processes of a Dask cluster: run a job, report its progress, stop it."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Task(NamedTuple):
     Attributes:
         job: The job.
         work: Folder of all jobs' folders, as an absolute path.
-        fingerprint: Of the job.
+        fingerprint: The job's fingerprint.
         call: Name of the call of `run_jobs`.
-        described: Of `describe`, in the process that calls.
+        described: Result of `describe` in the calling process.
     """
 
     job: Job
@@ -48,7 +48,7 @@ class Task(NamedTuple):
 
 
 def perform(task: Task, *_inputs: float) -> float:
-    """Do a job and return the seconds it took; inputs only make it wait for them.
+    """Run a job and return its seconds; the inputs only make it wait for them.
 
     Raises:
         Stopped: If the call was stopped.
@@ -80,7 +80,7 @@ def perform(task: Task, *_inputs: float) -> float:
 
 
 class _Reporter:
-    """Sends the share of a job that is done to the process that called."""
+    """Progress callback that sends a job's finished share to the calling process."""
 
     def __init__(self, task: Task, request: StopRequest) -> None:
         self._worker, self._request = get_worker(), request
@@ -115,15 +115,15 @@ def request_stop(call: str) -> list[str]:
 
 
 def describe() -> dict[str, str]:
-    """Versions and variables of this process that decide a job's numbers."""
+    """Return the versions and variables of this process that affect a job's numbers."""
     return versions() | {name: os.environ.get(name, "") for name in PORTABLE}
 
 
 def check(wanted: dict[str, str], work: Path, call: str) -> None:
-    """Refuse a worker whose numbers or files would be other than the caller's.
+    """Refuse a worker whose numbers or files would differ from the caller's.
 
     Args:
-        wanted: Of `describe`, in the process that calls.
+        wanted: Result of `describe` in the calling process.
         work: Folder of all jobs' folders.
         call: Name of the call; its file `.call` is in the work folder.
 
