@@ -20,7 +20,6 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import exact_weights
-from socialiq.studies.intersection_skill import STUDY
 from socialiq.studies.intersection_skill.jobs import likelihood
 from socialiq.studies.intersection_skill.plan import (
     ALONE,
@@ -41,7 +40,7 @@ from socialiq.studies.intersection_skill.skill import (
     skill,
     with_skill,
 )
-from socialiq.studies.intersection_skill.tables import interval, score_row
+from socialiq.studies.intersection_skill.study import STUDY, interval, score_row
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

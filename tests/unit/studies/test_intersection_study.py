@@ -12,8 +12,8 @@ from socialiq.experiments.intersection.experts import policy_file
 from socialiq.experiments.jobs import fingerprints, open_jobs
 from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
-from socialiq.studies.intersection import STUDY
 from socialiq.studies.intersection.plan import Config, learner_name, members, plan
+from socialiq.studies.intersection.study import STUDY
 
 TINY = Config(
     parts=("main",),

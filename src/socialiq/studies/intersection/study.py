@@ -1,4 +1,4 @@
-"""Tables and summary of the intersection study, from the jobs' folders alone."""
+"""Experts, demonstrations and learners of the intersection (thesis 5.2-6.3, 7, A)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,18 @@ from socialiq.experiments.intersection.rows import (
     policy_rows,
     times,
 )
-from socialiq.experiments.study import Context, Findings
-from socialiq.experiments.tables import nested, numeric_means, paired_row, with_holm
+from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings, Study, View
+from socialiq.experiments.tables import (
+    groups,
+    matching,
+    nested,
+    numeric_means,
+    paired_row,
+    with_holm,
+)
 from socialiq.social.angle import angle_difference, angle_of
+from socialiq.studies.intersection.figures import draw
 from socialiq.studies.intersection.plan import TRAINED, Config, columns, members, plan
 from socialiq.studies.intersection.tables import distributions, separability, table_6_2
 from socialiq.types import Row
@@ -204,3 +213,26 @@ def _mean(rows: list[Row]) -> Row:
         "angle_high": angle + max(off),
         "seeds": len(rows),
     }
+
+
+def view(results: Results) -> Sequence[View]:
+    """Return Table 6.2 of the experts and of each group of learners, greedy, a row for a policy."""
+    greedy = matching(results.tables["table_6_2"], readout="greedy")
+    views = []
+    for (preset, setting), rows in groups(greedy, "preset", "setting").items():
+        table: dict[str, Row] = {}
+        for row in rows:
+            printed = table.setdefault(row["policy"], {"policy": row["policy"]})
+            printed[row["metric"]] = f"{row['ours']:.1f} ({row['thesis']:g})"
+        views.append(View(list(table.values()), f"{preset}, {setting}: ours (thesis); %, km/h"))
+    return views
+
+
+STUDY = Study(
+    name="intersection",
+    Config=Config,
+    jobs=plan,
+    tables=compute_tables,
+    figures=draw,
+    view=view,
+)

@@ -1,4 +1,4 @@
-"""Tables of the study of the hidden skill, from the jobs' folders alone."""
+"""A skill that demonstrators share and the reward pair lacks, in the intersection."""
 
 from __future__ import annotations
 
@@ -12,12 +12,20 @@ from jaxtyping import Float
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.rows import OUTCOMES, curves, times
 from socialiq.experiments.jobs import Job
-from socialiq.experiments.study import Context, Findings
+from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import groups, matching, mean, nested, paired_row, with_holm
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.storage import read_json
+from socialiq.studies.intersection_skill.figures import draw
 from socialiq.studies.intersection_skill.jobs import ANGLES
-from socialiq.studies.intersection_skill.plan import ALONE, CLONES, FOLDERS, REFERENCES, Config
+from socialiq.studies.intersection_skill.plan import (
+    ALONE,
+    CLONES,
+    FOLDERS,
+    REFERENCES,
+    Config,
+    plan,
+)
 from socialiq.studies.intersection_skill.skill import ScoredEpisodes, load
 from socialiq.types import Row
 
@@ -160,3 +168,13 @@ def _summary(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
 def _nested(rows: Sequence[Row], *keys: str) -> dict[str, Any]:
     """Return whole rows as nested mappings by the values of their keys."""
     return nested(rows, *keys, keep=list(rows[0])) if rows else {}
+
+
+STUDY = Study(
+    name="intersection-skill",
+    Config=Config,
+    jobs=plan,
+    tables=compute_tables,
+    figures=draw,
+    view=view_of("pooled"),
+)
