@@ -116,7 +116,7 @@ def by_density(repeats: int) -> dict[str, float]:
 
 
 def start_up() -> dict[str, float]:
-    """Seconds until the first episode has begun: compiled anew, and from the cache on disk."""
+    """Seconds until the first episode has begun: compiled first, and from the cache on disk."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"NUMBA_CACHE_DIR": folder}
 

@@ -106,7 +106,7 @@ def compiled_folder(pytestconfig: pytest.Config) -> Iterator[str]:
 def quick_compiler(request: pytest.FixtureRequest, compiled: str) -> Iterator[None]:
     """Compile fast rather than well, and each program once in the whole run.
 
-    The learners build their programs anew each time, and compiling them is most of the tests' time.
+    The learners build their programs each time, and compiling them is most of the tests' time.
     A module whose training is long, or is compared with a committed one, sets
     `FULL_COMPILER = True`.
     """

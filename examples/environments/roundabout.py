@@ -16,7 +16,7 @@ from socialiq import Hyperparameters, RewardPairWrapper, StaticConfig, Transitio
 CONFIG = {"simulation_frequency": 5}  # Hz; a third of the default, so about three times as fast
 FASTER, SLOWER = 3, 4
 ANGLES = (0.0, 45.0, 90.0)  # degrees
-ENTRY, RING = 25.0, 15.0  # m: where the ego enters, and how near to that somebody else counts
+ENTRY, RING = 25.0, 15.0  # m: where the ego enters, and how near to that another vehicle counts
 
 
 def pair(step: Transition) -> tuple[float, float]:
@@ -38,12 +38,12 @@ def make() -> RewardPairWrapper:
 
 
 def pushy(observations: np.ndarray) -> np.ndarray:
-    """Enters whoever comes."""
+    """Enters whatever comes."""
     return np.full(len(observations), FASTER)
 
 
 def polite(observations: np.ndarray) -> np.ndarray:
-    """Waits before the ring while somebody is near the place where it would enter."""
+    """Waits before the ring while a vehicle is near the place where it would enter."""
     seen = observations.reshape(len(observations), -1, 5).astype(np.float64)
     place = seen[..., 1:3] * 100  # m; y falls towards the ring
     near = np.hypot(place[:, 1:, 0], place[:, 1:, 1] - ENTRY) < RING

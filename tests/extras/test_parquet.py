@@ -120,7 +120,7 @@ class Foreign(pyarrow.ExtensionType):
     made = 0
 
     def __init__(self):
-        super().__init__(pyarrow.int64(), "somebody.else")
+        super().__init__(pyarrow.int64(), "another.library")
 
     def __arrow_ext_serialize__(self):
         return b""
@@ -139,7 +139,7 @@ def test_extension_types_are_refused(tmp_path):
         with pytest.raises(UserError, match="column action is extension"):
             read_steps(path, n_actions=2)
     finally:
-        pyarrow.unregister_extension_type("somebody.else")
+        pyarrow.unregister_extension_type("another.library")
 
 
 def test_damage_and_bombs(table, tmp_path, monkeypatch):

@@ -46,7 +46,7 @@ def test_the_table_is_sound(swapped):
     own = table.observation.reshape(-1, 10, 7)[:, 0]
     assert (own[:, 0] == 1.0).all()
     assert (abs(table.rewards.env) < 3.0).all()
-    # nobody collides: recorded boxes that touch by less than the slack are no collisions
+    # no vehicle collides: recorded boxes that touch by less than the slack are no collisions
     assert not (table.ending == Ending.COLLISION).any()
     # at the start of an episode the ego is south of the junction and looks north, within 45°
     south = own[table.episode_starts]

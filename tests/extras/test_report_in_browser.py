@@ -91,7 +91,7 @@ def test_the_browser_has_nothing_to_complain_about(browser, page):
 
 
 def test_a_report_runs_no_script(browser, page, tmp_path):
-    """Its content policy stops even a script that somebody writes into the file."""
+    """Its content policy stops even a script that was written into the file."""
     broken = tmp_path / "report.html"
     script = "<script>document.title = 'broken'</script></body>"
     broken.write_text(re.sub("</body>", script, page.read_text()))

@@ -4,7 +4,7 @@ A learner has two pure functions, `initialise(hyperparameters) -> (state, carry)
 `update(hyperparameters, state, carry) -> (state, carry, terms)`; `learners.kernel.Learner` makes
 them of a loss. `terms` are named scalars. Arrays that all runs share, such as demonstrations, are
 leaves of the learner, so that they are the program's input: a constant of that size would be
-compiled into it, anew for each set. A run whose terms or parameters are no longer finite keeps its
+compiled into it, for each set. A run whose terms or parameters are no longer finite keeps its
 last finite state and records which term broke; the other runs go on.
 """
 

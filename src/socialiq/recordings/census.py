@@ -22,7 +22,8 @@ from socialiq.types import Ending
 from socialiq.worlds.intersection.settings import SIGNALS
 
 LIMITS = (
-    "A neighbour's loss of speed was observed, not caused: it may have braked for somebody else, "
+    "A neighbour's loss of speed was observed, not caused: it may have braked for "
+    "somebody else, "  # codespell:ignore
     "for a signal, or for its own turn.",
     "Where the recording holds no signal states, waiting at a red light counts as yielding.",
     "A driver has few decisions. Who stands all the time has a narrow interval that says little: "

@@ -80,8 +80,8 @@ def test_a_dial_under_audit_is_turned_to_the_declared_angle(tmp_path):
 @pytest.mark.parametrize(
     ("spec", "mend"),
     [
-        ("atlas:nobody", "choose one of expert_egoistic"),
-        ("nobody", "name one of FILE.safetensors"),
+        ("atlas:absent", "choose one of expert_egoistic"),
+        ("absent", "name one of FILE.safetensors"),
         ("wait", "name one of FILE.safetensors"),
         ("atlas:baseline", "name the world it was made for"),
     ],

@@ -130,7 +130,7 @@ def test_verify_finds_a_changed_byte_and_a_rerun_repeats(passed, place, tmp_path
 
 
 def forged(folder, copy, report):
-    """A folder with another report, its pages made and everything hashed anew."""
+    """A folder with another report, its pages made and everything hashed again."""
     files = {path.name: path.read_bytes() for path in folder.iterdir()}
     files = {name: one for name, one in files.items() if name not in (MANIFEST, STATEMENT)}
     files |= {"report.json": (json.dumps(report, indent=2) + "\n").encode(), **views_of(report)}

@@ -1,4 +1,4 @@
-"""`collect`, `train` and `evaluate` in an environment of somebody's: modes, mixtures, mistakes."""
+"""`collect`, `train` and `evaluate` in a user's environment: modes, mixtures, mistakes."""
 
 import json
 

@@ -35,7 +35,7 @@ def table():
         rewards=RewardPair(rng.standard_normal(rows) / 7, [-0.0, 1e300, 5e-324, *range(6)]),
         episode=[0, 0, 0, 1, 1, 2, 2, 2, 2],
         mode=[0, 0, 0, 2, 2, 0, 0, 0, 0],
-        mode_names=("bold", "nobody", "patient"),
+        mode_names=("bold", "absent", "patient"),
         n_actions=4,
         source={"made_by": "a test", "seed": 4},
     )
@@ -64,7 +64,7 @@ def test_csv_comes_back_to_the_bit(table, tmp_path):
     write_steps(tmp_path / "x.csv", table)
     back = read_steps(tmp_path / "x.csv", n_actions=4, mode_names=table.mode_names)
     assert_same_columns(table, back)
-    assert (back.n_actions, back.mode_names) == (4, ("bold", "nobody", "patient"))
+    assert (back.n_actions, back.mode_names) == (4, ("bold", "absent", "patient"))
     assert back.source["file"] == "x.csv" and len(back.source["sha256"]) == 64
 
 

@@ -25,7 +25,7 @@ def plain_table(make: Callable[..., Demonstrations]) -> Demonstrations:
 
 
 def change(table: Demonstrations, **changes: Any) -> Demonstrations:
-    """The table with some columns or fields replaced, checked anew."""
+    """The table with some columns or fields replaced, checked again."""
     pair = {name: changes.pop(name) for name in ("r_env", "r_social") if name in changes}
     rewards = table.rewards._replace(**{name[2:]: column for name, column in pair.items()})
     return dataclasses.replace(table, **{"rewards": rewards, **changes})

@@ -107,7 +107,7 @@ def test_what_an_expert_shows_allows_the_expert_and_not_more(part, best) -> None
         ceiling = support_ceiling(data, part, timed)
         regrets = ceiling_regrets(ceiling, best, (0.0, 45.0, 90.0))
         assert regrets[1] == pytest.approx(0.0, abs=1e-9)
-        assert regrets[2] > 1.0  # nobody showed how to wait
+        assert regrets[2] > 1.0  # no demonstrator waits
     strict, loose = (
         ceiling_regrets(
             support_ceiling(data, part, timed), best, (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)

@@ -167,7 +167,7 @@ def test_an_observation_of_another_length_is_refused_by_a_policy_with_a_view() -
     [
         ("sets", 28, "^unknown view 'sets': choose one of flat, "),
         ("set", 6, "^view set reads rows of 7 .* this world's observation has 6: use the view fla"),
-        ("flat_scaled", 7, "^view flat_scaled reads rows of 7 .* has 7: "),  # nobody but the ego
+        ("flat_scaled", 7, "^view flat_scaled reads rows of 7 .* has 7: "),  # the ego alone
         ("set_relative", 15, "^view set_relative reads rows of 7 .* has 15: "),
     ],
 )

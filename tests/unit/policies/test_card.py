@@ -164,7 +164,7 @@ def test_what_cannot_be_exported_is_one_line(tmp_path, capsys, monkeypatch):
     DialPolicy.of(made, 1.0, 0.0, 90.0, {}).save(dial)
     for mend, arguments in {
         "choose one of onnx, torch, card": (plain, "--format", "pickle"),
-        "name a file, or one of": ("nobody", "--format", "card"),
+        "name a file, or one of": ("absent", "--format", "card"),
         "add --angle": (dial, "--format", "card"),
         "choose one in [0, 90]": (dial, "--format", "card", "--angle", 91),
         "leave --angle out": (plain, "--format", "card", "--angle", 3),

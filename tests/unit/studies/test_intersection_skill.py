@@ -76,7 +76,7 @@ TINY = dataclasses.replace(
 
 
 def seen(x: float, y: float, speed: float) -> np.ndarray:
-    """An observation of nobody but the ego, who drives north."""
+    """An observation of the ego alone, driving north."""
     rows = np.zeros((10, 7), np.float32)
     rows[0] = [1.0, x / 100.0, y / 100.0, 0.0, -speed / 20.0, 0.0, -1.0]
     return rows.ravel()

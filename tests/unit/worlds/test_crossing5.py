@@ -88,7 +88,7 @@ def test_starts_with_both_at_their_edges(table5):
         ((2, 2, 2, 1), GO, (3, 2, 2, 2), -1.0, -1.0, GOES_ON),
         # the other leaves it as the ego enters, and is not called back
         ((1, 2, 2, 2), GO, (2, 2, 2, 3), -1.0, -1.0, GOES_ON),
-        # the other waits for nobody else
+        # the other waits for no other
         ((1, 2, 2, 1), WAIT, (1, 2, 2, 2), -1.0, -1.0, GOES_ON),
         # arrivals: +10 and that step's -1; then the other is no longer charged
         ((0, 2, 2, 3), WAIT, (0, 2, 2, 4), -1.0, 9.0, GOES_ON),

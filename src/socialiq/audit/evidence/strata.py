@@ -38,7 +38,9 @@ def intersection_strata(
     return {
         "density": np.select([others <= 1, others <= 3], ["0 to 1", "2 to 3"], "4 or more"),
         "conflict": np.where(met, "at once", "none yet"),
-        "right_of_way": np.select([yielding, met], ["theirs", "oncoming"], "nobody crosses"),
+        "right_of_way": np.select(
+            [yielding, met], ["theirs", "oncoming"], "nobody crosses"
+        ),  # codespell:ignore
     }
 
 

@@ -136,11 +136,11 @@ FIELDS = (
     ),
     _share(
         "competence.max_at_fault",
-        "Largest share of episodes in which the policy drives into somebody.",
+        "Largest share of episodes in which the policy drives into another vehicle.",
     ),
     _share(
         "competence.max_struck",
-        "Largest share of episodes in which somebody else drives into it.",
+        "Largest share of episodes in which another vehicle drives into it.",
     ),
     _share("competence.min_arrival", "Smallest share of episodes that arrive."),
     _share("competence.max_timeout", "Largest share of episodes that run out of time."),

@@ -48,7 +48,7 @@ def act(
     now: Acting,
     key: Array,
 ) -> tuple[replay.Replay, Acting]:
-    """One step in every environment of a simulator, stored; an episode that ends begins anew."""
+    """One step in every environment of a simulator, stored; an episode that ends begins again."""
     for_action, for_chance, for_random, for_step, for_new = jax.random.split(key, 5)
     count = static.environments
     q = jax.vmap(network)(now.observation, now.direction)

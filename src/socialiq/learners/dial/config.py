@@ -48,7 +48,7 @@ class StaticConfig:
     """Value of V(s') after each kind of ending. A timeout is an end like others to a learner that
     sees the clock."""
     redraw_times: int = 0
-    """Horizon of a clock, the last feature: every transition is learned from at a time drawn anew.
+    """Horizon of a clock, the last feature: every transition is learned from at a newly drawn time.
     0 leaves times as they are. Right where neither dynamics nor rewards depend on the time."""
     hidden: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers."""

@@ -82,7 +82,7 @@ def draw_directions(key: PRNGKeyArray, size: int, static: StaticConfig) -> Rewar
 
 
 def at_other_times(key: PRNGKeyArray, batch: Batch, horizon: int) -> Batch:
-    """The same transitions at times drawn anew: the clock's feature and its timeouts change.
+    """The same transitions at newly drawn times: the clock's feature and its timeouts change.
 
     Args:
         key: Random key.

@@ -27,7 +27,7 @@ HUMAN = "human"
 NOT_A_VEHICLE = "not a vehicle"
 OFF_THE_ROAD = "off the lanelets"
 NO_JUNCTION = "never at a conflict area"
-ALONE = "nobody in its way near in time"
+ALONE = "nobody in its way near in time"  # codespell:ignore
 _LARGEST_JUMP = 5.0  # m
 _MOVING = 0.5  # m/s; tracks that never reach it are indistinguishable
 

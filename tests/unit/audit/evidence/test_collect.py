@@ -64,11 +64,14 @@ def scene(*others):
 @pytest.mark.parametrize(
     ("others", "labels"),
     [
-        ([], ("0 to 1", "none yet", "nobody crosses")),
+        ([], ("0 to 1", "none yet", "nobody crosses")),  # codespell:ignore
         ([(-30.0, 2.0, 8.0, 0.0)], ("0 to 1", "at once", "theirs")),
         ([(-2.0, -30.0, 0.0, 8.0)] * 2, ("2 to 3", "at once", "oncoming")),
-        ([(-60.0, 2.0, 8.0, 0.0)] * 4, ("4 or more", "none yet", "nobody crosses")),
-        ([(30.0, -2.0, 8.0, 0.0)], ("0 to 1", "none yet", "nobody crosses")),
+        (
+            [(-60.0, 2.0, 8.0, 0.0)] * 4,
+            ("4 or more", "none yet", "nobody crosses"),
+        ),  # codespell:ignore
+        ([(30.0, -2.0, 8.0, 0.0)], ("0 to 1", "none yet", "nobody crosses")),  # codespell:ignore
         ([(-2.0, -30.0, 0.0, 8.0), (30.0, -2.0, -8.0, 0.0)], ("2 to 3", "at once", "theirs")),
     ],
 )

@@ -8,7 +8,7 @@ from socialiq.types import Ending
 def test_contacts_are_told_apart(outcomes):
     kinds = [Ending.COLLISION, Ending.COLLISION, Ending.COLLISION, Ending.ARRIVAL]
     made = outcomes("driver", np.zeros((4, 2)), kinds, [0, 1, 2, 2])
-    # A collision that nobody is blamed for counts as the ego's.
+    # A collision without blame counts as the ego's.
     assert made.at_fault.tolist() == [True, True, False, False]
     assert made.struck.tolist() == [False, False, True, False]
 

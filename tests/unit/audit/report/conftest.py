@@ -12,7 +12,7 @@ from socialiq.audit.verdict.verdict import judge
 from socialiq.to_json import to_json
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
-"""A name that somebody might give to a policy, a file or an owner."""
+"""A name that a user might give to a policy, a file or an owner."""
 
 
 class Always:

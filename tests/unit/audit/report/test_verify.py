@@ -88,7 +88,7 @@ def test_files_that_are_large_together_are_not_read(folder, monkeypatch):
 
 
 def resealed(folder, files, **changed):
-    """Forge a report: change files, and hash anew."""
+    """Forge a report: change files, and hash again."""
     inner = {name: one for name, one in files.items() if name not in (MANIFEST, STATEMENT)}
     inner |= {name.replace("_", "."): one for name, one in changed.items()}
     report = json.loads(inner["report.json"])

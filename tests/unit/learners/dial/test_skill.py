@@ -32,7 +32,7 @@ class OneChoice:
 
 
 def always(action: int, episodes: int = 20) -> Demonstrations:
-    """Demonstrations of somebody who always does the same."""
+    """Demonstrations of a driver that always does the same."""
     seen, pair = np.zeros((episodes, 1), np.float32), PAIRS[action].astype(np.float64)
     flags = np.ones(episodes, bool)
     return Demonstrations(

@@ -152,7 +152,7 @@ def test_the_learner_acts_with_its_soft_policy_and_starts_anew_after_an_end(data
         )
 
 
-# Together these runs, ONLINE and OFFLINE have every value of every choice; each compiles anew.
+# Together these runs, ONLINE and OFFLINE have every value of every choice; each has its program.
 VARIANTS: dict[str, tuple[dict[str, Any], Hyperparameters]] = {
     "shifted_chi2": (
         {"prior": "shifted_chi2", "target_kind": "instantaneous", "chi2_on": "mixture"}

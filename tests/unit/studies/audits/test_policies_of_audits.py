@@ -16,7 +16,7 @@ def test_truth_and_falsehood(tmp_path):
 
 
 def test_one_that_never_moves_is_no_altruist(tmp_path):
-    """Its regret at 90 degrees decides, for nobody asks it to arrive."""
+    """Its regret at 90 degrees decides, for arrival is not required."""
     stands = [one for one in at_intersection(tmp_path) if one.name == "never moves"]
     (row,) = audit_rows(stands, Config(episodes=60, seed=1), tmp_path)
     assert row["arrival"] == 0.0 and row["timeout"] == 1.0
