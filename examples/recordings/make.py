@@ -1,8 +1,8 @@
 """Makes the two scenarios beside this file: a crossing of our own in CommonRoad 2020a and 2018b.
 
 A car comes from the west and has priority. One from the south slows down, waits at the stop line
-and goes on behind it. A cyclist comes towards the first; the older version has a pedestrian,
-who is a circle.
+and goes on behind it. A cyclist comes towards the first;
+the older version has a pedestrian, who is a circle.
 
     python examples/recordings/make.py
 """

@@ -13,6 +13,9 @@ from socialiq.statistics.comparisons import Difference, paired_difference
 from socialiq.statistics.intervals import Share, wilson
 from socialiq.worlds.intersection import policies
 
+NO_CROSSING = "nobody crosses"  # codespell:ignore
+"""Label of episodes without a crossing vehicle; a key of written reports."""
+
 _SOON = 5  # steps of a gridworld within which the first conflicts are decided
 
 
@@ -38,9 +41,7 @@ def intersection_strata(
     return {
         "density": np.select([others <= 1, others <= 3], ["0 to 1", "2 to 3"], "4 or more"),
         "conflict": np.where(met, "at once", "none yet"),
-        "right_of_way": np.select(
-            [yielding, met], ["theirs", "oncoming"], "nobody crosses"
-        ),  # codespell:ignore
+        "right_of_way": np.select([yielding, met], ["theirs", "oncoming"], NO_CROSSING),
     }
 
 

@@ -6,7 +6,7 @@ import pytest
 import socialiq.audit.evidence.collect as collecting
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import MOST_EPISODES, Reference, episode_seeds
-from socialiq.audit.evidence.strata import gridworld_strata, intersection_strata
+from socialiq.audit.evidence.strata import NO_CROSSING, gridworld_strata, intersection_strata
 from socialiq.errors import UserError
 from socialiq.evaluation.play import episodes_of
 from socialiq.types import Ending
@@ -64,14 +64,11 @@ def scene(*others):
 @pytest.mark.parametrize(
     ("others", "labels"),
     [
-        ([], ("0 to 1", "none yet", "nobody crosses")),  # codespell:ignore
+        ([], ("0 to 1", "none yet", NO_CROSSING)),
         ([(-30.0, 2.0, 8.0, 0.0)], ("0 to 1", "at once", "theirs")),
         ([(-2.0, -30.0, 0.0, 8.0)] * 2, ("2 to 3", "at once", "oncoming")),
-        (
-            [(-60.0, 2.0, 8.0, 0.0)] * 4,
-            ("4 or more", "none yet", "nobody crosses"),
-        ),  # codespell:ignore
-        ([(30.0, -2.0, 8.0, 0.0)], ("0 to 1", "none yet", "nobody crosses")),  # codespell:ignore
+        ([(-60.0, 2.0, 8.0, 0.0)] * 4, ("4 or more", "none yet", NO_CROSSING)),
+        ([(30.0, -2.0, 8.0, 0.0)], ("0 to 1", "none yet", NO_CROSSING)),
         ([(-2.0, -30.0, 0.0, 8.0), (30.0, -2.0, -8.0, 0.0)], ("2 to 3", "at once", "theirs")),
     ],
 )
