@@ -5,6 +5,7 @@ for every vehicle that has to brake. To run it takes highway-env: pip install 's
 """
 
 import argparse
+from typing import Any
 
 import gymnasium
 import highway_env  # noqa: F401  registers roundabout-v0
@@ -21,7 +22,7 @@ ENTRY, RING = 25.0, 15.0  # m: where the ego enters, and how near to that anothe
 
 def pair(step: Transition) -> tuple[float, float]:
     """Speed as a share of the fastest; braking of all others in units of 5 m/s²; -1 for a crash."""
-    env = step.env.unwrapped
+    env: Any = step.env.unwrapped
     others = [one for one in env.road.vehicles if one is not env.vehicle]
     braking = sum(max(0.0, -one.action["acceleration"]) for one in others) / 5
     return env.vehicle.speed / 16 - env.vehicle.crashed, -braking - env.vehicle.crashed
@@ -29,7 +30,8 @@ def pair(step: Transition) -> tuple[float, float]:
 
 def ending(step: Transition) -> str:
     """The only terminal states are crashes and leaving the road; 11 s truncate the episode."""
-    return "collision" if step.env.unwrapped.vehicle.crashed else "other"
+    env: Any = step.env.unwrapped
+    return "collision" if env.vehicle.crashed else "other"
 
 
 def make() -> RewardPairWrapper:

@@ -306,7 +306,10 @@ FIRST = "episode_0/"
         (lambda f: replace(f, FIRST + "rewards", np.array(1.0)), "not an array of numbers"),
         (lambda f: replace(f, FIRST + "rewards", ["a", "b"]), "object, not an array of numbers"),
         (lambda f: replace(f, FIRST + "rewards", h5py.Empty("f8")), "not an array of numbers"),
-        (lambda f: replace(f, FIRST + "rewards", np.zeros(2, [("a", "f8")])), "no array of numb"),
+        (
+            lambda f: replace(f, FIRST + "rewards", np.zeros(2, [("a", "f8")])),
+            "not an array of numb",
+        ),
         (lambda f: (f.pop(FIRST + "rewards"), f.create_group(FIRST + "rewards")), "is nested"),
         (lambda f: (f.pop("episode_0"), f.create_dataset("episode_0", data=1)), "lacks episode_0"),
         (lambda f: f.pop(FIRST + "infos/reward_vector"), "in some episodes only"),

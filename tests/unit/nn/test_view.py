@@ -1,6 +1,7 @@
 """Views of a list of vehicles: invariances, and the relative columns by hand."""
 
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -74,7 +75,9 @@ def test_a_row_without_a_vehicle_counts_for_nothing(name: str) -> None:
 
 @pytest.mark.parametrize("name", POOLED)
 def test_more_empty_rows_change_nothing_in_a_pooled_view(name: str) -> None:
-    view = View.initialise(jax.random.key(1), name, VEHICLES * ROW).in_numpy()  # pyright: ignore[reportOptionalMemberAccess]
+    drawn = View.initialise(jax.random.key(1), name, VEHICLES * ROW)
+    assert drawn is not None
+    view = drawn.in_numpy()
     rows = observations()
     np.testing.assert_allclose(view(flattened(rows[:, :-1])), view(flattened(rows)), atol=1e-6)
 
@@ -97,7 +100,7 @@ def test_relative_columns_by_hand(ego: list, other: list, expected: list) -> Non
 
 
 def test_the_scale_is_of_positions_and_velocities_not_of_headings() -> None:
-    ego, other = [0, 0, 0, 0, 0, 1], [1, 2, 3, 0, 1, 0]
+    ego, other = [0.0, 0, 0, 0, 0, 1], [1.0, 2, 3, 0, 1, 0]
     view = View((), (), RELATIVE._replace(scale=5.0), 2 * ROW)
     found = view(np.array([1, 1, -2, 3, -4, 0.6, 0.8, *np.zeros(ROW)]))
     np.testing.assert_allclose(found[: ROW - 1], [5, -10, 15, -20, 0.6, 0.8])
@@ -135,7 +138,7 @@ def test_pooling_is_the_sum_and_the_greatest_of_every_vehicles_code() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_numpy_forward_equals_the_jax_network(name: str) -> None:
     seen = flattened(observations())
-    expected = jax.vmap(network(name))(seen)  # pyright: ignore[reportArgumentType]
+    expected = jax.vmap(network(name))(jax.numpy.asarray(seen))
     np.testing.assert_allclose(policy(name).q_values(seen), expected, atol=1e-5)
 
 
@@ -152,7 +155,8 @@ def test_a_saved_policy_comes_back_with_its_view(name: str, tmp_path: Path) -> N
     made.save(path)
     loaded = QPolicy.load(path)
     assert loaded.n_features == made.n_features == VEHICLES * ROW
-    assert (loaded.view and loaded.view.choice) == CHOICES[name]  # pyright: ignore[reportAttributeAccessIssue]
+    choice: Any = loaded.view and loaded.view.choice  # pyright: ignore[reportAttributeAccessIssue]
+    assert choice == CHOICES[name]
     np.testing.assert_array_equal(loaded.q_values(seen), made.q_values(seen))
     np.testing.assert_array_equal(loaded.predict(seen)[0], made.predict(seen)[0])
 

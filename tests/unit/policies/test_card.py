@@ -26,7 +26,9 @@ def policy(**provenance):
 
 def front_of(card):
     """The front matter, read as the JSON that each of its values is."""
-    lines = re.match(r"---\n(.*?)\n---\n", card, re.DOTALL).group(1).splitlines()
+    found = re.match(r"---\n(.*?)\n---\n", card, re.DOTALL)
+    assert found is not None
+    lines = found[1].splitlines()
     pairs = [line.split(": ", 1) for line in lines if not line.startswith("#")]
     return {key: json.loads(value) for key, value in pairs}
 

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def sequence(table, policy):
     return taken
 
 
-def sequences(table, weigh=weights, prefer="first"):
+def sequences(table, weigh=weights, prefer: Any = "first"):
     solved = (
         value_iteration(table.mdp, score(weigh(angle), table.mdp.rewards), 0.99) for angle in ANGLES
     )

@@ -20,7 +20,7 @@ from socialiq.worlds import registry
 ONLINE = StaticConfig(hidden=(8,), batch_size=8, updates=60, replay_capacity=50)
 OFFLINE = dataclasses.replace(ONLINE, online=False, value_term="value_expert")
 RUNS = (Hyperparameters(seed=0, angle=45.0), Hyperparameters(seed=1, angle=45.0))
-CROSSING7 = registry.make("crossing7")
+CROSSING7 = registry.make_grid("crossing7")
 
 
 @pytest.fixture(name="data", scope="module")
@@ -198,7 +198,7 @@ def test_every_variant_trains_with_finite_terms(name: str, data) -> None:
         (ONLINE, RUNS, None, "online training needs a world"),
         (OFFLINE, RUNS, CROSSING7, "offline training takes no world"),
         (ONLINE, [Hyperparameters(dataset=1)], CROSSING7, "beyond the 1 given"),
-        (ONLINE, RUNS, registry.make("crossing5"), "they belong to another world"),
+        (ONLINE, RUNS, registry.make_grid("crossing5"), "they belong to another world"),
     ],
 )
 def test_settings_that_do_not_fit_together_are_refused(
