@@ -172,8 +172,8 @@ def view_of(table: str, *columns: str, title: str = "") -> Callable[[Results], S
 
     def view(results: Results) -> Sequence[View]:
         rows = results.tables[table]
-        shown = [{name: row[name] for name in columns} for row in rows] if columns else rows
-        return [View(shown, title)]
+        printed = [{name: row[name] for name in columns} for row in rows] if columns else rows
+        return [View(printed, title)]
 
     return view
 

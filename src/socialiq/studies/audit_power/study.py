@@ -81,7 +81,7 @@ def _coverage_figure(results: Results) -> Figure:
     names = [f"{row['interval']} ({100 * row['nominal']:.4g} %)" for row in rows]
     axes.set_yticks(range(len(rows)), names)
     axes.invert_yaxis()
-    axes.set_xlabel("percentage points above what is promised")
+    axes.set_xlabel("percentage points above the nominal coverage")
     audits, episodes = results.config["replications"], results.config["episodes"]
     title = f"{audits:,} audits of {episodes} episodes (grey: within 2 points; open: may be above)"
     head(drawn, title)

@@ -131,7 +131,7 @@ def _budget_figure(results: Results) -> Figure:
     left.set(xlabel="updates", ylabel="regret of the soft policy", yscale="log")
     left.set_title("Dual ascent: regret (lines) and budget (dotted)", fontsize=10)
     left.legend(frameon=False, fontsize=8)
-    right.set(xlabel="regret of the soft policy", ylabel="mean log-likelihood of what was shown")
+    right.set(xlabel="regret of the soft policy", ylabel="mean log-likelihood of the data")
     right.set_title("What a looser budget leaves to the data", fontsize=10)
     for axes in (left, right):
         plain(axes)
