@@ -113,7 +113,7 @@ class Clock:
 
 
 def stop_line(done: int, total: int, path: Path | None) -> str:
-    """Message of a stopped run."""
+    """Return the message of a stopped run."""
     if path is None:
         return f"stopped after {done} of {total} updates; nothing was saved"
     return f"stopped after {done} of {total} updates: go on with --resume"

@@ -99,7 +99,7 @@ def acting_in(
 
 
 def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:
-    """A source of one environment.
+    """Return a source of one environment.
 
     Args:
         env: With discrete actions; `types.RewardPair.of_step` and `Ending.of_step` say how its
@@ -127,7 +127,7 @@ def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:
 
 
 def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) -> Source:
-    """A source of environments side by side.
+    """Return a source of environments side by side.
 
     Args:
         env: With discrete actions and `AutoresetMode.SAME_STEP`. Its info has `reward_pair`,
@@ -158,7 +158,7 @@ def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) 
 
 
 def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:
-    """Observations that were reached, also in the environments that were reset."""
+    """Return the observations reached by a step, also of environments that were then reset."""
     if "final_obs" not in info:
         return follows
     after = follows.copy()

@@ -13,7 +13,7 @@ from socialiq.types import RewardPair
 
 
 class Replay(NamedTuple):
-    """The ring.
+    """Ring of the newest transitions.
 
     Attributes:
         columns: Storage, (capacity, ...).
@@ -25,7 +25,7 @@ class Replay(NamedTuple):
 
 
 def empty(capacity: int, n_features: int) -> Replay:
-    """A ring with nothing in it."""
+    """Return an empty ring."""
     observation = jnp.zeros((capacity, n_features), jnp.float32)
     integers = jnp.zeros(capacity, jnp.int32)
     hyperparameters = jnp.zeros(capacity, jnp.float32)

@@ -52,9 +52,9 @@ def objective(
     hyperparameters: HyperparameterArrays,
     static: StaticConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
-    """The loss and its terms by name: `expert` and `value` of IQ-Learn, `prior` the quadratic.
+    """Return the loss and its terms by name: `expert` and `value` of IQ-Learn, `prior` the quadratic.
 
-    With demonstrators told, `skill` stands in the place of IQ-Learn's terms.
+    With `demonstrators`, `skill` stands in the place of IQ-Learn's terms.
     """
     network, skill = networks
     batch, direction, expert = rows.batch, rows.direction, slice(rows.n_expert)

@@ -136,7 +136,7 @@ def dial_of(
     network: DialNetwork,
     multiplier: float = 1.0,
 ) -> DialPolicy:
-    """A network as a dial with its record."""
+    """Return a network as a dial with its record."""
     record = {
         "learner": "dial",
         "structure": dataclasses.asdict(static),
@@ -188,7 +188,7 @@ def train(
 
 
 def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
-    """One after another, those that are given."""
+    """Return a hook that calls the given hooks in turn; None if there is none."""
     given = [hook for hook in hooks if hook is not None]
 
     def all_of(runs: Runs, done: int) -> Runs:
@@ -200,7 +200,7 @@ def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:
 
 
 def weighed(hyperparameters: HyperparameterArrays, multiplier: Array) -> HyperparameterArrays:
-    """The numbers under a multiplier μ: weight μ w and temperature τ / μ.
+    """Return the hyperparameters under a multiplier μ: weight μ w and temperature τ / μ.
 
     In the primal problem (docs/theory.md) the score then weighs μ times as much against the data's
     χ², while the entropy weighs what it did; and Q keeps its size.
