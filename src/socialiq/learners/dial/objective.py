@@ -52,7 +52,7 @@ def objective(
     hyperparameters: HyperparameterArrays,
     static: StaticConfig,
 ) -> tuple[Scalar, dict[str, Scalar]]:
-    """Return the loss and its terms by name: `expert` and `value` of IQ-Learn, `prior` the quadratic.
+    """Return the loss and its terms: `expert` and `value` of IQ-Learn, `prior` the quadratic.
 
     With `demonstrators`, `skill` stands in the place of IQ-Learn's terms.
     """
