@@ -156,7 +156,7 @@ def test_an_evaluation_comes_with_its_hash(tmp_path):
     policy().save(path)
     (tmp_path / "found.json").write_text('{"r_env": 2.25}')
     card = exported(tmp_path, str(path), "--evaluation", str(tmp_path / "found.json"))
-    assert "| r\\_env | 2.25 |" in card and "It does not say which policy it is of" in card
+    assert "| r\\_env | 2.25 |" in card and "It does not name its policy" in card
 
 
 def test_what_cannot_be_exported_is_one_line(tmp_path, capsys, monkeypatch):
