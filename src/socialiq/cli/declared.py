@@ -56,6 +56,8 @@ def options(module: str, name: str) -> list[str] | None:
     for field in found.body:
         if not isinstance(field, ast.AnnAssign) or not isinstance(field.target, ast.Name):
             continue
+        if field.target.id == "_":  # `_: KW_ONLY` separates fields and is none
+            continue
         below = _options_below(module, field.annotation)
         if below is None:
             return None
@@ -66,7 +68,7 @@ def options(module: str, name: str) -> list[str] | None:
             made += [prefix + one for one in below]
         elif "Positional" not in words:
             made.append(f"no-{option}" if _is_true(field.value) else option)
-    return made
+    return list(dict.fromkeys(made))
 
 
 def _options_below(module: str, annotation: ast.expr) -> list[str] | None:

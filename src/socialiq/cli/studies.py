@@ -24,7 +24,6 @@ from socialiq.experiments import study as experiment
 from socialiq.experiments.engine import Engine
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Study
-from socialiq.learners.config import check_seeds
 from socialiq.studies import STUDIES, find, module_of
 
 COMPARISONS = {"priors": "compare-priors"}
@@ -107,6 +106,8 @@ def _check(config: Any) -> None:
     Raises:
         UserError: If there are any.
     """
+    from socialiq.learners.config import check_seeds
+
     check_seeds(getattr(config, "seeds", ()))
     if getattr(config, "seeds", None) == ():
         raise UserError("name at least one seed")
