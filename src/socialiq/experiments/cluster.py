@@ -74,6 +74,8 @@ def _remote(cluster: str) -> Iterator[Client]:
         {"scheduler_file": str(file)} if file.is_file() else {"address": cluster}
     )
     try:
+        if ":" not in cluster and not file.is_file():
+            raise ValueError("neither an address with a port nor a file")
         client = _started(Client, **where, timeout=_CONNECT_SECONDS, set_as_default=False)
     except (OSError, TimeoutError, ValueError, KeyError, TypeError) as error:
         raise UserError(
