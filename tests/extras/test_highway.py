@@ -269,7 +269,7 @@ def test_contacts_are_not_watched_once_the_ego_is_struck(calls):
     world = HighwayIntersection(Options())
     for push, struck in ((np.zeros(2), False), (None, True)):
         world.reset(0)
-        world.environment.vehicle.impact = push  # pyright: ignore[reportAttributeAccessIssue]
+        world.environment.vehicle.impact = push
         world.environment.vehicle.crashed = struck
         world.step(1)
         assert crashed(world) and calls == []

@@ -129,7 +129,7 @@ def minimiser(share: float, hyperparameters: Hyperparameters) -> np.ndarray:
     def gap(chance: float) -> float:
         return chance - expit((q(chance)[0] - q(chance)[1]) / hyperparameters.temperature)
 
-    return q(brentq(gap, 0.0, 1.0))  # pyright: ignore[reportArgumentType]
+    return q(brentq(gap, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("name", [name for name in BANDITS if name != "alike"])

@@ -13,8 +13,8 @@ from socialiq.cli.output import complain, print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
-from socialiq.experiments.engine import Engine, job_environment, run_jobs
-from socialiq.experiments.jobs import do, fingerprints, open_jobs
+from socialiq.experiments.engine import Engine, run_jobs
+from socialiq.experiments.jobs import do, fingerprints, job_environment, open_jobs
 from socialiq.experiments.results import Results
 from socialiq.experiments.slurm import array_script
 from socialiq.experiments.sweep.plan import Plan, read_plan

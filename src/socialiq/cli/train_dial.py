@@ -15,14 +15,12 @@ from socialiq.cli.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
+from socialiq.experiments.gridworld_runs import Ground, exact_regret, seen, with_clock
 from socialiq.learners.config import check_seeds
-from socialiq.learners.dial.budget import Budget, Look
+from socialiq.learners.dial.budget import ASCENT_EVERY, Budget, Look
 from socialiq.learners.dial.config import PRESETS, Hyperparameters, StaticConfig, check_fit
 from socialiq.learners.dial.train import train
 from socialiq.learners.kernel import Trained
-from socialiq.studies.dial.budgets import CHUNK as BUDGET_CHUNK
-from socialiq.studies.dial.budgets import exact_regret
 from socialiq.types import Row
 from socialiq.worlds.registry import make_grid
 
@@ -97,7 +95,7 @@ class TrainDial:
                 simulator,
                 sizes,
                 callbacks,
-                chunk=BUDGET_CHUNK if budget else CHUNK,
+                chunk=ASCENT_EVERY if budget else CHUNK,
                 budget=budget,
             )
         dials = _dials(folder, trained, budget)
@@ -148,8 +146,8 @@ class TrainDial:
         """
         if self.budget is None:
             return None
-        if static.updates <= BUDGET_CHUNK:
-            raise UserError(f"a budget is checked every {BUDGET_CHUNK} updates: train for more")
+        if static.updates <= ASCENT_EVERY:
+            raise UserError(f"a budget is checked every {ASCENT_EVERY} updates: train for more")
         budgets = np.full(len(hyperparameters), self.budget)
         plain, clock = make_grid(self.world), PRESETS[self.preset].clock
         ground = with_clock(Ground.of(plain.name), clock)

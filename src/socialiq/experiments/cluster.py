@@ -15,7 +15,7 @@ import dask.config
 from distributed import Client, LocalCluster
 
 from socialiq.errors import UserError
-from socialiq.experiments.engine import job_environment
+from socialiq.experiments.jobs import job_environment
 
 _CONNECT_SECONDS = 10.0
 _WORKERS_SECONDS = 30.0

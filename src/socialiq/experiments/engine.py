@@ -81,23 +81,6 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def job_environment(work: Path) -> dict[str, str]:
-    """Return the variables of the jobs' processes: equal arithmetic, and a cache of programs.
-
-    The cache is the folder that the caller's environment names, else a folder of the jobs.
-    """
-    from socialiq.worlds.intersection.reference.conformance import PORTABLE
-
-    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
-    threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    return {
-        **dict.fromkeys(threads, "1"),
-        **PORTABLE,
-        "JAX_COMPILATION_CACHE_DIR": compiled,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
-    }
-
-
 def run_jobs(
     jobs: Sequence[Job],
     work: Path,

@@ -21,8 +21,13 @@ from socialiq.evaluation.exact import (
 from socialiq.evaluation.metrics import Metrics, mean_of
 from socialiq.experiments.tables import groups
 from socialiq.learners.callbacks import Callbacks, Report
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dial.budget import Regret
+from socialiq.learners.dial.train import dial_of
 from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.iq_learn.train import Trained, train
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Row
 from socialiq.worlds.enumerate import Table, tabulate
@@ -152,3 +157,28 @@ def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
             break
         state = int(mdp.successor[state, action, 0])
     return letters
+
+
+def exact_regret(
+    ground: Ground,
+    static: dial.StaticConfig,
+    numbers: Sequence[dial.Hyperparameters],
+    readout: Readout = "soft",
+) -> Regret:
+    """Return the regret of a run's policy at the angle of its static config.
+
+    The default is the soft policy: its regret falls smoothly with the multiplier, a greedy policy's
+    in jumps, so that no multiplier may meet a budget.
+    """
+
+    def regret(network: DialNetwork, run: int, multiplier: float) -> float:
+        policy = dial_of(static, numbers[run], network, multiplier)
+        return regret_at(ground, policy, static.low, readout)
+
+    return regret
+
+
+def regret_at(ground: Ground, policy: DialPolicy, angle: float, readout: Readout) -> float:
+    """Return the regret of a dial at an angle in degrees, evaluated exactly."""
+    chances = action_table(policy.at(angle), ground.part, readout)
+    return ground.optimum.regret(evaluate_exactly(ground.part, chances), angle)

@@ -12,6 +12,7 @@ import dataclasses
 import hashlib
 import importlib.metadata
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -61,6 +62,23 @@ class Job:
     def stage(self) -> str:
         """The stage it belongs to."""
         return self.name.split("/")[0]
+
+
+def job_environment(work: Path) -> dict[str, str]:
+    """Return the variables of the jobs' processes: equal arithmetic, and a cache of programs.
+
+    The cache is the folder that the caller's environment names, else a folder of the jobs.
+    """
+    from socialiq.worlds.intersection.reference.conformance import PORTABLE
+
+    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(work / "compiled"))
+    threads = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    return {
+        **dict.fromkeys(threads, "1"),
+        **PORTABLE,
+        "JAX_COMPILATION_CACHE_DIR": compiled,
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
 
 
 def fingerprints(jobs: Sequence[Job]) -> dict[str, str]:

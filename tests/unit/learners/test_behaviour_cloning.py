@@ -123,7 +123,7 @@ def test_runs_without_demonstrations_are_refused() -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StaticConfig(activation="gelu"),  # pyright: ignore[reportArgumentType]
+        lambda: StaticConfig(activation="gelu"),
         lambda: StaticConfig(batch_size=0),
         lambda: StaticConfig(updates=0),
         lambda: StaticConfig(view="round"),

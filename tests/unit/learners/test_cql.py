@@ -127,7 +127,7 @@ def test_runs_without_demonstrations_are_refused(data) -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StaticConfig(activation="gelu"),  # pyright: ignore[reportArgumentType]
+        lambda: StaticConfig(activation="gelu"),
         lambda: StaticConfig(view="round"),
         lambda: StaticConfig(batch_size=0),
         lambda: StaticConfig(updates=0),

@@ -104,7 +104,7 @@ def test_the_scale_is_of_positions_and_velocities_not_of_headings() -> None:
     view = View((), (), RELATIVE._replace(scale=5.0), 2 * ROW)
     found = view(np.array([1, 1, -2, 3, -4, 0.6, 0.8, *np.zeros(ROW)]))
     np.testing.assert_allclose(found[: ROW - 1], [5, -10, 15, -20, 0.6, 0.8])
-    found = of_others(view.choice, ego, other)  # pyright: ignore[reportArgumentType]
+    found = of_others(view.choice, ego, other)
     np.testing.assert_allclose(found, [1, 5, 10, 15, 0, 1, 0, 10, -5, 0, -15, 0, -1], atol=1e-12)
 
 
@@ -155,7 +155,7 @@ def test_a_saved_policy_comes_back_with_its_view(name: str, tmp_path: Path) -> N
     made.save(path)
     loaded = QPolicy.load(path)
     assert loaded.n_features == made.n_features == VEHICLES * ROW
-    choice: Any = loaded.view and loaded.view.choice  # pyright: ignore[reportAttributeAccessIssue]
+    choice: Any = loaded.view and loaded.view.choice
     assert choice == CHOICES[name]
     np.testing.assert_array_equal(loaded.q_values(seen), made.q_values(seen))
     np.testing.assert_array_equal(loaded.predict(seen)[0], made.predict(seen)[0])
@@ -231,7 +231,7 @@ def test_a_policy_keeps_its_places_in_its_file(tmp_path) -> None:
     network = QNetwork(affine_layers(jax.random.key(0), (5, 8, 3)), "relu", PLACES)
     policy = QPolicy.of(network, 1.0, {})
     rows = np.array([[0, -1], [2, 0], [1, 0]], np.float32)
-    np.testing.assert_allclose(policy.q_values(rows), jax.vmap(network)(rows), atol=1e-6)  # pyright: ignore[reportArgumentType]
+    np.testing.assert_allclose(policy.q_values(rows), jax.vmap(network)(rows), atol=1e-6)
     policy.save(tmp_path / "policy.safetensors")
     again = QPolicy.load(tmp_path / "policy.safetensors")
     assert again.n_features == 2

@@ -261,7 +261,7 @@ def test_the_region_seen_from_the_origin():
     radius = np.sqrt(2 / 3 * 3 * 19 / 4)
     assert direction_interval(rows, 0.95) is None  # 3.08 > 3
     rows[:, 0] += 4.0
-    low, high = direction_interval(rows, 0.95)  # pyright: ignore[reportGeneralTypeIssues]
+    low, high = direction_interval(rows, 0.95)
     expected = np.degrees(np.arcsin(radius / 7.0))
     assert (low, high) == pytest.approx((-expected, expected), abs=1e-3)
 
@@ -273,7 +273,7 @@ def test_no_spread_is_one_direction_and_zero_is_none():
 
 def test_the_ends_go_beyond_half_a_turn():
     rows = np.array([[-50.0, 1.0], [-50.0, -1.0], [-51.0, 0.3], [-49.0, 0.0]])
-    low, high = direction_interval(rows, 0.9)  # pyright: ignore[reportGeneralTypeIssues]
+    low, high = direction_interval(rows, 0.9)
     assert low < 180.0 < high and high - low < 20.0
 
 

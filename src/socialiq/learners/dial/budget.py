@@ -26,6 +26,10 @@ Regret = Callable[[DialNetwork, int, float], float]
 """Function from a network, its run, and the multiplier of its training to the regret."""
 
 
+ASCENT_EVERY = 250
+"""Usual number of updates between two steps of dual ascent."""
+
+
 class Look(NamedTuple):
     """History of the dual ascent.
 

@@ -9,22 +9,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.exact import READOUTS, Readout, action_table, evaluate_exactly
-from socialiq.experiments.gridworld_runs import Ground, seen
+from socialiq.evaluation.exact import READOUTS
+from socialiq.experiments.gridworld_runs import Ground, exact_regret, regret_at, seen
 from socialiq.experiments.study import StageCallback
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.budget import Budget, Regret
+from socialiq.learners.dial.budget import ASCENT_EVERY, Budget
 from socialiq.learners.dial.config import RUNS, Hyperparameters, StaticConfig
-from socialiq.learners.dial.train import Trained, dial_of, train
-from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.dial_policy import DialPolicy
+from socialiq.learners.dial.train import Trained, train
 from socialiq.types import Row
 
 if TYPE_CHECKING:  # the study imports this module
     from socialiq.studies.dial.study import Config
-
-CHUNK = 250
-"""Updates between two steps of dual ascent."""
 
 
 class Agents(NamedTuple):
@@ -53,7 +48,7 @@ def budget_tables(
         agents.numbers,
         data,
         callbacks=Callbacks(on_report=on_stage("7x7 dial, budgets")),
-        chunk=CHUNK,
+        chunk=ASCENT_EVERY,
         budget=budget,
     )
     rows = [_row(ground, config, agents, trained, data, run) for run in range(len(agents.numbers))]
@@ -90,30 +85,6 @@ def _agents(ground: Ground, config: Config) -> Agents:
     return Agents(static, numbers, budgets)
 
 
-def exact_regret(
-    ground: Ground,
-    static: StaticConfig,
-    numbers: Sequence[Hyperparameters],
-    readout: Readout = "soft",
-) -> Regret:
-    """Return the regret of a run's policy at the angle of its static config.
-
-    The default is the soft policy: its regret falls smoothly with the multiplier, a greedy policy's
-    in jumps, so that no multiplier may meet a budget.
-    """
-
-    def regret(network: DialNetwork, run: int, multiplier: float) -> float:
-        dial = dial_of(static, numbers[run], network, multiplier)
-        return _regret(ground, dial, static.low, readout)
-
-    return regret
-
-
-def _regret(ground: Ground, dial: DialPolicy, angle: float, readout: Readout) -> float:
-    chances = action_table(dial.at(angle), ground.part, readout)
-    return ground.optimum.regret(evaluate_exactly(ground.part, chances), angle)
-
-
 def _row(
     ground: Ground,
     config: Config,
@@ -134,6 +105,6 @@ def _row(
         "multiplier": float(trained.kept[run]),
         "log_likelihood": float(np.log(np.maximum(chosen, 1e-12)).mean()),
     } | {
-        f"regret_{readout}": _regret(ground, dial, config.budget_angle, readout)
+        f"regret_{readout}": regret_at(ground, dial, config.budget_angle, readout)
         for readout in READOUTS
     }

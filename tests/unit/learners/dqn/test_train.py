@@ -42,7 +42,7 @@ def bandit(social: float = 0.0) -> Source:
         action = np.asarray(act(seen))
         ending = np.full(len(seen), int(Ending.OTHER), np.int32)
         pair = RewardPair(np.float32(action == 1), np.float32(social * (action == 1)))
-        return jax.tree.map(jnp.asarray, Batch(seen, action.astype(np.int32), seen, ending, pair))  # pyright: ignore[reportArgumentType]
+        return jax.tree.map(jnp.asarray, Batch(seen, action.astype(np.int32), seen, ending, pair))
 
     return source
 
@@ -100,7 +100,7 @@ def chain(ending: Ending) -> Source:
         kind = np.where(number == 1, int(Ending.OTHER), int(ending)).astype(np.int32)
         paid = np.float32((number == 1) & (action == 1))
         after, pair = SEEN[np.ones_like(number)], RewardPair(paid, 0 * paid)
-        return jax.tree.map(jnp.asarray, Batch(SEEN[number], action, after, kind, pair))  # pyright: ignore[reportArgumentType]
+        return jax.tree.map(jnp.asarray, Batch(SEEN[number], action, after, kind, pair))
 
     return source
 
