@@ -1,5 +1,4 @@
 import os
-import platform
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -15,9 +14,6 @@ from socialiq.worlds.enumerate import Table, tabulate
 EXTRAS = Path(__file__).parent / "extras"
 EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows)")
 """Reasons that no installation removes. Any other fails a run with --report-skips."""
-
-COMPILED_BYTES = 2 * 1024**3
-"""Size of the folder of compiled programs, beyond which those not used for longest go."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -86,18 +82,17 @@ def table7() -> Table:
 
 
 @pytest.fixture(scope="session", name="compiled", autouse=True)
-def compiled_folder(pytestconfig: pytest.Config) -> Iterator[str]:
+def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Folder of compiled programs, for all workers and for the processes that tests start.
 
-    Those compile fast rather than well, as `quick_compiler` does here. The folder is kept for the
-    next run on this machine; JAX finds a program there by its content and JAX's version.
+    Those compile fast rather than well, as `quick_compiler` does here. A folder that the
+    environment names is used, so that two runs can share it.
     """
-    cache = pytestconfig.cache
-    assert cache is not None
-    folder = str(cache.mkdir(f"compiled-{platform.node()}"))
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(shared / "compiled"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("JAX_COMPILATION_CACHE_DIR", folder)
-        patch.setenv("JAX_COMPILATION_CACHE_MAX_SIZE", str(COMPILED_BYTES))
         patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
         yield folder
 
@@ -112,7 +107,6 @@ def quick_compiler(request: pytest.FixtureRequest, compiled: str) -> Iterator[No
     """
     settings = {
         "jax_compilation_cache_dir": compiled,
-        "jax_compilation_cache_max_size": COMPILED_BYTES,
         "jax_persistent_cache_min_compile_time_secs": 0,
         "jax_persistent_cache_min_entry_size_bytes": -1,
         "jax_disable_most_optimizations": not getattr(request.module, "FULL_COMPILER", False),
