@@ -48,7 +48,7 @@ class Conformance:
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Compare, in a process with portable arithmetic unless told otherwise."""
+        """Compare, by default in a process with portable arithmetic."""
         if self.seed < 0:
             raise UserError(f"seed must be at least 0, got {self.seed}")
         if self.episodes < 1:

@@ -87,7 +87,7 @@ def acting_in(
         make: Makes the environment, with discrete actions, once for each run.
         static: Of the runs; `env_steps_per_update` is how much they act.
         hyperparameters: Of each run.
-        chunk: Updates between two times of acting, as `train` is told.
+        chunk: Updates between two times of acting, the `chunk` of `train`.
 
     Raises:
         UserError: If the actions are not discrete.

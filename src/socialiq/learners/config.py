@@ -145,17 +145,17 @@ def check_discount(discount: float) -> None:
 
 
 def check_seed(seed: int) -> None:
-    """Refuse what is no seed.
+    """Refuse a seed that is negative or has more than 32 bits.
 
     Raises:
-        UserError: If it is negative or has more than 32 bits.
+        UserError: If it is one of these.
     """
     if not 0 <= seed < 2**32:
         raise UserError(f"seed must lie in [0, 2^32), got {seed}")
 
 
 def check_seeds(seeds: Sequence[int]) -> None:
-    """Refuse what is no seed, and a seed that is named twice.
+    """Refuse seeds out of range, and a seed that is named twice.
 
     Raises:
         UserError: If there is one.

@@ -25,7 +25,7 @@ MANIFEST = "MANIFEST.sha256"
 STATEMENT = "statement.intoto.json"
 
 PREDICATE_TYPE = "https://socialiq.example/audit/v1"
-"""A name, as in-toto requires; it is no address."""
+"""A name, as in-toto requires; not an address."""
 
 _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 

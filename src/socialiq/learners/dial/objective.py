@@ -8,7 +8,7 @@ with the *instantaneous* R(α) = cos α · r_env + sin α · r_social. The two q
 Eq 4.5 are one such quadratic anyway (docs/theory.md); returns-to-go in the place of R pay a
 constant reward for staying, and steps do not.
 
-Where the demonstrators' own angles a_i are told, each is taken for one of its own angle and not of
+Where the demonstrators' own angles a_i are given, each is taken for one of its own angle and not of
 every row's: what they share beside R(a_i) is a skill f(s, a), learned from all of them, and the
 centre is λR(α) + f (`_skill_loss`).
 """
@@ -38,7 +38,7 @@ class Networks(NamedTuple):
 
     Attributes:
         values: Q.
-        skill: f; None if no demonstrators are told.
+        skill: f; None if no demonstrators are given.
     """
 
     values: DialNetwork

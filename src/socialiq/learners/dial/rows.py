@@ -22,7 +22,7 @@ class Rows(NamedTuple):
         batch: Transitions; the first `n_expert` are demonstrations.
         direction: (cos α, sin α) of each row.
         n_expert: How many are demonstrations.
-        own: The demonstrators' own directions, of the demonstrations; None if they are not told.
+        own: The demonstrators' own directions, of the demonstrations; None if they are not given.
     """
 
     batch: Batch

@@ -56,7 +56,7 @@ class Dial(Learner):
     name: ClassVar[str] = "dial"
 
     def network(self, key: PRNGKeyArray) -> Networks:
-        """Draw Q, and the skill f if demonstrators are told."""
+        """Draw Q, and the skill f if demonstrators are given."""
         one = self.static
         shape = (one.activation, one.view, one.one_hot)
         n_features, n_actions = self.sizes

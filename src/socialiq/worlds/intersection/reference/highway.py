@@ -161,7 +161,7 @@ class _WatchedRoad(RegulatedRoad):
 
 def _write_driver(row: np.void, vehicle: Any) -> None:
     row["desired_speed"] = getattr(vehicle, "desired_speed", math.inf)
-    if isinstance(vehicle, IDMVehicle):  # the ego is no driver, and keeps zeros
+    if isinstance(vehicle, IDMVehicle):  # the ego has no driver model, and keeps zeros
         row["time_headway"] = vehicle.TIME_WANTED
         row["jam_distance"] = vehicle.DISTANCE_WANTED
         row["max_acceleration"] = vehicle.COMFORT_ACC_MAX
