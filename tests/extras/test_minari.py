@@ -20,7 +20,7 @@ from socialiq.datasets.minari_write import write_minari
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
+from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 
 # Minari's own: authors that are not named, a temporary folder that it forgets.
 OF_MINARI = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::ResourceWarning")
@@ -28,7 +28,7 @@ OF_MINARI = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::ResourceW
 
 @pytest.fixture(scope="module")
 def table(table7):
-    return equal_trajectories(expert_pools(table7, dict.fromkeys(MODES, 4), 0), 4, 0)
+    return equal_trajectories(demonstrations_by_mode(table7, dict.fromkeys(MODES, 4), 0), 4, 0)
 
 
 @pytest.fixture

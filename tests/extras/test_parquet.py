@@ -17,12 +17,12 @@ from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
+from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 
 
 @pytest.fixture(scope="module")
 def table(table7):
-    return equal_trajectories(expert_pools(table7, dict.fromkeys(MODES, 4), 0), 4, 0)
+    return equal_trajectories(demonstrations_by_mode(table7, dict.fromkeys(MODES, 4), 0), 4, 0)
 
 
 GOOD = {

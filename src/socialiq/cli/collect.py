@@ -13,7 +13,7 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
+from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.foreign import one_line
 from socialiq.policies.load import load_policy
@@ -107,7 +107,7 @@ class Collect:
         world = make_grid(self.world)
         table = tabulate(world.with_clock() if self.clock else world)
         longest = self.transitions if self.mixture == "equal_transitions" else self.episodes
-        return expert_pools(table, dict.fromkeys(MODES, longest), self.seed)
+        return demonstrations_by_mode(table, dict.fromkeys(MODES, longest), self.seed)
 
     def driven(self) -> dict[str, Demonstrations]:
         """Return episodes of the given drivers in an environment, by the mode's name."""

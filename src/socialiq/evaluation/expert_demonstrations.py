@@ -13,7 +13,9 @@ from socialiq.worlds.tabular_policy import expert_policy
 MODES = {"egoistic": 0.0, "prosocial": 45.0, "altruistic": 90.0}
 
 
-def expert_pools(table: Table, episodes: dict[str, int], seed: int) -> dict[str, Demonstrations]:
+def demonstrations_by_mode(
+    table: Table, episodes: dict[str, int], seed: int
+) -> dict[str, Demonstrations]:
     """Roll out each expert in the stochastic world.
 
     Args:
@@ -44,7 +46,9 @@ def trajectory_datasets(
     """Return, for each seed, a mixture with equal numbers of new episodes of every expert (5.2)."""
     return [
         equal_trajectories(
-            expert_pools(table, dict.fromkeys(MODES, episodes_each), seed), episodes_each, seed
+            demonstrations_by_mode(table, dict.fromkeys(MODES, episodes_each), seed),
+            episodes_each,
+            seed,
         )
         for seed in seeds
     ]
@@ -56,6 +60,6 @@ def transition_datasets(
     """Return, for each seed, a mixture with equal numbers of transitions of every expert (6.3)."""
     enough = dict.fromkeys(MODES, transitions_each)  # an episode has at least one transition
     return [
-        equal_transitions(expert_pools(table, enough, seed), transitions_each, seed)
+        equal_transitions(demonstrations_by_mode(table, enough, seed), transitions_each, seed)
         for seed in seeds
     ]

@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import equal_trajectories
 from socialiq.evaluation.exact import action_table
-from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
+from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.experiments.gridworld_runs import Ground, Monitor, sequence, train_runs
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, StageCallback, Study, view_of
@@ -64,7 +64,9 @@ class Config:
 def compute_tables(config: Config, context: Context) -> Findings:
     """Train baseline and targets, and compare their greedy action sequences with the thesis'."""
     ground = Ground.of("crossing5")
-    data = equal_trajectories(expert_pools(ground.table, dict.fromkeys(MODES, 1), 0), 1, 0)
+    data = equal_trajectories(
+        demonstrations_by_mode(ground.table, dict.fromkeys(MODES, 1), 0), 1, 0
+    )
     preset = dataclasses.replace(presets.POC, updates=config.updates)
     rows: list[Row] = []
     for value in ("online", "target") if config.readings else ("online",):

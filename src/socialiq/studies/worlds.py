@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
+from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.experiments.gridworld_runs import sequence
 from socialiq.experiments.results import Results
@@ -142,7 +142,7 @@ def _front_rows(table: Table) -> list[Row]:
 
 def _separability(table: Table, config: Config) -> list[Row]:
     """Return Cohen's d of the experts' episode totals, pairwise (the analysis of Table A.2)."""
-    pools = expert_pools(table, dict.fromkeys(MODES, config.episodes), config.seeds[0])
+    pools = demonstrations_by_mode(table, dict.fromkeys(MODES, config.episodes), config.seeds[0])
     totals = {mode: pool.totals() for mode, pool in pools.items()}
     pairs = (("egoistic", "prosocial"), ("prosocial", "altruistic"), ("egoistic", "altruistic"))
     return [

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.evaluation.expert_demonstrations import MODES, expert_pools
+from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.mdp.horizon import horizon_evaluation
 from socialiq.theory.objective import Problem
 from socialiq.theory.rows import drawn_rows, with_cuts
@@ -52,7 +52,7 @@ def test_recorded_episodes_agree(table7):
     part = table7.reachable_part()
     policies = [expert_policy(part, angle) for angle in MODES.values()]
     found = drawn_rows(part.mdp, policies, [1 / 3] * 3, part.mdp.rewards.env, "to_go", 25, 0.99)
-    pools = expert_pools(table7, dict.fromkeys(MODES, 400), seed=5)
+    pools = demonstrations_by_mode(table7, dict.fromkeys(MODES, 400), seed=5)
     world, place = table7.world, {int(table7.world.index(s)): i for i, s in enumerate(part.states)}
     counts, earned = np.zeros(found.shares.shape), np.zeros(found.shares.shape)
     for data in pools.values():
