@@ -1,5 +1,6 @@
 import os
 import re
+import signal
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FILE",
         help="append skipped tests to FILE; fail if one needs neither another system nor a GPU",
     )
+
+
+def pytest_configure() -> None:
+    """Listen to Ctrl-C: a shell starts background jobs deaf to it, and processes inherit that."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(tryfirst=True)
