@@ -19,6 +19,7 @@ from socialiq.cli.commands import (
     help_page,
     options_of,
 )
+from socialiq.cli.streams import exit_status
 from socialiq.cli.suggest import option_names, unknown_command, unknown_option
 from socialiq.errors import UserError
 
@@ -34,14 +35,16 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    return exit_status(lambda: _run(arguments))
+
+
+def _run(arguments: list[str] | None) -> int:
     try:
         return parse(arguments).run()
     except KeyboardInterrupt:
         return _fail("stopped; nothing was saved", 130)
     except UserError as error:
         return _fail(str(error), error.exit_status)
-    except BrokenPipeError:
-        return 0
 
 
 def parse(arguments: list[str] | None) -> Any:
