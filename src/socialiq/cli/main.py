@@ -22,6 +22,7 @@ from socialiq.cli.commands import (
 from socialiq.cli.streams import exit_status
 from socialiq.cli.suggest import option_names, unknown_command, unknown_option
 from socialiq.errors import UserError
+from socialiq.foreign import cut
 
 _BOX = re.compile(r"[│╭╮╰╯─|+]+|-{3,}")
 
@@ -45,6 +46,10 @@ def _run(arguments: list[str] | None) -> int:
         return _fail("stopped; nothing was saved", 130)
     except UserError as error:
         return _fail(str(error), error.exit_status)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return _fail(f"{error.strerror}: {cut(str(error.filename), 200)}", UserError.exit_status)
 
 
 def parse(arguments: list[str] | None) -> Any:

@@ -84,6 +84,13 @@ def test_a_crash_has_a_status_of_its_own(monkeypatch, capsys):
     assert errors.endswith("please report the lines above\n")
 
 
+def test_a_path_that_the_system_refuses_is_a_mistake_of_one_line(capsys):
+    assert main(["evaluate", 5000 * "a"]) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("socialiq: File name too long: aaa")
+    assert errors.endswith("…\n") and errors.count("\n") == 1
+
+
 def test_the_streams_come_back(monkeypatch):
     before = sys.stdout, sys.stderr
     exit_status(says(0))
