@@ -22,7 +22,7 @@ from socialiq.audit.report.folder import (
     files_of,
     write_folder,
 )
-from socialiq.audit.report.verify import content_of, differences, faults, read_report
+from socialiq.audit.report.verify import content_of, differences, faults, not_checked, read_report
 from socialiq.audit.report.views import is_known
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json, print_table
@@ -164,7 +164,8 @@ def _show(done: Conducted, folder: Path) -> None:
 class Verify:
     """Check the hashes of a report's files; with --rerun repeat the audit and compare.
 
-    Exit status: 0 unchanged, 1 different, 2 a mistake in the call.
+    Exit status: 0 unchanged, 1 different, 2 a mistake in the call, 3 unchanged by its hashes, but
+    pages of another version of socialiq were not checked.
 
     Example: socialiq audit verify audit --rerun
     """
@@ -196,14 +197,21 @@ class Verify:
         found = faults(self.folder)
         if self.rerun and not found:
             found = self._again()
+        open_pages = [] if found else not_checked(self.folder)
         if self.json:
-            print_json({"folder": str(self.folder), "rerun": self.rerun, "faults": found})
+            row = {"folder": str(self.folder), "rerun": self.rerun, "faults": found}
+            print_json(row | {"not_checked": open_pages})
+        elif open_pages:
+            sys.stdout.write(
+                f"{self.folder} is not checked as a whole: another version of socialiq wrote "
+                f"{', '.join(open_pages)}, which may say anything; verify with that version\n"
+            )
         elif not found:
             what = "and repeats" if self.rerun else f"by its manifest; --rerun plays {REPORT} again"
             sys.stdout.write(f"{self.folder} is as it was written, {what}\n")
         for line in found if not self.json else ():
             complain(line)
-        return 1 if found else 0
+        return 1 if found else 3 if open_pages else 0
 
     def _again(self) -> list[str]:
         files = content_of(self.folder)

@@ -15,9 +15,11 @@ from socialiq.audit.report.folder import (
     check_target,
     files_of,
     sealed,
+    views_of,
     write_folder,
 )
-from socialiq.audit.report.verify import differences, faults
+from socialiq.audit.report.verify import differences, faults, not_checked
+from socialiq.cli.main import main
 from socialiq.errors import UserError
 
 
@@ -102,6 +104,31 @@ def test_a_page_that_says_other_than_the_report_is_found_though_hashed_anew(fold
     assert better != files["report.html"]
     found = resealed(folder, files, report_html=better)
     assert found == ["report.html is not the page of report.json"]
+
+
+def test_a_page_of_a_version_that_does_not_exist_is_not_checked(folder, files, capsys):
+    """Attack: a failed audit with the page of a passed one, and zeros for the package's hash."""
+    report = json.loads(files["report.json"])
+    report["hashes"]["package"] = 64 * "0"
+    text = (json.dumps(report, indent=2) + "\n").encode()
+    better = files["report.html"].replace(b"Not decided", b"Behaves as declared")
+    assert resealed(folder, files, report_json=text, report_html=better) == []
+    assert "report.html" in not_checked(folder)
+    assert main(["audit", "verify", str(folder)]) == 3
+    said = capsys.readouterr().out
+    assert "is not checked as a whole" in said and "as it was written" not in said
+    assert main(["audit", "verify", str(folder), "--json"]) == 3
+    assert "report.html" in json.loads(capsys.readouterr().out)["not_checked"]
+
+
+def test_pages_of_another_version_that_say_the_same_are_checked(folder, files):
+    report = json.loads(files["report.json"])
+    report["hashes"]["package"] = 64 * "0"
+    text = (json.dumps(report, indent=2) + "\n").encode()
+    same = {name.replace(".", "_"): page for name, page in views_of(report).items()}
+    assert resealed(folder, files, report_json=text, **same) == []
+    assert not_checked(folder) == []
+    assert main(["audit", "verify", str(folder)]) == 0
 
 
 def test_another_declaration_is_found_though_hashed_anew(folder, files):
