@@ -1,4 +1,4 @@
-"""What becomes of the output never changes a verdict's exit status."""
+"""A verdict's exit status, whatever becomes of the output."""
 
 import io
 import json
