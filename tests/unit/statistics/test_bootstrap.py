@@ -7,6 +7,7 @@ from scipy.stats import ttest_1samp
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.bootstrap import (
     Moments,
+    Studentised,
     largest_exceeds,
     largest_lower_bound,
     upper_bounds,
@@ -85,3 +86,19 @@ def test_skewness_is_corrected():
         held["normal"] += found.mean[0] + 1.6449 * found.error[0] >= truth
     assert held["bootstrap"] > held["normal"]
     assert held["bootstrap"] >= 0.9 * 300
+
+
+def test_the_first_step_takes_a_tenth_of_the_error():
+    """By hand: the second reference may be at the limit, so it must not be lowered.
+
+    The least of each resample is that of the second, uniform in [-1, 1]: its upper bound at a tenth
+    of 5 % is -0.95 + 0.99, above the limit of 0. The critical value is then the 95.5th percentile
+    of its resamples, 0.91, and 0.88 does not exceed it. At the whole error the bound would be
+    -0.05, the resamples lowered by that, and the critical value 0.86.
+    """
+    uniform = np.linspace(-1.0, 1.0, 2001)
+    resampled = np.stack([0.5 * np.maximum(uniform, 0.0), uniform], axis=1)
+    found = Studentised(np.array([0.88, -0.95]), np.ones(2), resampled)
+    assert not largest_exceeds(found, 0.0, 0.05)
+    clearly = Studentised(np.array([0.92, -0.95]), np.ones(2), resampled)
+    assert largest_exceeds(clearly, 0.0, 0.05)

@@ -146,3 +146,19 @@ def test_the_best_of_all_is_rationalised_by_a_cone_only(outcomes, evidence):
     (arc,) = made.arcs
     assert (arc.low, arc.high) == pytest.approx(support_intervals(points)["policy"])
     assert arc.holds(45.0) and not arc.holds(0.0)
+
+
+def test_the_lower_bounds_of_rare_gains_share_the_error(outcomes, evidence):
+    """By hand: both gain 1 in each of 100 episodes; p is Clopper-Pearson's bound of 0 of 100."""
+    still = np.zeros((100, 2))
+    ahead = still + np.array([1.0, 0.0])
+    found, _ = made(
+        evidence(
+            outcomes("policy", still),
+            outcomes("a", ahead),
+            outcomes("b", ahead),
+        ),
+        fail_error=0.05,
+    )
+    share = 1.0 - 0.025 ** (1 / 100)
+    assert found.low == pytest.approx(1.0 - 2.0 * share)
