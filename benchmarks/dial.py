@@ -29,7 +29,7 @@ from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.studies.compare_priors.config import BY_NAME, Run, settings
-from socialiq.studies.dial.evaluate import KEY_ANGLES
+from socialiq.studies.dial.config import KEY_ANGLES
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch

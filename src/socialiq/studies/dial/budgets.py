@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,8 @@ from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.budget import ASCENT_EVERY, Budget
 from socialiq.learners.dial.config import RUNS, Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import Trained, train
+from socialiq.studies.dial.config import Config
 from socialiq.types import Row
-
-if TYPE_CHECKING:  # the study imports this module
-    from socialiq.studies.dial.study import Config
 
 
 class Agents(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,13 +16,8 @@ from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import Setting, mixed_angle, mixture, setting
+from socialiq.studies.dial.config import KEY_ANGLES, Config
 from socialiq.types import Row
-
-if TYPE_CHECKING:  # the study imports this module
-    from socialiq.studies.dial.study import Config
-
-KEY_ANGLES = tuple(np.arange(0.0, 91.0, 15.0).tolist())
-"""Angles in degrees whose mean regret is the key regret of a dial."""
 
 
 class TrainedDial(NamedTuple):

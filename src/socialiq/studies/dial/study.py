@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
@@ -19,33 +16,10 @@ from socialiq.learners.dial.config import RUNS
 from socialiq.learners.dial.train import Trained, train
 from socialiq.mdp.front import AttainableSet
 from socialiq.studies.dial.budgets import budget_tables
+from socialiq.studies.dial.config import Config
 from socialiq.studies.dial.evaluate import TrainedDial
 from socialiq.studies.dial.figures import draw_figures
 from socialiq.types import Row
-
-
-@dataclass(frozen=True)
-class Config:
-    """Configuration of the study; the defaults are the committed results."""
-
-    seeds: tuple[int, ...] = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)
-    """Training seeds, each with its own data set. 0 to 9 were used in development."""
-    episodes_each: int = 60
-    """Demonstrated episodes of each expert."""
-    runs: tuple[str, ...] = tuple(RUNS)
-    """Names of `RUNS`."""
-    updates: int | None = None
-    """Gradient steps instead of each run's own number, to try the study."""
-    wanted: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
-    """Behavioural angles of the mixtures."""
-    rollouts: int = 1000
-    """Episodes of each requested angle, from which mixtures are estimated."""
-    budgets: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0, 2.0)
-    """ε of the agents whose strength follows from a budget of regret."""
-    budget_angle: float = 45.0
-    """Angle of these agents in degrees."""
-    budget_seeds: tuple[int, ...] = (30, 31, 32)
-    """Training seeds, among `seeds`."""
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
