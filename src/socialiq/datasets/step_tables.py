@@ -22,6 +22,7 @@ import numpy as np
 from socialiq.datasets.step_columns import STEPS, Kind, Layout
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
+from socialiq.storage import open_csv
 
 MOST_BYTES = 2 * 1024**3
 """Largest size of a file, bytes; in memory a cell takes at most 8 bytes."""
@@ -120,17 +121,10 @@ def _cells(column: np.ndarray) -> list[Any]:
 
 
 def _lines(path: Path) -> Generator[str, None, None]:
-    try:
+    with open_csv(path) as file:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
             raise UserError(f"{path} is larger than {MOST_BYTES:,} bytes: split it")
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            yield from file
-    except FileNotFoundError as error:
-        raise UserError(f"no such file: {path}") from error
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path} is not UTF-8 text: is this a CSV file?") from error
+        yield from file
 
 
 MOST_NUMBERS = 2**28

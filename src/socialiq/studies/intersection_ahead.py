@@ -24,6 +24,7 @@ from socialiq.experiments.intersection.experts import evaluations, set_expert
 from socialiq.experiments.intersection.plots import Runs, dots
 from socialiq.experiments.intersection.rows import (
     SHARES,
+    VIEW_OF_SHARES,
     curves,
     egoist_summary,
     evaluated,
@@ -32,7 +33,7 @@ from socialiq.experiments.intersection.rows import (
 )
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results
-from socialiq.experiments.study import Context, Findings, Study, view_of
+from socialiq.experiments.study import Context, Findings, Study
 from socialiq.experiments.tables import paired_differences
 from socialiq.learners.config import check_counts
 from socialiq.nn.q_policy import QPolicy
@@ -218,10 +219,5 @@ STUDY = Study(
     jobs=plan,
     tables=compute_tables,
     figures=draw,
-    view=view_of(
-        "policies",
-        "policy",
-        *SHARES,
-        title="shares of episodes; foresight: with one look at the true future",
-    ),
+    view=VIEW_OF_SHARES,
 )

@@ -33,7 +33,7 @@ from socialiq.experiments.intersection.plots import (
     seeds_and_episodes,
 )
 from socialiq.experiments.intersection.rows import (
-    SHARES,
+    VIEW_OF_SHARES,
     curves,
     egoist_summary,
     evaluated,
@@ -43,7 +43,7 @@ from socialiq.experiments.intersection.rows import (
 )
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
-from socialiq.experiments.study import Context, Findings, Study, view_of
+from socialiq.experiments.study import Context, Findings, Study
 from socialiq.experiments.tables import paired_differences
 from socialiq.learners.config import check_counts
 from socialiq.plotting.style import COLORS, figure, head
@@ -166,10 +166,5 @@ STUDY = Study(
     jobs=plan,
     tables=compute_tables,
     figures=draw,
-    view=view_of(
-        "policies",
-        "policy",
-        *SHARES,
-        title="shares of episodes; foresight: with one look at the true future",
-    ),
+    view=VIEW_OF_SHARES,
 )

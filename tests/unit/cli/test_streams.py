@@ -91,7 +91,7 @@ def test_a_path_that_the_system_refuses_is_a_mistake_of_one_line(capsys):
     assert errors.endswith("…\n") and errors.count("\n") == 1
 
 
-def test_the_streams_come_back(monkeypatch):
+def test_the_streams_come_back():
     before = sys.stdout, sys.stderr
     exit_status(says(0))
     assert (sys.stdout, sys.stderr) == before
@@ -100,7 +100,7 @@ def test_the_streams_come_back(monkeypatch):
     assert (sys.stdout, sys.stderr) == before
 
 
-def test_a_locale_without_the_characters_gets_them_escaped(tmp_path):
+def test_a_locale_without_the_characters_gets_them_escaped():
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     done = run("predict-lambda", "crossing5", env=environment, stdout=subprocess.PIPE)
     assert done.returncode == 0, done.stderr

@@ -10,6 +10,7 @@ from socialiq.evaluation.play import Episodes, conflict_rates
 from socialiq.experiments.intersection.episodes import CURVE, load_episodes
 from socialiq.experiments.jobs import RECORD, Job
 from socialiq.experiments.results import from_csv
+from socialiq.experiments.study import view_of
 from socialiq.experiments.tables import spread
 from socialiq.social.angle import estimate_angle
 from socialiq.statistics.intervals import wilson
@@ -19,6 +20,14 @@ from socialiq.worlds.intersection.state import Contact
 
 OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
 SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
+
+VIEW_OF_SHARES = view_of(
+    "policies",
+    "policy",
+    *SHARES,
+    title="shares of episodes; foresight: with one look at the true future",
+)
+"""Printed table of a study of experts."""
 TARGET = {"arrival": 0.95, "collision": 0.04}
 """Aim of an egoist: at least so many arrivals, at most so many collisions."""
 KMH = 3.6  # km/h of a m/s

@@ -17,6 +17,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.recordings.readers.column_map import ColumnMap
+from socialiq.storage import open_csv
 
 _ROWS = 4_000
 _MOST_LINE = 1 << 20
@@ -170,18 +171,11 @@ def sha256_of(path: Path) -> str:
 
 
 def _lines(path: Path) -> Iterator[str]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            while line := file.readline(_MOST_LINE):
-                if len(line) == _MOST_LINE:
-                    raise UserError(f"{path}: a line is longer than 1 MiB: this is not a CSV file")
-                yield line
-    except FileNotFoundError as error:
-        raise UserError(f"no such file: {path}") from error
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path} is not UTF-8 text: is this a CSV file?") from error
+    with open_csv(path) as file:
+        while line := file.readline(_MOST_LINE):
+            if len(line) == _MOST_LINE:
+                raise UserError(f"{path}: a line is longer than 1 MiB: this is not a CSV file")
+            yield line
 
 
 def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str, int]:
