@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from socialiq.experiments.tables import paired_differences
+from socialiq.experiments.tables import (
+    groups,
+    matching,
+    mean,
+    nested,
+    paired_differences,
+    spread,
+)
 from socialiq.statistics.comparisons import holm, paired_difference
 
 FIRST = [{"a": 1.0, "b": 2.0}, {"a": 2.0, "b": 2.5}, {"a": 4.0, "b": 2.0}]
@@ -22,3 +29,20 @@ def test_differences_are_paired_and_adjusted_over_all_columns() -> None:
 
 def test_one_seed_gives_no_difference() -> None:
     assert paired_differences(FIRST[:1], SECOND[:1], "a") == []
+
+
+def test_rows_are_chosen_and_grouped_by_value() -> None:
+    rows = [
+        {"a": 1, "b": "x", "v": 2.0},
+        {"a": 2, "b": "x", "v": 3.0},
+        {"a": 1, "b": "y", "v": 5.0},
+    ]
+    assert matching(rows, a=1) == [rows[0], rows[2]]
+    assert matching(rows, a=1, b="y") == [rows[2]]
+    assert groups(rows, "b") == {("x",): rows[:2], ("y",): rows[2:]}
+    assert mean(rows, "v") == pytest.approx(10 / 3)
+    assert spread(rows, "v") == {"mean": pytest.approx(10 / 3), "low": 2.0, "high": 5.0}
+    assert nested(rows, "a", "b") == {
+        "1": {"x": {"v": 2.0}, "y": {"v": 5.0}},
+        "2": {"x": {"v": 3.0}},
+    }
