@@ -152,6 +152,8 @@ def _show(done: Conducted, folder: Path) -> None:
         result = {"test": one["name"].replace("_", " "), "result": one["decision"]}
         rows.append({**result, **bounds, "asked for": wanted})
     sys.stdout.write(f"{verdict['decision'].upper()}: {verdict['reason']}\n")
+    for one in done.report["caveats"]:
+        sys.stdout.write(f"Note: {one['text']}\n")
     if verdict["needed"]:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
     print_table(rows)

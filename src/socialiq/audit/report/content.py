@@ -11,6 +11,7 @@ from socialiq.audit.commitment import Draw
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.profile.profile import Profile
+from socialiq.audit.report.caveats import caveats
 from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, sentence_of
@@ -19,7 +20,7 @@ from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
 from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
-FORMAT = 1
+FORMAT = 2
 
 EXIT_CODES = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}
 
@@ -78,6 +79,7 @@ def content(audited: Audited) -> dict[str, Any]:
         {
             "format": FORMAT,
             "verdict": _verdict(verdict),
+            "caveats": [one._asdict() for one in caveats(audited.drawn, audited.policy)],
             "declaration": {**to_json(profile), "sha256": profile.sha256},
             "policy": {
                 "record": dict(audited.policy),

@@ -102,7 +102,7 @@ def test_no_field_may_be_missing_or_added(plain):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (("format",), 2),
+        (("format",), 3),
         (("format",), True),
         (("verdict", "decision"), "good"),
         (("verdict", "episodes"), -1),

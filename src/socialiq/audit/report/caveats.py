@@ -1,0 +1,52 @@
+"""Caveats of a verdict: what its first screen says that the verdict rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+from socialiq.audit.commitment import Draw
+
+About = Literal["seed", "code"]
+
+
+class Caveat(NamedTuple):
+    """An assumption of the verdict, or a weakness of its evidence.
+
+    Attributes:
+        about: Subject.
+        text: One or two sentences.
+    """
+
+    about: About
+    text: str
+
+
+def caveats(drawn: Draw, policy: Mapping[str, Any]) -> list[Caveat]:
+    """Return the caveats of an audit, none if its evidence has no known weakness.
+
+    Args:
+        drawn: Commitment and seed.
+        policy: The policy's record as JSON.
+    """
+    return [*_of_seed(drawn), *_of_code(policy)]
+
+
+def _of_seed(drawn: Draw) -> list[Caveat]:
+    if drawn.chosen_by != "auditor":
+        return []
+    text = (
+        "The auditor gave the seed in advance. An owner who knew it before the commitment can have "
+        "searched for a policy or a declaration that passes on its episodes."
+    )
+    return [Caveat("seed", text)]
+
+
+def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:
+    if policy["kind"] not in ("python", "process"):
+        return []
+    text = (
+        "The policy is the owner's code, and it was not isolated: it could read the seed and "
+        "change the evidence. The evidence is self-attested."
+    )
+    return [Caveat("code", text)]
