@@ -32,7 +32,7 @@ COMMANDS = {
     "profile new": "profile:New",
     "profile check": "profile:Check",
     "audit": "audit:Audit",
-    "audit verify": "audit:Verify",
+    "audit verify": "audit_verify:Verify",
     "data from-arrays": "data:FromArrays",
     "data to-arrays": "data:ToArrays",
     "data from-trajectories": "data:FromTrajectories",

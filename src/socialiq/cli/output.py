@@ -21,6 +21,11 @@ def print_json(value: Mapping[str, Any]) -> None:
     sys.stdout.write(json.dumps(rounded(value), allow_nan=False) + "\n")
 
 
+def say(line: str) -> None:
+    """Print one line on standard error, as it is."""
+    sys.stderr.write(f"{line}\n")
+
+
 def complain(line: str) -> None:
     """Print one line on standard error."""
     sys.stderr.write(f"socialiq: {line}\n")

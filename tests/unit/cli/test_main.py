@@ -75,7 +75,8 @@ def test_help_pages_fit_the_terminal(width, monkeypatch):
 
 
 def test_audit_keeps_its_policy_beside_audit_verify():
-    from socialiq.cli.audit import Audit, Verify
+    from socialiq.cli.audit import Audit
+    from socialiq.cli.audit_verify import Verify
 
     audit = parse(["audit", "idm", "--profile", "p.toml", "--out", "folder"])
     assert isinstance(audit, Audit) and audit.policy == "idm"

@@ -1,0 +1,137 @@
+"""`audit verify`: integrity of a report, and its repetition."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.audit.conduct import Request, conduct
+from socialiq.audit.profile.reader import parse
+from socialiq.audit.report.episodes import evidence_csv
+from socialiq.audit.report.folder import EVIDENCE, PROFILE, REPORT
+from socialiq.audit.report.verify import content_of, differences, faults, not_checked, read_report
+from socialiq.audit.resolve_policy import Trust
+from socialiq.cli.output import complain, print_json, say
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.policies.process.load import limits_of
+from socialiq.provenance import package_sha256
+
+
+@dataclass(frozen=True)
+class Verify:
+    """Check the hashes of a report's files; with --rerun repeat the audit and compare.
+
+    Exit status: 0 unchanged, 1 different, 2 a mistake in the call, 3 unchanged by its hashes, but
+    pages of another version of socialiq were not checked.
+
+    Example: socialiq audit verify audit --rerun
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Report folder, of `socialiq audit --out`."""
+    rerun: bool = False
+    """Run all episodes again, which needs policy and references with the same hashes."""
+    policy: str = ""
+    """Path of the policy, if not that of the report."""
+    world: str = ""
+    """The environment, if that of the declaration runs code: a report may come from
+    an untrusted source, so you name it yourself."""
+    reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Paths of the user's references."""
+    allow_code: bool = False
+    """Import the Python modules that were named, for the rerun."""
+    step_seconds: float = 5.0
+    """Seconds within which a process must answer in the rerun."""
+    memory_gib: float = 8.0
+    """Limit of the address space of each process of a policy in the rerun, GiB."""
+    threads: int = 1
+    """Number of threads of the simulation."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Check, optionally rerun, and print the differences."""
+        found = faults(self.folder)
+        if self.rerun and not found:
+            found = self._again()
+        open_pages = [] if found else not_checked(self.folder)
+        if self.json:
+            row = {"folder": str(self.folder), "rerun": self.rerun, "faults": found}
+            print_json(row | {"not_checked": open_pages})
+        elif open_pages:
+            sys.stdout.write(
+                f"{self.folder} is not checked as a whole: another version of socialiq wrote "
+                f"{', '.join(open_pages)}, which may say anything; verify with that version\n"
+            )
+        elif not found:
+            what = "and repeats" if self.rerun else f"by its manifest; --rerun plays {REPORT} again"
+            sys.stdout.write(f"{self.folder} is as it was written, {what}\n")
+        for line in found if not self.json else ():
+            complain(line)
+        return 1 if found else 3 if open_pages else 0
+
+    def _again(self) -> list[str]:
+        files = content_of(self.folder)
+        report = read_report(self.folder / REPORT)
+        if report["hashes"]["package"] != package_sha256():
+            complain("this package's code is not that of the report: numbers may differ")
+        self._check_world(files[PROFILE])
+        with tempfile.TemporaryDirectory() as place:
+            profile = Path(place) / PROFILE
+            profile.write_bytes(files[PROFILE])
+            done = conduct(self._request(report, profile), say, report["hashes"]["policy"])
+        fresh = json.loads(json.dumps(done.report))
+        found = [f"{one} differs in the rerun" for one in differences(report, fresh)]
+        if evidence_csv(done.evidence).encode() != files[EVIDENCE]:
+            found.append(f"{EVIDENCE} differs in the rerun")
+        return found
+
+    def _source(self, report: dict[str, Any]) -> str:
+        """Return the policy. A report may be untrusted, so it doesn't decide which code runs."""
+        source = str(report["policy"]["record"]["source"])
+        if not self.policy and source.startswith(_RUNS):
+            raise _asks_to_run(source, "--policy")
+        return self.policy or source
+
+    def _references(self, report: dict[str, Any]) -> tuple[str, ...]:
+        """Return the user's references, by the same rule."""
+        for one in () if self.reference else report["reference_files"]:
+            if one.startswith(_RUNS):
+                raise _asks_to_run(one, "--reference")
+        return tuple(self.reference or report["reference_files"])
+
+    def _check_world(self, profile: bytes) -> None:
+        """Check the environment of the declaration, by the same rule."""
+        world = parse(profile, PROFILE).scenario.world
+        if ":" in world and self.world != world:
+            raise _asks_to_run(world, "--world")
+
+    def _request(self, report: dict[str, Any], profile: Path) -> Request:
+        return Request(
+            policy=self._source(report),
+            profile=profile,
+            episodes=report["seeds"]["episodes"],
+            seed=report["seeds"]["seed"],
+            references=self._references(report),
+            soft=not report["policy"]["deterministic"],
+            trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
+            threads=self.threads,
+            shift=report["shift"] is not None,
+        )
+
+
+_RUNS = ("process:", "python:")
+
+
+def _asks_to_run(what: str, option: str) -> UserError:
+    return UserError(
+        f"this report asks to run '{one_line(what)}': if you trust that, give it as {option} "
+        "yourself"
+    )
