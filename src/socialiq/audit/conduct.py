@@ -23,8 +23,8 @@ from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import check_filmed, films_of, selected
 from socialiq.audit.report.folder import check_target, files_of, write_folder
 from socialiq.audit.resolve_policy import References, Trust, resolve_policy, resolve_references
-from socialiq.audit.verdict.shift import other_traffic, shift_of
-from socialiq.audit.verdict.verdict import judge
+from socialiq.audit.verdict.judged import judged
+from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
 from socialiq.policies.process.load import GIB, Limits
 from socialiq.policies.record import Loaded
@@ -127,13 +127,13 @@ class Conducted:
 
     Attributes:
         report: Content of `report.json`.
-        evidence: Evidence of the verdict.
+        evidence: Evidence of the verdict, then that of each other traffic; of all references.
         profile: The declaration.
         films: Films by path in the report's folder.
     """
 
     report: dict[str, Any]
-    evidence: Evidence
+    evidence: tuple[Evidence, ...]
     profile: Profile
     films: dict[str, bytes]
 
@@ -185,12 +185,9 @@ def conduct(
         ]
         episodes = selected(complete, profile.angle)
         films = films_of(world, loaded.policy, episodes) if request.films else {}
-    # The regret towards the policy itself is 0; estimating it would only widen the bounds.
     itself = declared.references.itself
-    compared, *elsewhere = [one.without(itself) for one in (complete, *elsewhere)]
     resampling = drawn.derived("resampling")
-    verdict = judge(profile, compared, resampling, curve=complete)
-    shifts = shift_of(profile, compared, traffic, elsewhere, resampling) if traffic else None
+    verdict, shifts = judged(profile, complete, itself, resampling, traffic, elsewhere)
     report = content(
         Audited(
             profile=profile,
@@ -200,7 +197,8 @@ def conduct(
             records=declared.references.records,
             reference_files=list(request.references),
             left_out=itself,
-            evidence=compared,
+            evidence=complete,
+            elsewhere=elsewhere,
             verdict=verdict,
             shifts=shifts,
             films=films,
@@ -209,7 +207,7 @@ def conduct(
             seconds=round(time.monotonic() - clock, 3),
         )
     )
-    return Conducted(report, compared, profile, films)
+    return Conducted(report, (complete, *elsewhere), profile, films)
 
 
 def audit_policy(

@@ -13,8 +13,7 @@ import tyro
 
 from socialiq.audit.conduct import Request, conduct
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report.episodes import evidence_csv
-from socialiq.audit.report.folder import EVIDENCE, PROFILE, REPORT
+from socialiq.audit.report.folder import PROFILE, REPORT, tables_of
 from socialiq.audit.report.verify import content_of, differences, faults, not_checked, read_report
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json, say
@@ -89,9 +88,10 @@ class Verify:
             done = conduct(self._request(report, profile), say, report["hashes"]["policy"])
         fresh = json.loads(json.dumps(done.report))
         found = [f"{one} differs in the rerun" for one in differences(report, fresh)]
-        if evidence_csv(done.evidence).encode() != files[EVIDENCE]:
-            found.append(f"{EVIDENCE} differs in the rerun")
-        return found
+        tables = tables_of(done.evidence)
+        return found + [
+            f"{name} differs in the rerun" for name in tables if files[name] != tables[name]
+        ]
 
     def _source(self, report: dict[str, Any]) -> str:
         """Return the policy. A report may be untrusted, so it doesn't decide which code runs."""

@@ -46,7 +46,8 @@ class Audited:
         records: Record of each loaded reference, by its name.
         reference_files: The user's references, as given with `--reference`.
         left_out: Names of references that are the policy itself.
-        evidence: Result of `collect_evidence`.
+        evidence: Result of `collect_evidence`, with the references that are left out.
+        elsewhere: The same in each other traffic.
         verdict: Result of `judge`.
         shifts: Result of `shift_of`; None without the check.
         films: Films by path in the folder: `episodes.path_of`.
@@ -63,6 +64,7 @@ class Audited:
     reference_files: Sequence[str]
     left_out: Sequence[str]
     evidence: Evidence
+    elsewhere: Sequence[Evidence]
     verdict: Verdict
     shifts: Sequence[Shift] | None
     films: Mapping[str, bytes]
@@ -70,10 +72,19 @@ class Audited:
     started: datetime.datetime
     seconds: float
 
+    def references(self, left_out: bool) -> list[dict[str, Any]]:
+        """Return the rows of the references that are left out, or of the others."""
+        return [
+            {**driver_row(one, self.profile.angle), "record": self.records.get(one.name)}
+            for one in self.evidence.references
+            if (one.name in self.left_out) == left_out
+        ]
+
 
 def content(audited: Audited) -> dict[str, Any]:
     """Return the report as one JSON object; `report.schema.json` describes it."""
-    profile, evidence, verdict = audited.profile, audited.evidence, audited.verdict
+    profile, verdict = audited.profile, audited.verdict
+    evidence = audited.evidence.without(audited.left_out)
     angle, best = profile.angle, verdict.regret.best
     return to_json(
         {
@@ -87,17 +98,15 @@ def content(audited: Audited) -> dict[str, Any]:
                 "means": driver_row(evidence.policy, angle),
             },
             "tests": _tests(verdict),
-            "references": [
-                {**driver_row(one, angle), "record": audited.records.get(one.name)}
-                for one in evidence.references
-            ],
+            "references": audited.references(left_out=False),
             "reference_files": list(audited.reference_files),
-            "left_out": list(audited.left_out),
+            "left_out": audited.references(left_out=True),
             "strata": stratified(evidence, angle, best, profile.confidence),
-            "shift": None if audited.shifts is None else _shift(audited.shifts),
+            "shift": None if audited.shifts is None else _shift(audited.shifts, audited.elsewhere),
             "episodes": _with_films(selected(evidence, angle), audited.films),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.scenario.world),
+            "scenario": evidence.scenario,
             "seeds": _seeds(audited.drawn, evidence.episodes),
             "hashes": _hashes(audited),
             "versions": versions(),
@@ -132,12 +141,23 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _shift(shifts: Sequence[Shift]) -> dict[str, Any]:
+def _shift(shifts: Sequence[Shift], elsewhere: Sequence[Evidence]) -> dict[str, Any]:
     return {
         "sentence": sentence_of(shifts),
         "otherwise": any(one.shown for one in shifts),
-        "traffic": list(shifts),
+        "traffic": [
+            {**to_json(one), "references": _makers(evidence)}
+            for one, evidence in zip(shifts, elsewhere, strict=True)
+        ],
     }
+
+
+def _makers(evidence: Evidence) -> list[dict[str, Any]]:
+    """Return what the table of episodes doesn't hold of the references."""
+    return [
+        {"name": one.name, "angles": list(one.angles), "expected": one.expected}
+        for one in evidence.references
+    ]
 
 
 def _tests(verdict: Verdict) -> dict[str, Any]:

@@ -1,9 +1,7 @@
-"""Single episodes of a report: the table of all, three median and three worst ones, films."""
+"""Single episodes of a report: three median and three worst ones, and their films."""
 
 from __future__ import annotations
 
-import csv
-import io
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
-from socialiq.types import Ending, Policy
+from socialiq.types import Policy
 from socialiq.worlds.intersection.pictures import render, scenes
-from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import Intersection
 
 _SELECTED = 3
@@ -43,21 +41,6 @@ def selected(evidence: Evidence, angle: float) -> dict[str, list[dict[str, Any]]
     }
 
 
-_COLLISIONS = {
-    Contact.NONE: "collision",  # of an environment, where fault is not known
-    Contact.EGO_STRUCK: "drove into another",
-    Contact.EGO_WAS_STRUCK: "struck by another",
-}
-
-
-def kind_of_ending(driver: Outcomes, place: int) -> str:
-    """Return the ending of an episode in one word or a few."""
-    ending = Ending(int(driver.ending[place]))
-    if ending is not Ending.COLLISION:
-        return ending.name.lower()
-    return _COLLISIONS[Contact(int(driver.contact[place]))]
-
-
 def _row(evidence: Evidence, place: int, value: float) -> dict[str, Any]:
     env, social = evidence.policy.totals[place].tolist()
     return {
@@ -70,42 +53,6 @@ def _row(evidence: Evidence, place: int, value: float) -> dict[str, Any]:
         "ending": kind_of_ending(evidence.policy, place),
         "decisions": int(evidence.policy.length[place]),
     }
-
-
-def evidence_csv(evidence: Evidence) -> str:
-    """Return a CSV with seed, strata, and the rewards of the policy and each reference.
-
-    Numbers are written so that they read back exactly.
-    """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_head(evidence))
-    drivers = [one.totals.tolist() for one in (evidence.policy, *evidence.references)]
-    strata = [labels.tolist() for labels in evidence.strata.values()]
-    seeds, lengths = evidence.seeds.tolist(), evidence.policy.length.tolist()
-    for place in range(evidence.episodes):
-        writer.writerow(
-            [
-                place,
-                seeds[place],
-                *(labels[place] for labels in strata),
-                kind_of_ending(evidence.policy, place),
-                lengths[place],
-                *(number for totals in drivers for number in totals[place]),
-            ]
-        )
-    return text.getvalue()
-
-
-def _head(evidence: Evidence) -> list[str]:
-    names = [evidence.policy.name, *(_no_formula(one.name) for one in evidence.references)]
-    earned = [f"{name}.{side}" for name in names for side in ("r_env", "r_social")]
-    return ["episode", "seed", *evidence.strata, "ending", "decisions", *earned]
-
-
-def _no_formula(name: str) -> str:
-    """Return a name that spreadsheets don't interpret as a formula."""
-    return f"'{name}" if name[:1] in "=+-@\t\r" else name
 
 
 _PER_SECOND = 5  # frames; every sub-step would take three times as long to draw

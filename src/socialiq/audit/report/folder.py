@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.evidence.table import write_table
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
-from socialiq.audit.report.episodes import evidence_csv
 from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
@@ -81,7 +81,7 @@ EVIDENCE, PROFILE = "episodes.csv", "profile.toml"
 def files_of(
     report: Mapping[str, Any],
     profile: Profile,
-    evidence: Evidence,
+    evidence: Sequence[Evidence],
     films: Mapping[str, bytes] | None = None,
 ) -> dict[str, bytes]:
     """Return the content of all files by path, with manifest and statement.
@@ -89,18 +89,28 @@ def files_of(
     Args:
         report: Content of `report.json`.
         profile: The declaration, which is copied byte by byte.
-        evidence: Evidence of the verdict.
+        evidence: Evidence of the verdict, then that of each other traffic.
         films: Films of single episodes, by path.
     """
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     found = {
         REPORT: text.encode(),
         PROFILE: profile.source,
-        EVIDENCE: evidence_csv(evidence).encode(),
+        **tables_of(evidence),
         **(films or {}),
         **views_of(json.loads(text)),
     }
     return sealed(found, report)
+
+
+def tables_of(evidence: Sequence[Evidence]) -> dict[str, bytes]:
+    """Return the tables of all episodes, by path: the declared traffic first."""
+    return {evidence_path(number): write_table(one).encode() for number, one in enumerate(evidence)}
+
+
+def evidence_path(traffic: int) -> str:
+    """Return the path of a table of episodes: 0 is the declared traffic, 1 the first other one."""
+    return f"episodes-shift-{traffic}.csv" if traffic else EVIDENCE
 
 
 def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:

@@ -7,8 +7,8 @@ from socialiq.audit.commitment import Commitment, draw
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.verdict.shift import other_traffic, shift_of
-from socialiq.audit.verdict.verdict import judge
+from socialiq.audit.verdict.judged import judged
+from socialiq.audit.verdict.shift import other_traffic
 from socialiq.to_json import to_json
 
 HOSTILE = "<script>alert(1)</script> | `x` [y](z)"
@@ -22,11 +22,12 @@ class Always:
         return np.full(len(observation), 1), state
 
 
-def shifts(profile, evidence):
-    """The same driver in other traffic."""
-    traffic = other_traffic(profile)
-    there = [collect_evidence(one.world, Always(), episode_seeds(1, 40)) for one in traffic]
-    return shift_of(profile, evidence, traffic, there, 0, resamples=100)
+def elsewhere(drawn, traffic):
+    """Evidence of the same driver in other traffic."""
+    return [
+        collect_evidence(one.world, Always(), episode_seeds(drawn.derived(f"shift {number}"), 60))
+        for number, one in enumerate(traffic)
+    ]
 
 
 @pytest.fixture(scope="package")
@@ -37,6 +38,9 @@ def audited(declared):
     evidence = collect_evidence(
         profile.world(), Always(), episode_seeds(drawn.derived("episodes"), 60)
     )
+    traffic = other_traffic(profile)
+    there = elsewhere(drawn, traffic)
+    verdict, shifts = judged(profile, evidence, [], drawn.derived("resampling"), traffic, there)
     return Audited(
         profile=profile,
         policy={
@@ -54,8 +58,9 @@ def audited(declared):
         reference_files=[],
         left_out=[],
         evidence=evidence,
-        verdict=judge(profile, evidence, drawn.derived("resampling")),
-        shifts=shifts(profile, evidence),
+        elsewhere=there,
+        verdict=verdict,
+        shifts=shifts,
         films={},
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",
         started=datetime.datetime(2026, 1, 31, 12, 0, tzinfo=datetime.UTC),

@@ -25,7 +25,7 @@ from socialiq.errors import UserError
 
 @pytest.fixture(scope="module")
 def files(report, audited):
-    return files_of(report, audited.profile, audited.evidence)
+    return files_of(report, audited.profile, [audited.evidence, *audited.elsewhere])
 
 
 @pytest.fixture

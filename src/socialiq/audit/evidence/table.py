@@ -1,0 +1,179 @@
+"""Evidence as a CSV file, and back: every number reads back exactly."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from socialiq.audit.evidence.outcomes import Evidence, Outcomes
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.intersection.state import Contact
+
+MEASURED = ("r_env", "r_social", "ending", "decisions")
+"""Columns of each driver."""
+
+_INDEX = ("episode", "seed")
+
+LARGEST_REWARD = 1e12
+"""Largest sum of rewards of an episode, either sign, that a table may hold."""
+
+_COLLISIONS = {
+    Contact.NONE: "collision",  # of an environment, where fault is not known
+    Contact.EGO_STRUCK: "drove into another",
+    Contact.EGO_WAS_STRUCK: "struck by another",
+}
+
+_ENDINGS: dict[tuple[int, int], str] = {
+    (int(ending), int(contact)): (text if ending is Ending.COLLISION else ending.name.lower())
+    for ending, (contact, text) in itertools.product(Ending, _COLLISIONS.items())
+}
+
+_KINDS: dict[str, tuple[int, int]] = {text: kind for kind, text in reversed(_ENDINGS.items())}
+
+
+def kind_of_ending(driver: Outcomes, place: int) -> str:
+    """Return the ending of an episode in one word or a few."""
+    return _ENDINGS[int(driver.ending[place]), int(driver.contact[place])]
+
+
+class Maker(NamedTuple):
+    """Attributes of a reference that are the same in every episode: see `Outcomes`."""
+
+    angles: tuple[float, ...] = ()
+    expected: RewardPair | None = None
+
+
+def write_table(evidence: Evidence) -> str:
+    """Return a CSV with seed, strata, and `MEASURED` of the policy and each reference."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    drivers = (evidence.policy, *evidence.references)
+    writer.writerow(_head(evidence.strata, [one.name for one in drivers]))
+    columns: list[list[object]] = [
+        list(range(evidence.episodes)),
+        evidence.seeds.tolist(),
+        *(labels.tolist() for labels in evidence.strata.values()),
+    ]
+    for one in drivers:
+        endings = [kind_of_ending(one, place) for place in range(evidence.episodes)]
+        columns += [*one.totals.T.tolist(), endings, one.length.tolist()]
+    writer.writerows(zip(*columns, strict=True))
+    return text.getvalue()
+
+
+def _head(strata: Mapping[str, object], drivers: list[str]) -> list[str]:
+    measured = [f"{_no_formula(name)}.{column}" for name in drivers for column in MEASURED]
+    return [*_INDEX, *strata, *measured]
+
+
+_QUOTED = tuple("=+-@\t\r'")
+
+
+def _no_formula(name: str) -> str:
+    """Return a name that spreadsheets don't interpret as a formula."""
+    return f"'{name}" if name.startswith(_QUOTED) else name
+
+
+def read_table(content: bytes, scenario: str, policy: str, makers: Mapping[str, Maker]) -> Evidence:
+    """Read the result of `write_table`, exactly.
+
+    Args:
+        content: Content of the file.
+        scenario: The world's description.
+        policy: Name of the policy.
+        makers: The references by name, in any order; the table has each of them once.
+
+    Returns:
+        The evidence. Contacts of episodes without a collision, which nothing depends on, are none.
+
+    Raises:
+        UserError: If it is not exactly as `write_table` writes it.
+    """
+    try:
+        rows = _rows(content)
+        head = next(rows, [])
+        first, names = _names(head, policy, makers)
+        found = _filled(rows, head[len(_INDEX) : first], first, names)
+    except (ValueError, KeyError, OverflowError, csv.Error) as error:
+        raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
+    drivers = [
+        Outcomes(name, *found.of(number), *makers.get(name, Maker()))
+        for number, name in enumerate(names)
+    ]
+    evidence = Evidence(scenario, found.seeds, drivers[0], tuple(drivers[1:]), found.strata)
+    if write_table(evidence).encode() != content:
+        raise UserError("it is not written as an audit writes it")
+    return evidence
+
+
+def _rows(content: bytes) -> Iterator[list[str]]:
+    return csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
+
+
+def _names(head: list[str], policy: str, makers: Mapping[str, Maker]) -> tuple[int, list[str]]:
+    """Return the first column of the drivers, and the drivers' names in order."""
+    ours = f"{_no_formula(policy)}.{MEASURED[0]}"
+    if ours not in head:
+        raise ValueError(f"no column {ours}")
+    first, known = head.index(ours), {_no_formula(name): name for name in makers}
+    titles = [one.removesuffix(f".{MEASURED[0]}") for one in head[first :: len(MEASURED)]]
+    names = [policy, *(known.pop(title) for title in titles[1:])]
+    if known:
+        raise ValueError(f"no columns of {next(iter(known.values()))}")
+    if head != _head(dict.fromkeys(head[len(_INDEX) : first]), names):
+        raise ValueError("its columns are others")
+    return first, names
+
+
+class _Columns(NamedTuple):
+    """Columns of a table: episodes first, drivers second."""
+
+    seeds: np.ndarray
+    strata: dict[str, np.ndarray]
+    totals: np.ndarray
+    kinds: np.ndarray
+    lengths: np.ndarray
+
+    def of(self, driver: int) -> tuple[np.ndarray, ...]:
+        """Return totals, endings, contacts and lengths of a driver."""
+        ending, contact = np.ascontiguousarray(self.kinds[:, driver].T)
+        totals, lengths = self.totals[:, driver], self.lengths[:, driver]
+        return totals.copy(), ending, contact, lengths.copy()
+
+
+def _filled(rows: Iterator[list[str]], strata: list[str], first: int, names: list[str]) -> _Columns:
+    width = first + len(MEASURED) * len(names)
+    seeds: list[int] = []
+    labels: list[list[str]] = []
+    totals: list[np.ndarray] = []
+    kinds: list[np.ndarray] = []
+    lengths: list[np.ndarray] = []
+    for row in rows:
+        if len(row) != width:
+            raise ValueError(f"row {len(seeds) + 1} has {len(row)} columns, not {width}")
+        seeds.append(int(row[1]))
+        labels.append(row[len(_INDEX) : first])
+        cells = [row[first + place :: len(MEASURED)] for place in range(len(MEASURED))]
+        pairs = np.array([list(map(float, one)) for one in cells[:2]]).T
+        if not (np.abs(pairs) <= LARGEST_REWARD).all():
+            raise ValueError(f"row {len(seeds)} has a reward that is no audit's")
+        totals.append(pairs)
+        kinds.append(np.array([_KINDS[one] for one in cells[2]], np.int8))
+        lengths.append(np.array(list(map(int, cells[3])), np.int64))
+    if not seeds:
+        raise ValueError("no episodes")
+    columns = zip(*labels, strict=True)
+    return _Columns(
+        np.array(seeds, np.int64),
+        dict(zip(strata, map(np.array, columns), strict=True)),
+        np.array(totals),
+        np.array(kinds),
+        np.array(lengths),
+    )
