@@ -104,8 +104,7 @@ def read_table(content: bytes, scenario: str, policy: str, makers: Mapping[str, 
     except (ValueError, KeyError, OverflowError, csv.Error) as error:
         raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
     drivers = [
-        Outcomes(name, *found.of(number), *makers.get(name, Maker()))
-        for number, name in enumerate(names)
+        found.of(number, name, makers.get(name, Maker())) for number, name in enumerate(names)
     ]
     evidence = Evidence(scenario, found.seeds, drivers[0], tuple(drivers[1:]), found.strata)
     if write_table(evidence).encode() != content:
@@ -141,11 +140,11 @@ class _Columns(NamedTuple):
     kinds: np.ndarray
     lengths: np.ndarray
 
-    def of(self, driver: int) -> tuple[np.ndarray, ...]:
-        """Return totals, endings, contacts and lengths of a driver."""
+    def of(self, driver: int, name: str, maker: Maker) -> Outcomes:
+        """Return the outcomes of a driver."""
         ending, contact = np.ascontiguousarray(self.kinds[:, driver].T)
-        totals, lengths = self.totals[:, driver], self.lengths[:, driver]
-        return totals.copy(), ending, contact, lengths.copy()
+        totals, lengths = self.totals[:, driver].copy(), self.lengths[:, driver].copy()
+        return Outcomes(name, totals, ending, contact, lengths, *maker)
 
 
 def _filled(rows: Iterator[list[str]], strata: list[str], first: int, names: list[str]) -> _Columns:
