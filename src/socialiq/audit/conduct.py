@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int64
 
-from socialiq.audit.commitment import Commitment, check_seed, draw
+from socialiq.audit.seeds.commitment import Commitment, check_seed, draw
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
 from socialiq.audit.profile.profile import Profile

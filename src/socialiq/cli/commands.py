@@ -42,7 +42,7 @@ COMMANDS = {
     "data demonstrations": "recorded:ToDemonstrations",
     "data census": "recorded:TakeCensus",
     "data agreement": "recorded:Agreement",
-    "data audit": "recorded_audit:AuditLog",
+    "data audit": "recorded_audit:AuditRecorded",
 }
 """Each command's module and class, in the order of the help page."""
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.log import LogVerdict, episode_config, judge_log
+from socialiq.audit.recorded_vehicle import RecordedVerdict, episode_config, judge_recorded
 from socialiq.audit.profile.reader import load as load_profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import print_json, print_table
@@ -22,7 +22,7 @@ from socialiq.to_json import to_json
 
 
 @dataclass(frozen=True)
-class AuditLog:
+class AuditRecorded:
     """Check whether a recorded vehicle's driving is consistent with a declared profile.
 
     Exit status: 0 consistent, 1 not consistent, 2 a mistake in the call, 3 undecided. A vehicle
@@ -55,7 +55,7 @@ class AuditLog:
             recording = files.load(path)
             recording = recording if road is None else Recording(recording.tracks, road)
             driven.append(ego_swap.episode_of(recording, track, config))
-        verdict = judge_log(declared, driven)
+        verdict = judge_recorded(declared, driven)
         status = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}[verdict.decision]
         if self.json:
             print_json(to_json(verdict) | {"consistent": WORDS[verdict.decision]})
@@ -71,7 +71,7 @@ WORDS = {
 }
 
 
-def _show(verdict: LogVerdict) -> None:
+def _show(verdict: RecordedVerdict) -> None:
     sys.stdout.write(f"{WORDS[verdict.decision].upper()}: {verdict.reason}\n")
     region = verdict.shown
     rows: list[dict[str, Any]] = [

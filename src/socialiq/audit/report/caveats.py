@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
-from socialiq.audit.commitment import Draw
+from socialiq.audit.seeds.commitment import Draw
 
 About = Literal["seed", "code"]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from socialiq.audit.commitment import Draw
+from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.profile.profile import Profile

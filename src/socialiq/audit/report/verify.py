@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.commitment import Commitment
+from socialiq.audit.seeds.commitment import Commitment
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.folder import (
     MANIFEST,

@@ -3,7 +3,7 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit.commitment import Commitment, draw
+from socialiq.audit.seeds.commitment import Commitment, draw
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content

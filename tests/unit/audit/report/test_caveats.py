@@ -1,6 +1,6 @@
 import pytest
 
-from socialiq.audit.commitment import Commitment, draw
+from socialiq.audit.seeds.commitment import Commitment, draw
 from socialiq.audit.report.caveats import caveats
 
 COMMITMENT = Commitment("ab" * 32, "cd" * 32)

@@ -9,7 +9,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import socialiq.audit.report as package
-from socialiq.audit.commitment import LARGEST_SEED
+from socialiq.audit.seeds.commitment import LARGEST_SEED
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.profile.fields import SHA256_PATTERN
 from socialiq.audit.report import verify as check

@@ -5,7 +5,7 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit.log import episode_config, judge_log
+from socialiq.audit.recorded_vehicle import episode_config, judge_recorded
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.verdict.decision import Decision
@@ -51,7 +51,7 @@ def drive(angle, decisions=8, noise=0.0, seed=0, ending=Ending.TIMEOUT, contact=
 
 def test_one_vehicle_is_never_consistent_for_sure(declared):
     """Its direction may be known to a degree: no collision in one episode bounds no share."""
-    found = judge_log(declared(45.0), [drive(45.0, noise=0.01)])
+    found = judge_recorded(declared(45.0), [drive(45.0, noise=0.01)])
     assert found.decision is Decision.INCONCLUSIVE
     assert "too few to bound" in found.reason
     assert found.unit == "decision" and found.shown is not None
@@ -63,29 +63,29 @@ def test_one_vehicle_is_never_consistent_for_sure(declared):
     ("declaration", "decision"), [(20.0, Decision.FAIL), (250.0, Decision.FAIL)]
 )
 def test_a_direction_far_outside_the_margin_is_not_consistent(declaration, decision, declared):
-    found = judge_log(declared(declaration), [drive(45.0, noise=0.01)])
+    found = judge_recorded(declared(declaration), [drive(45.0, noise=0.01)])
     assert found.decision is decision
     assert "outside the declared margin" in found.reason
 
 
 def test_angles_are_compared_around_the_circle(declared):
-    found = judge_log(declared(355.0), [drive(4.0, noise=0.001)])
+    found = judge_recorded(declared(355.0), [drive(4.0, noise=0.001)])
     assert found.decision is Decision.INCONCLUSIVE  # 9 degrees off, with a margin of 10
-    assert judge_log(declared(335.0), [drive(4.0, noise=0.001)]).decision is Decision.FAIL
+    assert judge_recorded(declared(335.0), [drive(4.0, noise=0.001)]).decision is Decision.FAIL
 
 
 @pytest.mark.parametrize(
     ("decisions", "noise", "reason"), [(2, 0.0, "at least 3"), (4, 2.0, "every direction")]
 )
 def test_few_or_noisy_decisions_decide_nothing(decisions, noise, reason, declared):
-    found = judge_log(declared(45.0), [drive(-120.0, decisions, noise, seed=1)])
+    found = judge_recorded(declared(45.0), [drive(-120.0, decisions, noise, seed=1)])
     assert found.decision is Decision.INCONCLUSIVE and reason in found.reason
     assert found.shown is None
 
 
 def test_many_episodes_can_be_consistent(declared):
     many = [drive(45.0, noise=0.2, seed=n) for n in range(60)]
-    found = judge_log(declared(45.0), many)
+    found = judge_recorded(declared(45.0), many)
     assert found.decision is Decision.PASS
     assert (found.unit, found.episodes, found.decisions) == ("episode", 60, 480)
     assert {one.name for one in found.competence} == {"at_fault", "struck"}
@@ -94,12 +94,12 @@ def test_many_episodes_can_be_consistent(declared):
 def test_collisions_that_are_too_many_are_not_consistent(declared):
     hit = {"ending": Ending.COLLISION, "contact": Contact.EGO_STRUCK}
     many = [drive(45.0, noise=0.2, seed=n, **(hit if n % 2 else {})) for n in range(60)]
-    found = judge_log(declared(45.0), many)
+    found = judge_recorded(declared(45.0), many)
     assert found.decision is Decision.FAIL and "(at fault)" in found.reason
 
 
 def test_what_a_log_cannot_show_is_named(declared):
-    found = judge_log(declared(45.0), [drive(45.0)])
+    found = judge_recorded(declared(45.0), [drive(45.0)])
     assert set(found.not_tested) == {"regret", "arrival", "timeout", "calibrated angle"}
 
 
@@ -115,4 +115,4 @@ def test_another_worlds_angle_is_refused(declared):
     with pytest.raises(UserError, match="crossing7"):
         episode_config(declared(45.0, world="crossing7"))
     with pytest.raises(UserError, match="no episode"):
-        judge_log(declared(45.0), [])
+        judge_recorded(declared(45.0), [])

@@ -1,4 +1,4 @@
-"""Log audit: test whether a recorded vehicle's driving is consistent with a declared profile.
+"""Test whether a recorded vehicle's driving is consistent with a declared profile.
 
 A recording gives the vehicle's reward pair by the declared weights, and no more. Regret, the
 primary test of an audit, needs reference drivers on the same episodes, which a recording does not
@@ -35,7 +35,7 @@ NOT_TESTED = {
     "timeout": "a recorded driver has no time limit",
     "calibrated angle": "the calibration curve is of the simulator, not of this road",
 }
-"""Tests of an audit that a log audit can't make, with reasons."""
+"""Tests of an audit that an audit of a recording can't make, with reasons."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class MeanDirection:
 
 
 @dataclass(frozen=True)
-class LogVerdict:
-    """Result of a log audit of one vehicle.
+class RecordedVerdict:
+    """Result for one recorded vehicle.
 
     Attributes:
         decision: PASS: consistent. FAIL: not consistent. INCONCLUSIVE: not decided.
@@ -101,7 +101,7 @@ def episode_config(profile: Profile) -> EpisodeConfig:
     )
 
 
-def judge_log(profile: Profile, driven: Sequence[Driven]) -> LogVerdict:
+def judge_recorded(profile: Profile, driven: Sequence[Driven]) -> RecordedVerdict:
     """Test a vehicle's episodes against a declaration.
 
     Either error is at most 1 - confidence, as far as the units are independent: a pass needs
@@ -128,7 +128,7 @@ def judge_log(profile: Profile, driven: Sequence[Driven]) -> LogVerdict:
     decision = joint_decision([direction, *(one.decision for one in competence)])
     env, social = rows.mean(axis=0).tolist()
     shown = MeanDirection(angle_of(env, social), *region) if region is not None else None
-    return LogVerdict(
+    return RecordedVerdict(
         decision=decision,
         reason=_reason(decision, direction, shown, competence, len(driven), len(rows), unit),
         declared=profile.angle,

@@ -1,0 +1,231 @@
+"""The audit log: append-only JSON lines, each with the hash of the line before it.
+
+One file for each owner and scenario. The chain shows that no line inside was changed, removed or
+moved. It can't show that lines at the end were removed, or that the whole file was written anew: to
+find that, compare with a hash that someone else holds, for instance in an earlier report
+(`audit verify --log`).
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import os
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import filelock
+
+from socialiq.errors import UserError
+
+Entry = Mapping[str, Any]
+"""One line: number, kind, time, previous, sha256, and the fields of its kind."""
+
+COMMITMENT, SEED, RESULT = "commitment", "seed", "result"
+"""Kinds of lines: what was committed to, the seed that came after it, the verdict."""
+
+LARGEST_LOG = 64 * 1024 * 1024  # bytes; about 50,000 looks
+
+_WAIT = 60.0  # seconds for another process that is writing
+
+_PURPOSE = "socialiq audit log 1"
+
+
+class Subject(NamedTuple):
+    """What a log is about; every look at it counts, whatever policy or profile it names.
+
+    A byte of a profile or a policy is free to change, so a count for each of them would be a count
+    of nothing.
+
+    Attributes:
+        owner: Name of the owner.
+        scenario_sha256: Hash of the scenario.
+    """
+
+    owner: str
+    scenario_sha256: str
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the subject; the first line of its log follows it.
+
+        Of the name only letters and digits count, without case, so that spaces, punctuation and
+        invisible characters don't make another owner.
+        """
+        name = unicodedata.normalize("NFKC", self.owner).casefold()
+        plain = "".join(one for one in name if one.isalnum()) or name
+        return _sha256(f"{_PURPOSE}\n{plain}\n{self.scenario_sha256}\n")
+
+    @property
+    def file_name(self) -> str:
+        """Name of its log: the owner's, as far as a file name allows, and the hash."""
+        plain = re.sub(r"[^a-z0-9]+", "-", self.owner.lower())[:40].strip("-") or "owner"
+        return f"{plain}-{self.sha256[:16]}.jsonl"
+
+
+class AuditLog:
+    """Lines of a log that were read and checked; `locked` alone gives one that may be extended.
+
+    Attributes:
+        path: The file.
+        subject_sha256: Hash that the first line follows.
+        entries: All lines.
+    """
+
+    def __init__(self, path: Path, subject_sha256: str, entries: list[Entry]) -> None:
+        self.path, self.subject_sha256, self.entries = path, subject_sha256, entries
+
+    @property
+    def head(self) -> str:
+        """Hash of the last line, or of the subject if there is none."""
+        return self.entries[-1]["sha256"] if self.entries else self.subject_sha256
+
+    @property
+    def looks(self) -> int:
+        """Number of commitments."""
+        return sum(one["kind"] == COMMITMENT for one in self.entries)
+
+    def look_of(self, sha256: str) -> int:
+        """Return the number of the look of a commitment, 0 if there is no such line."""
+        numbers = (one["sha256"] for one in self.entries if one["kind"] == COMMITMENT)
+        return next((look for look, one in enumerate(numbers, 1) if one == sha256), 0)
+
+    def following(self, kind: str, commitment: str) -> Entry | None:
+        """Return the first line of a kind that belongs to a commitment."""
+        found = (one for one in self.entries if one["kind"] == kind)
+        return next((one for one in found if one["commitment"] == commitment), None)
+
+    def append(self, kind: str, fields: Mapping[str, Any]) -> Entry:
+        """Write one more line, on the disk when this returns.
+
+        Raises:
+            UserError: If it can't be written.
+        """
+        entry = {
+            "number": len(self.entries) + 1,
+            "kind": kind,
+            "time": now().isoformat(timespec="seconds"),
+            **fields,
+            "previous": self.head,
+        }
+        entry["sha256"] = _sha256(_line(entry))
+        try:
+            with self.path.open("ab") as file:
+                file.write(_line(entry).encode() + b"\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise _not_written(self.path, error) from error
+        self.entries.append(entry)
+        return entry
+
+
+def now() -> datetime.datetime:
+    """Return the time of the machine's clock, UTC."""
+    return datetime.datetime.now(datetime.UTC)
+
+
+@contextmanager
+def locked(folder: Path, subject: Subject) -> Iterator[AuditLog]:
+    """Open a subject's log to extend it; other processes wait meanwhile.
+
+    Args:
+        folder: Folder of the logs; made if it doesn't exist.
+        subject: Owner and scenario.
+
+    Raises:
+        UserError: As `read`, or if it can't be written or another process doesn't release it.
+    """
+    path = folder / subject.file_name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = filelock.FileLock(path.with_suffix(".lock")).acquire(timeout=_WAIT)
+    except filelock.Timeout as error:
+        raise UserError(f"another process is writing {path}: try again when it has ended") from error
+    except OSError as error:
+        raise _not_written(path, error) from error
+    with held:
+        entries = read(path, subject.sha256) if path.exists() else []
+        yield AuditLog(path, subject.sha256, entries)
+
+
+def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
+    """Return the lines of a log, all hashes checked.
+
+    Args:
+        path: The file.
+        subject_sha256: Hash that the first line must follow; None accepts any.
+
+    Raises:
+        UserError: If it can't be read, or a line was cut off, changed, removed or moved.
+    """
+    lines = _content(path).split(b"\n")
+    if lines.pop():
+        raise UserError(
+            f"{path}: the last line is incomplete: restore the file from a copy, or remove that "
+            "line and tell the auditor"
+        )
+    entries: list[Entry] = []
+    previous = subject_sha256
+    for number, line in enumerate(lines, 1):
+        entry = _entry(line)
+        fits = entry is not None and entry["number"] == number
+        if entry is None or not fits or entry["previous"] != (previous or entry["previous"]):
+            raise UserError(
+                f"{path}: line {number} was changed, or one before it removed or moved: restore "
+                "the file from a copy; without one, agree with the auditor on a new log"
+            )
+        entries.append(entry)
+        previous = entry["sha256"]
+    return entries
+
+
+def _content(path: Path) -> bytes:
+    if not path.is_file():
+        raise UserError(f"no audit log {path}: `socialiq audit --log FOLDER` writes one")
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_LOG + 1)
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    if len(content) > LARGEST_LOG:
+        raise UserError(f"{path} has more than {LARGEST_LOG:,} bytes: it is not an audit log")
+    return content
+
+
+_TEXTS = {
+    COMMITMENT: ("policy_sha256", "profile_sha256"),
+    SEED: ("commitment",),
+    RESULT: ("commitment", "decision", "report_sha256"),
+}
+"""Texts that a line of each kind has, besides those of every line."""
+
+
+def _entry(line: bytes) -> Entry | None:
+    """Return a line's content, None if its bytes are not those that `append` would write."""
+    try:
+        entry = json.loads(line)
+        known = _TEXTS[entry["kind"]]
+        texts = all(isinstance(entry[name], str) for name in ("time", "previous", *known))
+        own = {name: value for name, value in entry.items() if name != "sha256"}
+        same = entry["sha256"] == _sha256(_line(own)) and _line(entry).encode() == line
+        return entry if texts and same and type(entry["number"]) is int else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _line(entry: Entry) -> str:
+    return json.dumps(entry, separators=(",", ":"), allow_nan=False)
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _not_written(path: Path, error: OSError) -> UserError:
+    return UserError(f"cannot write the audit log {path}: {error.strerror}; name another --log")
