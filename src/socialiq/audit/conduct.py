@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int64
 
-from socialiq.audit.seeds.commitment import Commitment, check_seed, draw
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
 from socialiq.audit.profile.profile import Profile
@@ -23,6 +22,7 @@ from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import check_filmed, films_of, selected
 from socialiq.audit.report.folder import check_target, files_of, write_folder
 from socialiq.audit.resolve_policy import References, Trust, resolve_policy, resolve_references
+from socialiq.audit.seeds.commitment import Commitment, check_seed, draw
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError

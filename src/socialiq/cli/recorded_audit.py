@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.recorded_vehicle import RecordedVerdict, episode_config, judge_recorded
 from socialiq.audit.profile.reader import load as load_profile
+from socialiq.audit.recorded_vehicle import RecordedVerdict, episode_config, judge_recorded
 from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError

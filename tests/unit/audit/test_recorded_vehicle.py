@@ -5,9 +5,9 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit.recorded_vehicle import episode_config, judge_recorded
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.template import declare
+from socialiq.audit.recorded_vehicle import episode_config, judge_recorded
 from socialiq.audit.verdict.decision import Decision
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.annotate import Driven

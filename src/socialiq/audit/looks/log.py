@@ -146,7 +146,9 @@ def locked(folder: Path, subject: Subject) -> Iterator[AuditLog]:
         folder.mkdir(parents=True, exist_ok=True)
         held = filelock.FileLock(path.with_suffix(".lock")).acquire(timeout=_WAIT)
     except filelock.Timeout as error:
-        raise UserError(f"another process is writing {path}: try again when it has ended") from error
+        raise UserError(
+            f"another process is writing {path}: try again when it has ended"
+        ) from error
     except OSError as error:
         raise _not_written(path, error) from error
     with held:

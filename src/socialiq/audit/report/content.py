@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.caveats import caveats
 from socialiq.audit.report.episodes import path_of, selected
+from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict

@@ -9,7 +9,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.seeds.commitment import Commitment
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.folder import (
     MANIFEST,
@@ -20,6 +19,7 @@ from socialiq.audit.report.folder import (
     statement,
     views_of,
 )
+from socialiq.audit.seeds.commitment import Commitment
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256

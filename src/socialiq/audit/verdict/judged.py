@@ -25,6 +25,7 @@ def judged(
     seed: int,
     traffic: Sequence[Traffic] = (),
     elsewhere: Sequence[Evidence] = (),
+    error: float | None = None,
 ) -> Judged:
     """Judge a policy by its evidence.
 
@@ -36,10 +37,11 @@ def judged(
         seed: Seed of the resampling.
         traffic: Result of `other_traffic`, or none.
         elsewhere: Evidence in each of these, of all references.
+        error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
 
     Raises:
         UserError: If the evidence is of another scenario.
     """
     compared, *there = [one.without(left_out) for one in (evidence, *elsewhere)]
-    verdict = judge(profile, compared, seed, curve=evidence)
+    verdict = judge(profile, compared, seed, curve=evidence, error=error)
     return Judged(verdict, shift_of(profile, compared, traffic, there, seed) if traffic else None)

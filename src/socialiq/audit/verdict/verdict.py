@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
@@ -32,7 +33,7 @@ class Verdict:
         episodes: Number of episodes.
         needed: Episodes that would decide an inconclusive audit; None if it is decided, or if an
             estimate is on its limit, where no number is enough.
-        error: Largest chance of a wrong pass, and of a wrong fail: 1 - the declared confidence.
+        error: Largest chance of a wrong pass, and of a wrong fail, at this look.
         regret: The primary test.
         rationalised: Angles compatible with the behaviour.
         alpha_hat: α̂ of the thesis with its two-sided interval; None if it isn't identified.
@@ -99,32 +100,44 @@ def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float)
     return Decisive(decision, regret, competence)
 
 
+_BEYOND = 20
+"""Resamples beyond the quantile of a pass, at least; with one the quantile would be a guess."""
+
+
+def whole_error(confidence: float) -> float:
+    """Return the error of a verdict of one look, 1 - confidence."""
+    return round(1.0 - confidence, 9)  # 0.05, not 0.050000000000000044
+
+
 def judge(
     profile: Profile,
     evidence: Evidence,
     seed: int,
     resamples: int = 2000,
     curve: Evidence | None = None,
+    error: float | None = None,
 ) -> Verdict:
     """Test a policy's evidence against its declaration.
 
-    The whole has the level 1 - confidence either way (`decide_on`). α̂ and its calibration do not
-    decide, so their errors add nothing.
+    A wrong pass and a wrong fail each have a chance of at most the error (`decide_on`). α̂ and its
+    calibration do not decide, so their errors add nothing.
 
     Args:
         profile: The declaration.
         evidence: Result of `collect_evidence`, in the profile's world.
         seed: Seed of the resampling.
-        resamples: Number of resamples.
+        resamples: Smallest number of resamples; a small error takes more.
         curve: Evidence with the references of the calibration curve, if they are others: a driver
             equal to the policy is no reference of regret, but a point of the curve.
+        error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
 
     Raises:
         UserError: If the evidence is of another scenario.
     """
     if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError("the evidence is of another scenario than the profile: collect it again")
-    error = round(1.0 - profile.confidence, 9)  # 0.05, not 0.050000000000000044
+    error = whole_error(profile.confidence) if error is None else error
+    resamples = max(resamples, math.ceil(_BEYOND / error))
     angle, margin = profile.angle, profile.margin
     regrets = Regrets(evidence, seed, resamples)
     found = decide_on(evidence, regrets, angle, margin.regret, profile.competence, error)

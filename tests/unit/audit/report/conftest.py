@@ -3,10 +3,10 @@ import datetime
 import numpy as np
 import pytest
 
-from socialiq.audit.seeds.commitment import Commitment, draw
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content
+from socialiq.audit.seeds.commitment import Commitment, draw
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.to_json import to_json

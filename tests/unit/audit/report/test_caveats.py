@@ -1,7 +1,7 @@
 import pytest
 
-from socialiq.audit.seeds.commitment import Commitment, draw
 from socialiq.audit.report.caveats import caveats
+from socialiq.audit.seeds.commitment import Commitment, draw
 
 COMMITMENT = Commitment("ab" * 32, "cd" * 32)
 

@@ -9,11 +9,11 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import socialiq.audit.report as package
-from socialiq.audit.seeds.commitment import LARGEST_SEED
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.profile.fields import SHA256_PATTERN
 from socialiq.audit.report import verify as check
 from socialiq.audit.report.verify import fault_of, read_report
+from socialiq.audit.seeds.commitment import LARGEST_SEED
 from socialiq.audit.verdict.calibration import Status
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.shift import MEASURES
