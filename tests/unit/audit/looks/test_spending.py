@@ -25,5 +25,5 @@ def test_no_number_of_looks_spends_more_than_the_whole(looks):
 def test_a_share_that_resamples_would_not_resolve_is_refused():
     check_spendable(spend(0.05, 21))
     assert spend(0.05, 22).error < SMALLEST_ERROR
-    with pytest.raises(UserError, match="look 22 .* agree with the auditor on a new log"):
+    with pytest.raises(UserError, match=r"look 22 .* agree with the auditor on a new log"):
         check_spendable(spend(0.05, 22))
