@@ -1,7 +1,7 @@
 """The audit log: append-only JSON lines, each with the hash of the line before it.
 
 One file for each owner and scenario. The chain shows that no line inside was changed, removed or
-moved. It can't show that lines at the end were removed, or that the whole file was written anew: to
+moved. It can't show that lines at the end were removed, or that the whole file was written again: to
 find that, compare with a hash that someone else holds, for instance in an earlier report
 (`audit verify --log`).
 """
@@ -37,7 +37,7 @@ _PURPOSE = "socialiq audit log 1"
 
 
 class Subject(NamedTuple):
-    """What a log is about; every look at it counts, whatever policy or profile it names.
+    """Subject of a log; every look at it counts, whatever policy or profile it names.
 
     A byte of a profile or a policy is free to change, so a count for each of them would be a count
     of nothing.
