@@ -1,9 +1,9 @@
 """The audit log: append-only JSON lines, each with the hash of the line before it.
 
 One file for each owner and scenario. The chain shows that no line inside was changed, removed or
-moved. It can't show that lines at the end were removed, or that the whole file was written again: to
-find that, compare with a hash that someone else holds, for instance in an earlier report
-(`audit verify --log`).
+moved. It can't show that lines at the end were removed, or that another file was written in its
+place: to find that, compare with a hash that someone else holds, for instance in an earlier
+report (`audit verify --log`).
 """
 
 from __future__ import annotations
