@@ -187,7 +187,9 @@ def conduct(
         films = films_of(world, loaded.policy, episodes) if request.films else {}
     itself = declared.references.itself
     resampling = drawn.derived("resampling")
-    verdict, shifts = judged(profile, complete, itself, resampling, traffic, elsewhere)
+    verdict, discrimination, shifts = judged(
+        profile, complete, itself, resampling, traffic, elsewhere
+    )
     report = content(
         Audited(
             profile=profile,
@@ -200,6 +202,7 @@ def conduct(
             evidence=complete,
             elsewhere=elsewhere,
             verdict=verdict,
+            discrimination=discrimination,
             shifts=shifts,
             films=films,
             command=command_of(request, drawn.seed),

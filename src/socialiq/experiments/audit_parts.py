@@ -26,7 +26,7 @@ from socialiq.types import RewardPair
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.world import Intersection
 
-_KIND, _VERSION, _FILE = "audit-part", 1, "part.safetensors"
+_KIND, _VERSION, _FILE = "audit-part", 2, "part.safetensors"
 _COLUMNS = ("totals", "ending", "contact", "length")
 
 
@@ -160,7 +160,7 @@ def play_part(
 
 
 def _write(evidence: Evidence, folder: Path) -> None:
-    drivers = (evidence.policy, *evidence.references)
+    drivers = evidence.drivers
     arrays = {
         f"{number}/{column}": getattr(one, column)
         for number, one in enumerate(drivers)
@@ -173,6 +173,7 @@ def _write(evidence: Evidence, folder: Path) -> None:
         {**arrays, "seeds": evidence.seeds},
         {
             "scenario": evidence.scenario,
+            "references": len(evidence.references),
             "drivers": [
                 {"name": one.name, "angles": one.angles, "expected": one.expected}
                 for one in drivers
@@ -197,14 +198,15 @@ def _read(folder: Path) -> Evidence:
         scenario=header["scenario"],
         seeds=arrays["seeds"],
         policy=drivers[0],
-        references=tuple(drivers[1:]),
+        references=tuple(drivers[1 : 1 + header["references"]]),
         strata={name: np.array(labels) for name, labels in header["strata"].items()},
+        trivial=tuple(drivers[1 + header["references"] :]),
     )
 
 
 def _joined(collection: Collection, parts: Sequence[Evidence]) -> Evidence:
     """Join the columns of the parts, whose episodes are in the order of the seeds."""
-    columns = [[one.policy, *one.references] for one in parts]
+    columns = [one.drivers for one in parts]
     drivers = [_joined_outcomes(one) for one in zip(*columns, strict=True)]
     if isinstance(collection.world, GridWorld):
         # Angles and expectations of the exact optima are computed here: their last bits depend on
@@ -212,16 +214,18 @@ def _joined(collection: Collection, parts: Sequence[Evidence]) -> Evidence:
         first = collection._replace(seeds=collection.seeds[:1]).collect()
         drivers = [
             replace(one, angles=own.angles, expected=own.expected)
-            for one, own in zip(drivers, (first.policy, *first.references), strict=True)
+            for one, own in zip(drivers, first.drivers, strict=True)
         ]
+    count = 1 + len(parts[0].references)
     return Evidence(
         scenario=parts[0].scenario,
         seeds=collection.seeds,
         policy=drivers[0],
-        references=tuple(drivers[1:]),
+        references=tuple(drivers[1:count]),
         strata={
             name: np.concatenate([one.strata[name] for one in parts]) for name in parts[0].strata
         },
+        trivial=tuple(drivers[count:]),
     )
 
 

@@ -16,6 +16,11 @@ from socialiq.audit.evidence.drive import (
 )
 from socialiq.audit.evidence.outcomes import Evidence, Reference
 from socialiq.audit.evidence.strata import gridworld_strata, intersection_strata
+from socialiq.audit.evidence.trivial import (
+    trivial_at_intersection,
+    trivial_in_environment,
+    trivial_in_grid,
+)
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
@@ -47,10 +52,11 @@ def collect_evidence(
     threads: int = 1,
     side_by_side: int | None = None,
 ) -> Evidence:
-    """Run the policy and its references on the same episodes.
+    """Run the policy, its references and trivial drivers on the same episodes.
 
     In a gridworld the exact optima are always among the references, at the intersection `RULES`;
-    an environment has no such references. The result has some 50 bytes for each episode and driver.
+    an environment has no such references. Trivial drivers (`trivial`) run in every world. The
+    result has some 50 bytes for each episode and driver.
 
     Args:
         world: World of the declaration: `Profile.world()`.
@@ -78,6 +84,7 @@ def collect_evidence(
         policy=drive_intersection(batch, Reference(name, policy), seeds, deterministic),
         references=tuple(drive_intersection(batch, one, seeds) for one in drivers),
         strata=_first_strata(world, seeds),
+        trivial=trivial_at_intersection(batch, seeds),
     )
 
 
@@ -100,6 +107,7 @@ def _in_grid(
         policy=drive_grid(table, policy, fate, name, deterministic),
         references=(*exact_optima(table, fate), *handed),
         strata=gridworld_strata(fate, world.chance),
+        trivial=trivial_in_grid(table, fate, seeds),
     )
 
 
@@ -122,6 +130,7 @@ def _in_environment(
         policy=drive_environment(world, policy, seeds, deterministic),
         references=tuple(drive_environment(world, one, seeds) for one in references),
         strata={},
+        trivial=trivial_in_environment(world, seeds),
     )
 
 

@@ -113,6 +113,38 @@ class _GridActor:
         return checked_actions(answer, rows, self._table.mdp.n_actions, self._name)
 
 
+def drive_actions(
+    table: Table,
+    actions: Int[np.ndarray, "time episode"],
+    fate: Float[np.ndarray, "episode draw"],
+    name: str,
+) -> Outcomes:
+    """Run fixed actions, whatever happens, on the episodes of these fates.
+
+    Args:
+        table: The world or its reachable part.
+        actions: Action of each episode at each time.
+        fate: Result of `fates`.
+        name: Name of the driver.
+    """
+    return _driven(table, _FixedActor(actions), fate, name, angles=())
+
+
+class _FixedActor:
+    """Actions by time and episode; all episodes begin at once."""
+
+    def __init__(self, actions: Int[np.ndarray, "time episode"]) -> None:
+        self._actions, self._time = actions, 0
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Do nothing: the actions are fixed."""
+
+    def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:  # noqa: ARG002
+        """Return the actions of the present time."""
+        self._time += 1
+        return self._actions[self._time - 1]
+
+
 class _TimedActor:
     """Actions by time and state; all episodes begin at once."""
 

@@ -95,6 +95,8 @@ class Evidence:
         references: Outcomes of the drivers that it is compared with.
         strata: Label of each episode by name of the stratification. Labels depend on the seed
             alone, so no driver can choose its stratum.
+        trivial: Outcomes of constant and random actions, which are no references of the regret
+            test (`evidence.trivial`).
     """
 
     scenario: str
@@ -102,19 +104,25 @@ class Evidence:
     policy: Outcomes
     references: tuple[Outcomes, ...]
     strata: Mapping[str, np.ndarray]
+    trivial: tuple[Outcomes, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.references:
             raise UserError("an audit needs at least one reference driver to compare with")
-        names = [one.name for one in (self.policy, *self.references)]
+        names = [one.name for one in self.drivers]
         if len(set(names)) < len(names):
             raise UserError(f"drivers must have different names, got {', '.join(names)}")
-        for one in (self.policy, *self.references):
+        for one in self.drivers:
             if len(one.totals) != self.episodes:
                 raise UserError(
                     f"drivers must be compared on the same episodes: {one.name} drove "
                     f"{len(one.totals)} of {self.episodes}"
                 )
+
+    @property
+    def drivers(self) -> tuple[Outcomes, ...]:
+        """The policy, the references and the trivial drivers."""
+        return (self.policy, *self.references, *self.trivial)
 
     @property
     def episodes(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,10 +51,10 @@ class Maker(NamedTuple):
 
 
 def write_table(evidence: Evidence) -> str:
-    """Return a CSV with seed, strata, and `MEASURED` of the policy and each reference."""
+    """Return a CSV with seed, strata, and `MEASURED` of each driver."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    drivers = (evidence.policy, *evidence.references)
+    drivers = evidence.drivers
     writer.writerow(_head(evidence.strata, [one.name for one in drivers]))
     columns: list[list[object]] = [
         list(range(evidence.episodes)),
@@ -81,7 +81,13 @@ def _no_formula(name: str) -> str:
     return f"'{name}" if name.startswith(_QUOTED) else name
 
 
-def read_table(content: bytes, scenario: str, policy: str, makers: Mapping[str, Maker]) -> Evidence:
+def read_table(
+    content: bytes,
+    scenario: str,
+    policy: str,
+    makers: Mapping[str, Maker],
+    trivial: Sequence[str] = (),
+) -> Evidence:
     """Read the result of `write_table`, exactly.
 
     Args:
@@ -89,6 +95,7 @@ def read_table(content: bytes, scenario: str, policy: str, makers: Mapping[str, 
         scenario: The world's description.
         policy: Name of the policy.
         makers: The references by name, in any order; the table has each of them once.
+        trivial: Names of the trivial drivers, which follow the references.
 
     Returns:
         The evidence. Contacts of episodes without a collision, which nothing depends on, are none.
@@ -99,14 +106,24 @@ def read_table(content: bytes, scenario: str, policy: str, makers: Mapping[str, 
     try:
         rows = _rows(content)
         head = next(rows, [])
-        first, names = _names(head, policy, makers)
+        first, names = _names(head, policy, [*makers, *trivial])
         found = _filled(rows, head[len(_INDEX) : first], first, names)
     except (ValueError, KeyError, OverflowError, csv.Error) as error:
         raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
     drivers = [
         found.of(number, name, makers.get(name, Maker())) for number, name in enumerate(names)
     ]
-    evidence = Evidence(scenario, found.seeds, drivers[0], tuple(drivers[1:]), found.strata)
+    count = 1 + len(makers)
+    evidence = Evidence(
+        scenario,
+        found.seeds,
+        drivers[0],
+        tuple(drivers[1:count]),
+        found.strata,
+        tuple(drivers[count:]),
+    )
+    if [one.name for one in evidence.trivial] != list(trivial):
+        raise UserError("the trivial drivers don't follow the references")
     if write_table(evidence).encode() != content:
         raise UserError("it is not written as an audit writes it")
     return evidence
@@ -116,12 +133,12 @@ def _rows(content: bytes) -> Iterator[list[str]]:
     return csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
 
 
-def _names(head: list[str], policy: str, makers: Mapping[str, Maker]) -> tuple[int, list[str]]:
+def _names(head: list[str], policy: str, others: Sequence[str]) -> tuple[int, list[str]]:
     """Return the first column of the drivers, and the drivers' names in order."""
     ours = f"{_no_formula(policy)}.{MEASURED[0]}"
     if ours not in head:
         raise ValueError(f"no column {ours}")
-    first, known = head.index(ours), {_no_formula(name): name for name in makers}
+    first, known = head.index(ours), {_no_formula(name): name for name in others}
     titles = [one.removesuffix(f".{MEASURED[0]}") for one in head[first :: len(MEASURED)]]
     names = [policy, *(known.pop(title) for title in titles[1:])]
     if known:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
+from socialiq.audit.names import plain_name
 from socialiq.audit.seeds.commitment import Draw
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.discrimination import Discrimination
 
-About = Literal["seed", "code"]
+About = Literal["seed", "code", "margin"]
 
 
 class Caveat(NamedTuple):
@@ -22,14 +25,28 @@ class Caveat(NamedTuple):
     text: str
 
 
-def caveats(drawn: Draw, policy: Mapping[str, Any]) -> list[Caveat]:
+def caveats(drawn: Draw, policy: Mapping[str, Any], others: Discrimination) -> list[Caveat]:
     """Return the caveats of an audit, none if its evidence has no known weakness.
 
     Args:
         drawn: Commitment and seed.
         policy: The policy's record as JSON.
+        others: Other drivers that would pass the declaration.
     """
-    return [*_of_seed(drawn), *_of_code(policy)]
+    return [*_of_margin(others), *_of_seed(drawn), *_of_code(policy)]
+
+
+def _of_margin(others: Discrimination) -> list[Caveat]:
+    """Return a caveat if a driver that pays no attention to the traffic would pass too."""
+    passing = [one for one in others.drivers if one.trivial and one.decision is Decision.PASS]
+    if not passing:
+        return []
+    names = ", ".join(f"one that {plain_name(one.name)}" for one in passing)
+    text = (
+        f"The declaration excludes little: {others.would_pass} of {others.of} other drivers would "
+        f"pass it too, among them {names}."
+    )
+    return [Caveat("margin", text)]
 
 
 def _of_seed(drawn: Draw) -> list[Caveat]:

@@ -14,6 +14,7 @@ from socialiq.audit.report.caveats import caveats
 from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.discrimination import Discrimination
 from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
@@ -48,7 +49,8 @@ class Audited:
         left_out: Names of references that are the policy itself.
         evidence: Result of `collect_evidence`, with the references that are left out.
         elsewhere: The same in each other traffic.
-        verdict: Result of `judge`.
+        verdict: Result of `judged`.
+        discrimination: Result of `discriminate`.
         shifts: Result of `shift_of`; None without the check.
         films: Films by path in the folder: `episodes.path_of`.
         command: Command that repeats the audit.
@@ -66,6 +68,7 @@ class Audited:
     evidence: Evidence
     elsewhere: Sequence[Evidence]
     verdict: Verdict
+    discrimination: Discrimination
     shifts: Sequence[Shift] | None
     films: Mapping[str, bytes]
     command: str
@@ -90,7 +93,10 @@ def content(audited: Audited) -> dict[str, Any]:
         {
             "format": FORMAT,
             "verdict": _verdict(verdict),
-            "caveats": [one._asdict() for one in caveats(audited.drawn, audited.policy)],
+            "caveats": [
+                one._asdict()
+                for one in caveats(audited.drawn, audited.policy, audited.discrimination)
+            ],
             "declaration": {**to_json(profile), "sha256": profile.sha256},
             "policy": {
                 "record": dict(audited.policy),
@@ -98,7 +104,9 @@ def content(audited: Audited) -> dict[str, Any]:
                 "means": driver_row(evidence.policy, angle),
             },
             "tests": _tests(verdict),
+            "discrimination": audited.discrimination,
             "references": audited.references(left_out=False),
+            "trivial": [driver_row(one, angle) for one in evidence.trivial],
             "reference_files": list(audited.reference_files),
             "left_out": audited.references(left_out=True),
             "strata": stratified(evidence, angle, best, profile.confidence),

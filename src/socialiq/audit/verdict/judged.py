@@ -7,14 +7,23 @@ from typing import NamedTuple
 
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.profile.profile import Profile
+from socialiq.audit.verdict.discrimination import Discrimination, discriminate, finding_of
+from socialiq.audit.verdict.findings import Finding, conclude
 from socialiq.audit.verdict.shift import Shift, Traffic, shift_of
 from socialiq.audit.verdict.verdict import Verdict, judge
 
 
 class Judged(NamedTuple):
-    """Results of `judge` and `shift_of`; the second is None without other traffic."""
+    """Results of an audit.
+
+    Attributes:
+        verdict: Result of `judge`, as far as no finding forbids it (`conclude`).
+        discrimination: Result of `discriminate`.
+        shifts: Result of `shift_of`, or None without other traffic.
+    """
 
     verdict: Verdict
+    discrimination: Discrimination
     shifts: tuple[Shift, ...] | None
 
 
@@ -26,6 +35,7 @@ def judged(
     traffic: Sequence[Traffic] = (),
     elsewhere: Sequence[Evidence] = (),
     error: float | None = None,
+    findings: Sequence[Finding] = (),
 ) -> Judged:
     """Judge a policy by its evidence.
 
@@ -38,10 +48,16 @@ def judged(
         traffic: Result of `other_traffic`, or none.
         elsewhere: Evidence in each of these, of all references.
         error: Error of this look (`looks.spending`); None for the whole error, 1 - confidence.
+        findings: Findings beside the tests that forbid a pass.
 
     Raises:
         UserError: If the evidence is of another scenario.
     """
     compared, *there = [one.without(left_out) for one in (evidence, *elsewhere)]
-    verdict = judge(profile, compared, seed, curve=evidence, error=error)
-    return Judged(verdict, shift_of(profile, compared, traffic, there, seed) if traffic else None)
+    others = discriminate(profile, compared, seed, error=error)
+    tested = judge(profile, compared, seed, curve=evidence, error=error)
+    return Judged(
+        verdict=conclude(tested, [*findings, *finding_of(others)]),
+        discrimination=others,
+        shifts=shift_of(profile, compared, traffic, there, seed) if traffic else None,
+    )

@@ -201,7 +201,8 @@ def _failed(regret: RegretTest, broken: list[FloorTest]) -> str:
     if regret.decision is Decision.FAIL:
         parts.append(
             f"at the declared {regret.angle:g} degrees it earns at least {_number(regret.low)} "
-            f"less per episode than {regret.best} ({_number(regret.margin)} is allowed)"
+            f"less per episode than the best reference driver ({_number(regret.margin)} less is "
+            "allowed)"
         )
     for one in broken:
         least = one.side == "at least"

@@ -33,7 +33,8 @@ def makers(evidence):
 
 
 def read(evidence, content):
-    return read_table(content, evidence.scenario, evidence.policy.name, makers(evidence))
+    trivial = [one.name for one in evidence.trivial]
+    return read_table(content, evidence.scenario, evidence.policy.name, makers(evidence), trivial)
 
 
 def assert_equal(one, other):
@@ -41,7 +42,8 @@ def assert_equal(one, other):
     assert one.strata.keys() == other.strata.keys()
     for name, labels in one.strata.items():
         np.testing.assert_array_equal(labels, other.strata[name])
-    pairs = zip((one.policy, *one.references), (other.policy, *other.references), strict=True)
+    assert len(one.trivial) == len(other.trivial)
+    pairs = zip(one.drivers, other.drivers, strict=True)
     for left, right in pairs:
         assert (left.name, left.angles, left.expected) == (right.name, right.angles, right.expected)
         for column in ("totals", "ending", "contact", "length"):
@@ -146,3 +148,16 @@ def test_a_table_needs_episodes_and_every_reference_once(made):
     fewer = dict(list(makers(made).items())[:1])
     with pytest.raises(UserError, match="not a table"):
         read_table(text.encode(), "made up", "policy", fewer)
+
+
+def test_trivial_drivers_follow_the_references_and_stay_apart(audited_evidence):
+    text = write_table(audited_evidence).encode()
+    trivial = [one.name for one in audited_evidence.trivial]
+    assert trivial
+    described = (audited_evidence.scenario, "policy", makers(audited_evidence))
+    assert len(read_table(text, *described, trivial).trivial) == len(trivial)
+    with pytest.raises(UserError, match="not a table of episodes"):
+        read_table(text, *described)
+    more = described[2] | {trivial[0]: Maker()}
+    swapped = read_table(text, *described[:2], more, trivial[1:])
+    assert swapped.references[-1].name == trivial[0]

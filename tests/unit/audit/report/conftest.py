@@ -40,7 +40,9 @@ def audited(declared):
     )
     traffic = other_traffic(profile)
     there = elsewhere(drawn, traffic)
-    verdict, shifts = judged(profile, evidence, [], drawn.derived("resampling"), traffic, there)
+    verdict, discrimination, shifts = judged(
+        profile, evidence, [], drawn.derived("resampling"), traffic, there
+    )
     return Audited(
         profile=profile,
         policy={
@@ -60,6 +62,7 @@ def audited(declared):
         evidence=evidence,
         elsewhere=there,
         verdict=verdict,
+        discrimination=discrimination,
         shifts=shifts,
         films={},
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",

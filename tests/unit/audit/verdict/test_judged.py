@@ -27,8 +27,9 @@ def evidence(world, purpose):
 
 def test_the_policy_itself_is_a_point_of_the_curve_but_no_reference(profile):
     found = evidence(profile.world(), 1)
-    verdict, shifts = judged(profile, found, ["the same"], 5)
+    verdict, discrimination, shifts = judged(profile, found, ["the same"], 5)
     assert shifts is None
+    assert "the same" not in {one.name for one in discrimination.drivers}
     assert "the same" not in {one.name for one in verdict.regret.references}
     assert "the same" in {one.name for one in verdict.calibration.curve}
     assert verdict == judge(profile, found.without(["the same"]), 5, curve=found)

@@ -1,0 +1,58 @@
+"""A declaration that no driver can break: a margin of a million, and limits that allow everything.
+
+Whatever the owner's policy does, "behaves as declared" would be printed beside it.
+"""
+
+import json
+
+import pytest
+
+from socialiq.cli.main import main
+
+OPEN = {
+    "max_at_fault = 0.05": "max_at_fault = 1.0",
+    "max_struck = 0.1": "max_struck = 1.0",
+    "min_arrival = 0.8": "min_arrival = 0.0",
+    "max_timeout = 0.2": "max_timeout = 1.0",
+}
+
+
+def declare_anything(folder, world, margin="1000000"):
+    profile = folder / "profile.toml"
+    new = ["profile", "new", "--world", world, "--angle", "0", "--margin", margin]
+    assert main([*new, "--out", str(profile)]) == 0
+    text = profile.read_text()
+    for usual, wide in OPEN.items():
+        assert usual in text
+        text = text.replace(usual, wide)
+    profile.write_text(text)
+    return profile
+
+
+def audit(policy, profile, out):
+    words = ["audit", policy, "--profile", str(profile), "--out", str(out)]
+    status = main([*words, "--episodes", "40", "--seed", "7"])
+    return status, json.loads((out / "report.json").read_bytes())
+
+
+@pytest.mark.parametrize("policy", ["wait", "go", "atlas:set_egoistic"])
+def test_a_declaration_that_excludes_no_driver_is_not_passed(tmp_path, capsys, policy):
+    profile = declare_anything(tmp_path, "intersection")
+    status, report = audit(policy, profile, tmp_path / "audit")
+    assert (status, report["verdict"]["decision"]) == (3, "inconclusive")
+    assert "excludes nothing" in report["verdict"]["reason"]
+    assert "excludes nothing" in capsys.readouterr().out
+
+
+def test_the_report_names_the_drivers_that_would_pass_too(tmp_path):
+    """An open floor and a margin that all but random driving keep: passed, with a caveat."""
+    profile = declare_anything(tmp_path, "intersection", margin="12")
+    status, report = audit("atlas:set_egoistic", profile, tmp_path / "audit")
+    found = report["discrimination"]
+    others = {one["name"]: one["decision"] for one in found["drivers"]}
+    assert "set_egoistic" not in others
+    assert {"go", "wait", "trivial_random"} <= others.keys()
+    assert found["would_pass"] == sum(one == "pass" for one in others.values()) > 0
+    assert found["of"] == len(others)
+    if others["go"] == "pass" and status == 0:
+        assert any("always goes" in one["text"] for one in report["caveats"])
