@@ -71,6 +71,22 @@ def read_json(path: Path) -> Any:
         raise UserError(f"cannot read {path} as JSON: {error}") from error
 
 
+LARGEST_SMALL = 64 * 1024  # bytes
+
+
+def read_small_json(path: Path) -> Any:
+    """Read one JSON document of at most 64 KiB from a plain file.
+
+    Raises:
+        UserError: As `read_json`, or if it is larger.
+    """
+    if not path.is_file():  # reading a pipe would block
+        raise UserError(f"no such file: {path}")
+    if path.stat().st_size > LARGEST_SMALL:
+        raise UserError(f"{path} has more than {LARGEST_SMALL:,} bytes: is this the right file?")
+    return read_json(path)
+
+
 @contextlib.contextmanager
 def open_csv(path: Path) -> Iterator[TextIO]:
     """Open a CSV file; what fails while it is read is raised as one line.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from socialiq.errors import UserError
-from socialiq.storage import read_json
+from socialiq.storage import read_small_json
 
 _HEX = re.compile(r"[0-9a-f]{64}")
 
@@ -56,7 +56,7 @@ def read_nonce(path: Path) -> Nonce:
     Raises:
         UserError: If it is missing or something else.
     """
-    found = _small_json(path)
+    found = read_small_json(path)
     value = found.get("nonce") if isinstance(found, dict) else None
     if not isinstance(value, str) or not _HEX.fullmatch(value):
         raise UserError(f"{path} has no nonce: `socialiq audit nonce --out FILE` writes one")
@@ -74,15 +74,3 @@ def check_sha256(text: str) -> None:
             "--nonce-sha256 must be 64 hexadecimal digits in lower case, as `socialiq audit nonce` "
             "prints them"
         )
-
-
-_LARGEST = 64 * 1024  # bytes
-
-
-def _small_json(path: Path) -> object:
-    """Read a small JSON file."""
-    if not path.is_file():
-        raise UserError(f"no such file: {path}")
-    if path.stat().st_size > _LARGEST:
-        raise UserError(f"{path} has more than {_LARGEST:,} bytes: it is another file")
-    return read_json(path)

@@ -1,0 +1,252 @@
+"""One look: commit in the log, learn the seed, record the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from socialiq.audit.looks.log import (
+    COMMITMENT,
+    RESULT,
+    SEED,
+    AuditLog,
+    Entry,
+    Subject,
+    locked,
+    now,
+)
+from socialiq.audit.looks.spending import check_spendable, spend
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.seeds import beacon
+from socialiq.audit.seeds.beacon import Round
+from socialiq.audit.seeds.commitment import Commitment, Draw, draw, reveal
+from socialiq.audit.seeds.nonce import Nonce, check_sha256
+from socialiq.audit.verdict.verdict import whole_error
+from socialiq.errors import UserError
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that decides an audit but for its seed; it is fixed by the commitment.
+
+    Attributes:
+        commitment: Hashes of policy and declaration.
+        profile: The declaration.
+        episodes: Number of episodes.
+        soft: Whether the policy draws its actions.
+        references: Hashes of the user's references, in their order.
+    """
+
+    commitment: Commitment
+    profile: Profile
+    episodes: int
+    soft: bool
+    references: tuple[str, ...]
+
+    @property
+    def subject(self) -> Subject:
+        """Owner and scenario, whose log it belongs to."""
+        return Subject(self.profile.owner, self.profile.scenario.sha256)
+
+    def fields(self) -> dict[str, Any]:
+        """Return the plan as fields of a line."""
+        return {
+            "policy_sha256": self.commitment.policy_sha256,
+            "profile_sha256": self.commitment.profile_sha256,
+            "confidence": self.profile.confidence,
+            "episodes": self.episodes,
+            "soft": self.soft,
+            "references": list(self.references),
+        }
+
+
+@dataclass(frozen=True)
+class Look:
+    """A commitment in a log.
+
+    Attributes:
+        number: Number of the look, from 1.
+        error: Largest chance of a wrong pass at this look, and of a wrong fail.
+        log: Name of the log's file.
+        before: Hash of the log's last line before the commitment.
+        entry: Hash of the commitment's line.
+        committed: Time of the commitment by the clock of the machine, ISO 8601.
+    """
+
+    number: int
+    error: float
+    log: str
+    before: str
+    entry: str
+    committed: str
+
+
+class Opened(NamedTuple):
+    """A look whose seed is known.
+
+    Attributes:
+        drawn: The seed.
+        look: The look; None without a log.
+    """
+
+    drawn: Draw
+    look: Look | None
+
+
+def commit(folder: Path, plan: Plan, source: Mapping[str, Any]) -> Look:
+    """Record a commitment, which counts as a look from now on, whether or not it is continued.
+
+    Args:
+        folder: Folder of the logs.
+        plan: What is committed to.
+        source: Origin of the seed as fields of the line: `of_nonce`, `of_beacon`, or of no
+            parameter that is known later.
+
+    Raises:
+        UserError: If the log is damaged, can't be written, or has too many looks.
+    """
+    with locked(folder, plan.subject) as log:
+        return _commit(log, plan, source)
+
+
+def _commit(log: AuditLog, plan: Plan, source: Mapping[str, Any]) -> Look:
+    check_spendable(spend(whole_error(plan.profile.confidence), log.looks + 1))
+    _check_unused(log, source)
+    entry = log.append(COMMITMENT, {**plan.fields(), "seed": dict(source)})
+    return _look(log, plan, entry)
+
+
+def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
+    spent = spend(whole_error(plan.profile.confidence), log.look_of(entry["sha256"]))
+    name = log.path.name
+    return Look(*spent, name, entry["previous"], entry["sha256"], entry["time"])
+
+
+def _check_unused(log: AuditLog, source: Mapping[str, Any]) -> None:
+    """Refuse a nonce that an earlier line names: it may be known by now."""
+    sha256 = source.get("nonce_sha256")
+    commitments = (one for one in log.entries if one["kind"] == COMMITMENT)
+    if sha256 and any(one["seed"].get("nonce_sha256") == sha256 for one in commitments):
+        raise UserError(
+            f"{log.path} names this nonce already: ask the auditor for the hash of a new one"
+        )
+
+
+def of_nonce(sha256: str) -> dict[str, Any]:
+    """Return the origin of a seed that the auditor's nonce will give.
+
+    Raises:
+        UserError: If it is not a hash.
+    """
+    check_sha256(sha256)
+    return {"source": "auditor's nonce", "nonce_sha256": sha256}
+
+
+def of_beacon(number: int) -> dict[str, Any]:
+    """Return the origin of a seed that a beacon's round will give.
+
+    Raises:
+        UserError: If the round is published already.
+    """
+    time = beacon.time_of(number)
+    if time <= now():
+        raise UserError(
+            f"round {number} of drand {beacon.NETWORK} was published at {time:%Y-%m-%d %H:%M:%S} "
+            f"UTC: name one after {beacon.round_after(now())}"
+        )
+    return {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": number}
+
+
+def open_look(
+    folder: Path | None, plan: Plan, given: int | Nonce | Round | None = None
+) -> Opened:
+    """Commit and learn the seed, or continue the commitment that names the nonce or the round.
+
+    Args:
+        folder: Folder of the logs; None for no log.
+        plan: What is committed to.
+        given: The auditor's seed, a revealed nonce, a published round; None draws the seed from
+            the system's entropy.
+
+    Raises:
+        UserError: If the log is damaged or can't be written, or no open commitment of the same
+            plan names the nonce or round.
+    """
+    if folder is None:
+        if isinstance(given, Nonce | Round):
+            raise UserError("a nonce or a beacon needs the log of the commitment: name its --log")
+        return Opened(draw(plan.commitment, given), None)
+    with locked(folder, plan.subject) as log:
+        if isinstance(given, Nonce | Round):
+            entry = _committed(log, plan, given)
+            look = _look(log, plan, entry)
+            drawn = reveal(plan.commitment, look.entry, given)
+        else:
+            origin = {"source": "system entropy"} if given is None else _of_seed(given)
+            look = _commit(log, plan, origin)
+            drawn = draw(plan.commitment, given)
+        log.append(SEED, {"commitment": look.entry, "seed": drawn.seed})
+    return Opened(drawn, look)
+
+
+def _of_seed(seed: int) -> dict[str, Any]:
+    return {"source": "auditor's seed", "seed": seed}
+
+
+def _committed(log: AuditLog, plan: Plan, given: Nonce | Round) -> Entry:
+    """Return the open commitment that names a nonce or a round, if it is of this plan."""
+    if isinstance(given, Nonce):
+        named, option = of_nonce(given.sha256), f"--nonce-sha256 {given.sha256}"
+    else:
+        named = {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": given.number}
+        option = f"--beacon-round {given.number}"
+    naming = [
+        one for one in log.entries if one["kind"] == COMMITMENT and one["seed"] == named
+    ]
+    if not naming:
+        raise UserError(
+            f"no commitment in {log.path} names it: the owner runs `socialiq audit commit ... "
+            f"{option}` first"
+        )
+    unopened = [one for one in naming if log.following(SEED, one["sha256"]) is None]
+    fields = plan.fields()
+    fitting = [one for one in unopened if all(one[name] == fields[name] for name in fields)]
+    if fitting:
+        return fitting[0]
+    if not unopened:
+        raise UserError(
+            f"the commitment in {log.path} was opened already, and its seed is known: commit again"
+        )
+    other = next(name for name in fields if unopened[0][name] != fields[name])
+    raise UserError(
+        f"the commitment in {log.path} is of another audit: its {_WORDS[other]} differs; audit "
+        "what was committed to, or commit again"
+    )
+
+
+_WORDS = {
+    "policy_sha256": "policy",
+    "profile_sha256": "declaration",
+    "confidence": "confidence",
+    "episodes": "number of episodes",
+    "soft": "selection of actions (--soft)",
+    "references": "list of references",
+}
+
+
+def record(folder: Path, plan_subject: Subject, look: Look, result: Mapping[str, str]) -> None:
+    """Record the verdict of a look.
+
+    Args:
+        folder: Folder of the logs.
+        plan_subject: Owner and scenario.
+        look: The look.
+        result: `decision`, and `report_sha256`, the hash of `report.json`.
+
+    Raises:
+        UserError: If the log is damaged or can't be written.
+    """
+    with locked(folder, plan_subject) as log:
+        log.append(RESULT, {"commitment": look.entry, **result})
