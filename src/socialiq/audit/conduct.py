@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import hashlib
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -15,14 +16,18 @@ from jaxtyping import Int64
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
+from socialiq.audit.looks.log import Subject
+from socialiq.audit.looks.look import Look, Opened, Plan, open_look, record
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import load
 from socialiq.audit.profile.scenario import World
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import check_filmed, films_of, selected
-from socialiq.audit.report.folder import check_target, files_of, write_folder
+from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
 from socialiq.audit.resolve_policy import References, Trust, resolve_policy, resolve_references
-from socialiq.audit.seeds.commitment import Commitment, check_seed, draw
+from socialiq.audit.seeds.beacon import Round, read_round
+from socialiq.audit.seeds.commitment import Commitment, check_seed
+from socialiq.audit.seeds.nonce import Nonce, read_nonce
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
@@ -45,6 +50,9 @@ class Request:
         threads: Number of threads of the intersection.
         films: Whether to draw six episodes.
         shift: Whether to run the policy in other traffic too.
+        log: Folder of the audit log; None keeps none.
+        nonce: File of the auditor's nonce, which a commitment in the log names.
+        beacon: File of a beacon's round, which a commitment in the log names.
     """
 
     policy: str
@@ -57,6 +65,9 @@ class Request:
     threads: int = 1
     films: bool = False
     shift: bool = False
+    log: Path | None = None
+    nonce: Path | None = None
+    beacon: Path | None = None
 
     def check(self) -> None:
         """Check the numbers and options before any work is done.
@@ -72,6 +83,18 @@ class Request:
         self.trust.limits.check()
         if self.threads < 1:
             raise UserError(f"threads must be at least 1, got {self.threads}")
+        if sum(one is not None for one in (self.seed, self.nonce, self.beacon)) > 1:
+            raise UserError("an audit has one seed: give one of --seed, --nonce and --beacon")
+
+    def given(self) -> int | Nonce | Round | None:
+        """Return the auditor's seed, nonce or round of a beacon; None draws the seed.
+
+        Raises:
+            UserError: If its file can't be read, or a round's signature is not the beacon's.
+        """
+        if self.nonce is not None:
+            return read_nonce(self.nonce)
+        return self.seed if self.beacon is None else read_round(self.beacon)
 
 
 class Collection(NamedTuple):
@@ -82,31 +105,31 @@ class Collection(NamedTuple):
         profile: The declaration.
         traffic: Number of a traffic of `other_traffic`, or None for the declared one.
         world: World of the episodes.
-        seeds: Seeds of the episodes.
         loaded: The policy.
         references: Drivers to compare with.
+        seeds: Seeds of the episodes.
     """
 
     request: Request
     profile: Profile
     traffic: int | None
     world: World
-    seeds: Int64[np.ndarray, " episode"]
     loaded: Loaded
     references: References
+    seeds: Int64[np.ndarray, " episode"]
 
     @staticmethod
     def of(
-        request: Request,
-        profile: Profile,
-        traffic: int | None,
-        world: World,
-        seeds: Int64[np.ndarray, " episode"],
-        loaded: Loaded,
+        request: Request, profile: Profile, traffic: int | None, world: World, loaded: Loaded
     ) -> Collection:
-        """Resolve the references in the world of the episodes."""
+        """Resolve the references in the world of the episodes; there are no episodes yet."""
         found = resolve_references(world, request.references, loaded.record, request.trust)
-        return Collection(request, profile, traffic, world, seeds, loaded, found)
+        none = np.zeros(0, np.int64)
+        return Collection(request, profile, traffic, world, loaded, found, none)
+
+    def on(self, seeds: Int64[np.ndarray, " episode"]) -> Collection:
+        """Return the collection on episodes of these seeds."""
+        return self._replace(seeds=seeds)
 
     def collect(self, side_by_side: int | None = None) -> Evidence:
         """Run all drivers in this process."""
@@ -130,26 +153,44 @@ class Conducted:
         evidence: Evidence of the verdict, then that of each other traffic; of all references.
         profile: The declaration.
         films: Films by path in the report's folder.
+        log: Folder of the audit log; None if there is none.
+        look: The look; None without a log.
     """
 
     report: dict[str, Any]
     evidence: tuple[Evidence, ...]
     profile: Profile
     films: dict[str, bytes]
+    log: Path | None
+    look: Look | None
+
+    def write(self, out: Path, replace: bool) -> None:
+        """Write the report's folder, and record the verdict in the log.
+
+        Raises:
+            UserError: If one of them can't be written.
+        """
+        files = files_of(self.report, self.profile, self.evidence, self.films)
+        write_folder(out, files, replace)
+        if self.log is not None and self.look is not None:
+            decision = self.report["verdict"]["decision"]
+            sha256 = hashlib.sha256(files[REPORT]).hexdigest()
+            subject = Subject.of(self.profile)
+            record(self.log, subject, self.look, decision, sha256)
 
 
 def conduct(
     request: Request,
     print_line: Callable[[str], None],
-    wanted_sha256: str = "",
+    repeated: Opened | None = None,
     collect: Callable[[Collection], Evidence] = Collection.collect,
 ) -> Conducted:
-    """Load declaration and policy, commit to both, draw the seed, run all drivers, judge.
+    """Load declaration and policy, commit to both, learn the seed, run all drivers, judge.
 
     Args:
         request: Request of the audit.
         print_line: Prints commitment and seed.
-        wanted_sha256: Hash of the policy, if it must be a certain one.
+        repeated: Seed and look of an earlier audit to repeat, which is no look of its own.
         collect: Collects the evidence, by default in this process.
 
     Raises:
@@ -157,38 +198,36 @@ def conduct(
     """
     request.check()
     started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
-    profile = load(request.profile)
+    given, profile = request.given(), load(request.profile)
     world = profile.world(request.trust.allow_code)
     if request.films:
         check_filmed(world)
     traffic = other_traffic(profile) if request.shift else ()
     with resolve_policy(request.policy, world, profile.angle, request.trust) as loaded:
         policy = loaded.record
-        if wanted_sha256 and policy.sha256 != wanted_sha256:
+        declared, *others = (
+            Collection.of(request, profile, number, place, loaded)
+            for number, place in ((None, world), *enumerate(one.world for one in traffic))
+        )
+        plan = plan_of(request, profile, policy.sha256, declared.references)
+        drawn, look = repeated or _open(request, plan, given, print_line)
+        if drawn.commitment != plan.commitment:
             raise UserError(
                 f"{request.policy} is not the policy that was audited: its hash differs"
             )
-        commitment = Commitment(policy.sha256, profile.sha256)
-        print_line(f"committed to policy and declaration: {commitment.sha256}")
-        drawn = draw(commitment, request.seed)
-        print_line(f"seed {drawn.seed}, chosen by the {drawn.chosen_by}")
 
-        def collection(number: int | None, place: World, purpose: str) -> Collection:
-            seeds = episode_seeds(drawn.derived(purpose), request.episodes)
-            return Collection.of(request, profile, number, place, seeds, loaded)
+        def collected(collection: Collection, purpose: str) -> Evidence:
+            return collect(collection.on(episode_seeds(drawn.derived(purpose), request.episodes)))
 
-        declared = collection(None, world, "episodes")
-        complete = collect(declared)
-        elsewhere = [
-            collect(collection(number, one.world, f"shift {number}"))
-            for number, one in enumerate(traffic)
-        ]
+        complete = collected(declared, "episodes")
+        elsewhere = [collected(one, f"shift {number}") for number, one in enumerate(others)]
         episodes = selected(complete, profile.angle)
         films = films_of(world, loaded.policy, episodes) if request.films else {}
     itself = declared.references.itself
     resampling = drawn.derived("resampling")
+    error = None if look is None else look.error
     verdict, discrimination, shifts = judged(
-        profile, complete, itself, resampling, traffic, elsewhere
+        profile, complete, itself, resampling, traffic, elsewhere, error
     )
     report = content(
         Audited(
@@ -196,6 +235,7 @@ def conduct(
             policy=policy.as_json(),
             deterministic=not request.soft,
             drawn=drawn,
+            look=look,
             records=declared.references.records,
             reference_files=list(request.references),
             left_out=itself,
@@ -210,7 +250,33 @@ def conduct(
             seconds=round(time.monotonic() - clock, 3),
         )
     )
-    return Conducted(report, (complete, *elsewhere), profile, films)
+    return Conducted(report, (complete, *elsewhere), profile, films, request.log, look)
+
+
+def plan_of(request: Request, profile: Profile, policy_sha256: str, references: References) -> Plan:
+    """Return what a request commits to."""
+    return Plan(
+        Commitment(policy_sha256, profile.sha256),
+        profile,
+        request.episodes,
+        request.soft,
+        tuple(one["sha256"] for one in references.records.values()),
+    )
+
+
+def _open(
+    request: Request,
+    plan: Plan,
+    given: int | Nonce | Round | None,
+    print_line: Callable[[str], None],
+) -> Opened:
+    """Commit, learn the seed, and print both."""
+    print_line(f"committed to policy and declaration: {plan.commitment.sha256}")
+    opened = open_look(request.log, plan, given)
+    if opened.look is not None:
+        print_line(f"look {opened.look.number} of {opened.look.log}")
+    print_line(f"seed {opened.drawn.seed}, from {opened.drawn.source}")
+    return opened
 
 
 def audit_policy(
@@ -222,6 +288,8 @@ def audit_policy(
     references: Sequence[str | Path] = (),
     allow_code: bool = False,
     replace: bool = False,
+    log: Path | None = None,
+    no_log: bool = False,
 ) -> dict[str, Any]:
     """Audit a policy against its declaration and write the report, as `socialiq audit` does.
 
@@ -235,6 +303,8 @@ def audit_policy(
         references: Further drivers to compare with; in an environment at least one.
         allow_code: Whether the named Python modules may be imported.
         replace: Whether an earlier report in the folder is replaced.
+        log: Folder of the audit log; by default `audit-log` beside `out`.
+        no_log: Whether to keep no log.
 
     Returns:
         Content of `report.json`: `["verdict"]["decision"]` is pass, fail or inconclusive.
@@ -243,11 +313,29 @@ def audit_policy(
         UserError: If the request is invalid, or the policy fails on the way.
     """
     check_target(out, replace)
-    handed = tuple(map(str, references))
-    request = Request(str(policy), profile, episodes, seed, handed, trust=Trust(allow_code))
+    request = Request(
+        str(policy),
+        profile,
+        episodes,
+        seed,
+        tuple(map(str, references)),
+        trust=Trust(allow_code),
+        log=log_folder(out, log, no_log),
+    )
     done = conduct(request, lambda _line: None)
-    write_folder(out, files_of(done.report, done.profile, done.evidence, done.films), replace)
+    done.write(out, replace)
     return done.report
+
+
+def log_folder(out: Path, log: Path | None, no_log: bool) -> Path | None:
+    """Return the folder of the audit log: by default `audit-log` beside the report's folder.
+
+    Raises:
+        UserError: If a log is named and refused at once.
+    """
+    if no_log and log is not None:
+        raise UserError("an audit keeps a log or none: leave out --log or --no-log")
+    return None if no_log else log or out.parent / "audit-log"
 
 
 def command_of(request: Request, seed: int) -> str:
@@ -258,6 +346,7 @@ def command_of(request: Request, seed: int) -> str:
     words += ["--films"] if request.films else []
     words += ["--shift"] if request.shift else []
     words += ["--soft"] if request.soft else []
+    words += ["--no-log"] if request.log is None else []
     words += ["--allow-code"] if request.trust.allow_code else []
     limits, usual = request.trust.limits, Limits()
     if limits.step != usual.step:

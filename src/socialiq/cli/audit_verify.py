@@ -14,6 +14,8 @@ import tyro
 from socialiq.audit.conduct import Request, conduct
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.folder import PROFILE, REPORT, tables_of
+from socialiq.audit.report.log_check import faults_by_log
+from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.verify import content_of, differences, faults, not_checked, read_report
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json, say
@@ -52,12 +54,17 @@ class Verify:
     """Limit of the address space of each process of a policy in the rerun, GiB."""
     threads: int = 1
     """Number of threads of the simulation."""
+    log: Path | None = None
+    """The file of the audit log that you hold, to check that the report is one of its looks, and
+    which."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
         """Check, optionally rerun, and print the differences."""
         found = faults(self.folder)
+        if self.log is not None and not found:
+            found = faults_by_log(self.folder, self.log)
         if self.rerun and not found:
             found = self._again()
         open_pages = [] if found else not_checked(self.folder)
@@ -85,7 +92,7 @@ class Verify:
         with tempfile.TemporaryDirectory() as place:
             profile = Path(place) / PROFILE
             profile.write_bytes(files[PROFILE])
-            done = conduct(self._request(report, profile), say, report["hashes"]["policy"])
+            done = conduct(self._request(report, profile), say, opened_of(report))
         fresh = json.loads(json.dumps(done.report))
         found = [f"{one} differs in the rerun" for one in differences(report, fresh)]
         tables = tables_of(done.evidence)
@@ -118,7 +125,6 @@ class Verify:
             policy=self._source(report),
             profile=profile,
             episodes=report["seeds"]["episodes"],
-            seed=report["seeds"]["seed"],
             references=self._references(report),
             soft=not report["policy"]["deterministic"],
             trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),

@@ -154,8 +154,8 @@ def play_part(
         if found != (config.sha256, config.profile_sha256):
             raise UserError("policy or declaration have changed since the audit began")
         seeds = np.array(config.seeds, np.int64)
-        collection = Collection.of(request, profile, config.traffic, place, seeds, loaded)
-        evidence = collection.collect(config.side_by_side)
+        collection = Collection.of(request, profile, config.traffic, place, loaded)
+        evidence = collection.on(seeds).collect(config.side_by_side)
     _write(evidence, folder)
 
 

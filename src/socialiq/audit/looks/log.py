@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import filelock
 
+from socialiq.audit.profile.profile import Profile
 from socialiq.errors import UserError
 
 Entry = Mapping[str, Any]
@@ -49,6 +50,11 @@ class Subject(NamedTuple):
 
     owner: str
     scenario_sha256: str
+
+    @staticmethod
+    def of(profile: Profile) -> Subject:
+        """Return the subject of a declaration."""
+        return Subject(profile.owner, profile.scenario.sha256)
 
     @property
     def sha256(self) -> str:
@@ -200,25 +206,41 @@ def _content(path: Path) -> bytes:
     return content
 
 
-_TEXTS = {
-    COMMITMENT: ("policy_sha256", "profile_sha256"),
-    SEED: ("commitment",),
-    RESULT: ("commitment", "decision", "report_sha256"),
+_FIELDS = {
+    COMMITMENT: {
+        "policy_sha256": str,
+        "profile_sha256": str,
+        "confidence": float,
+        "episodes": int,
+        "soft": bool,
+        "references": list,
+        "seed": dict,
+    },
+    SEED: {"commitment": str, "seed": int},
+    RESULT: {"commitment": str, "decision": str, "report_sha256": str},
 }
-"""Texts that a line of each kind has, besides those of every line."""
+"""Fields that a line of each kind has, with their types, besides those of every line."""
+
+_OF_EVERY_LINE = {"number": int, "kind": str, "time": str, "previous": str, "sha256": str}
 
 
 def _entry(line: bytes) -> Entry | None:
     """Return a line's content, None if its bytes are not those that `append` would write."""
     try:
         entry = json.loads(line)
-        known = _TEXTS[entry["kind"]]
-        texts = all(isinstance(entry[name], str) for name in ("time", "previous", *known))
+        fields = {**_OF_EVERY_LINE, **_FIELDS[entry["kind"]]}
         own = {name: value for name, value in entry.items() if name != "sha256"}
         same = entry["sha256"] == _sha256(_line(own)) and _line(entry).encode() == line
-        return entry if texts and same and type(entry["number"]) is int else None
+        typed = all(type(entry[name]) is kind for name, kind in fields.items())
+        timed = time_of(entry).tzinfo is not None
+        return entry if same and typed and timed else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
+
+
+def time_of(entry: Entry) -> datetime.datetime:
+    """Return the time of a line."""
+    return datetime.datetime.fromisoformat(entry["time"])
 
 
 def _line(entry: Entry) -> str:

@@ -16,6 +16,7 @@ from socialiq.audit.looks.log import (
     Subject,
     locked,
     now,
+    time_of,
 )
 from socialiq.audit.looks.spending import check_spendable, spend
 from socialiq.audit.profile.profile import Profile
@@ -48,7 +49,7 @@ class Plan:
     @property
     def subject(self) -> Subject:
         """Owner and scenario, whose log it belongs to."""
-        return Subject(self.profile.owner, self.profile.scenario.sha256)
+        return Subject.of(self.profile)
 
     def fields(self) -> dict[str, Any]:
         """Return the plan as fields of a line."""
@@ -202,23 +203,32 @@ def _committed(log: AuditLog, plan: Plan, given: Nonce | Round) -> Entry:
     else:
         named = {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": given.number}
         option = f"--beacon-round {given.number}"
-    naming = [
-        one for one in log.entries if one["kind"] == COMMITMENT and one["seed"] == named
-    ]
+    commitments = (one for one in log.entries if one["kind"] == COMMITMENT)
+    naming = [one for one in commitments if one["seed"] == named]
     if not naming:
         raise UserError(
             f"no commitment in {log.path} names it: the owner runs `socialiq audit commit ... "
             f"{option}` first"
         )
     unopened = [one for one in naming if log.following(SEED, one["sha256"]) is None]
-    fields = plan.fields()
-    fitting = [one for one in unopened if all(one[name] == fields[name] for name in fields)]
-    if fitting:
-        return fitting[0]
     if not unopened:
         raise UserError(
             f"the commitment in {log.path} was opened already, and its seed is known: commit again"
         )
+    if isinstance(given, Round) and time_of(unopened[0]) >= given.time:
+        raise UserError(
+            f"the commitment in {log.path} was made after round {given.number} was published: "
+            "commit again, to a later round"
+        )
+    return _fitting(log, plan, unopened)
+
+
+def _fitting(log: AuditLog, plan: Plan, unopened: list[Entry]) -> Entry:
+    """Return the first commitment of a plan."""
+    fields = plan.fields()
+    for one in unopened:
+        if all(one[name] == fields[name] for name in fields):
+            return one
     other = next(name for name in fields if unopened[0][name] != fields[name])
     raise UserError(
         f"the commitment in {log.path} is of another audit: its {_WORDS[other]} differs; audit "
@@ -236,17 +246,19 @@ _WORDS = {
 }
 
 
-def record(folder: Path, plan_subject: Subject, look: Look, result: Mapping[str, str]) -> None:
+def record(folder: Path, subject: Subject, look: Look, decision: str, report_sha256: str) -> None:
     """Record the verdict of a look.
 
     Args:
         folder: Folder of the logs.
-        plan_subject: Owner and scenario.
+        subject: Owner and scenario.
         look: The look.
-        result: `decision`, and `report_sha256`, the hash of `report.json`.
+        decision: pass, fail or inconclusive.
+        report_sha256: SHA-256 of `report.json`.
 
     Raises:
         UserError: If the log is damaged or can't be written.
     """
-    with locked(folder, plan_subject) as log:
-        log.append(RESULT, {"commitment": look.entry, **result})
+    with locked(folder, subject) as log:
+        found = {"decision": decision, "report_sha256": report_sha256}
+        log.append(RESULT, {"commitment": look.entry, **found})

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
+from socialiq.audit.looks.look import Look
 from socialiq.audit.names import plain_name
 from socialiq.audit.seeds.commitment import Draw
+from socialiq.audit.seeds.worth import worth
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination
 
-About = Literal["seed", "code", "margin"]
+About = Literal["margin", "look", "seed", "code"]
 
 
 class Caveat(NamedTuple):
@@ -25,15 +27,18 @@ class Caveat(NamedTuple):
     text: str
 
 
-def caveats(drawn: Draw, policy: Mapping[str, Any], others: Discrimination) -> list[Caveat]:
-    """Return the caveats of an audit, none if its evidence has no known weakness.
+def caveats(
+    drawn: Draw, look: Look | None, policy: Mapping[str, Any], others: Discrimination
+) -> list[Caveat]:
+    """Return the caveats of an audit, those of its log and its seed among them.
 
     Args:
         drawn: Commitment and seed.
+        look: The look; None without a log.
         policy: The policy's record as JSON.
         others: Other drivers that would pass the declaration.
     """
-    return [*_of_margin(others), *_of_seed(drawn), *_of_code(policy)]
+    return [*_of_margin(others), _of_look(look), Caveat("seed", worth(drawn)), *_of_code(policy)]
 
 
 def _of_margin(others: Discrimination) -> list[Caveat]:
@@ -49,14 +54,16 @@ def _of_margin(others: Discrimination) -> list[Caveat]:
     return [Caveat("margin", text)]
 
 
-def _of_seed(drawn: Draw) -> list[Caveat]:
-    if drawn.chosen_by != "auditor":
-        return []
-    text = (
-        "The auditor gave the seed in advance. An owner who knew it before the commitment can have "
-        "searched for a policy or a declaration that passes on its episodes."
-    )
-    return [Caveat("seed", text)]
+def _of_look(look: Look | None) -> Caveat:
+    if look is None:
+        text = "No audit log was kept: how often this owner has tried before is not known."
+    else:
+        text = (
+            f"This is look {look.number} of this owner at this scenario by the audit log "
+            f"{look.log}, with an error of at most {100 * look.error:.3g} %. Audits outside that "
+            "log are not known."
+        )
+    return Caveat("look", text)
 
 
 def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:

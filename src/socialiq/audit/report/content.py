@@ -9,9 +9,11 @@ from typing import Any
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
+from socialiq.audit.looks.look import Look
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.caveats import caveats
 from socialiq.audit.report.episodes import path_of, selected
+from socialiq.audit.report.seeds import seeds_of
 from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination
@@ -29,12 +31,6 @@ CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
 
 Episodes = dict[str, list[dict[str, Any]]]
 
-_STATEMENT = (
-    "Policy and declaration were read and hashed first. Only then was the seed drawn or "
-    "accepted. Seeds of episodes come from the seed and both hashes together."
-)
-
-
 @dataclass(frozen=True)
 class Audited:
     """Data and results of an audit.
@@ -44,6 +40,7 @@ class Audited:
         policy: The policy's record as JSON: kind, source, sha256, covers and more.
         deterministic: Whether it took its best actions.
         drawn: Commitment and seed.
+        look: The look; None without a log.
         records: Record of each loaded reference, by its name.
         reference_files: The user's references, as given with `--reference`.
         left_out: Names of references that are the policy itself.
@@ -62,6 +59,7 @@ class Audited:
     policy: Mapping[str, Any]
     deterministic: bool
     drawn: Draw
+    look: Look | None
     records: Mapping[str, Mapping[str, Any]]
     reference_files: Sequence[str]
     left_out: Sequence[str]
@@ -95,7 +93,9 @@ def content(audited: Audited) -> dict[str, Any]:
             "verdict": _verdict(verdict),
             "caveats": [
                 one._asdict()
-                for one in caveats(audited.drawn, audited.policy, audited.discrimination)
+                for one in caveats(
+                    audited.drawn, audited.look, audited.policy, audited.discrimination
+                )
             ],
             "declaration": {**to_json(profile), "sha256": profile.sha256},
             "policy": {
@@ -115,7 +115,8 @@ def content(audited: Audited) -> dict[str, Any]:
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.scenario.world),
             "scenario": evidence.scenario,
-            "seeds": _seeds(audited.drawn, evidence.episodes),
+            "seeds": seeds_of(audited.drawn, evidence.episodes),
+            "look": audited.look,
             "hashes": _hashes(audited),
             "versions": versions(),
             "machine": machine(),
@@ -171,16 +172,6 @@ def _makers(evidence: Evidence) -> list[dict[str, Any]]:
 def _tests(verdict: Verdict) -> dict[str, Any]:
     names = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
     return {name: getattr(verdict, name) for name in names}
-
-
-def _seeds(drawn: Draw, episodes: int) -> dict[str, Any]:
-    return {
-        "seed": drawn.seed,
-        "chosen_by": drawn.chosen_by,
-        "episodes": episodes,
-        "commitment_sha256": drawn.commitment.sha256,
-        "order": _STATEMENT,
-    }
 
 
 def _hashes(audited: Audited) -> dict[str, str]:

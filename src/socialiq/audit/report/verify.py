@@ -19,6 +19,7 @@ from socialiq.audit.report.folder import (
     statement,
     views_of,
 )
+from socialiq.audit.report.seeds import faults_of_seeds
 from socialiq.audit.seeds.commitment import Commitment
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -193,7 +194,7 @@ def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[s
         found.append(f"{PROFILE} is not the declaration of {REPORT}")
     if committed != report["seeds"]["commitment_sha256"]:
         found.append(f"the commitment in {REPORT} is not that of its hashes")
-    return found
+    return found or faults_of_seeds(report)
 
 
 def _of_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
@@ -250,7 +251,6 @@ def differences(old: Any, new: Any, place: str = "report") -> list[str]:
 _NOT_COMPARED = {
     "report": frozenset({"timing", "versions", "machine", "command", "reference_files"}),
     "report.hashes": frozenset({"package"}),
-    "report.seeds": frozenset({"chosen_by"}),
     # The auditor chooses the limits of a process; its name may have another path.
     "report.policy.record": frozenset({"source", "start", "step", "memory"}),
 }

@@ -1,0 +1,123 @@
+"""Sections `seeds` and `look` of the report, and the way back from them."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from typing import Any
+
+from socialiq.audit.looks.look import Look, Opened
+from socialiq.audit.looks.spending import spend
+from socialiq.audit.seeds.beacon import CHAIN, Round
+from socialiq.audit.seeds.commitment import Commitment, Draw, reveal
+from socialiq.audit.seeds.nonce import Nonce
+from socialiq.audit.seeds.worth import worth
+from socialiq.audit.verdict.verdict import whole_error
+from socialiq.to_json import to_json
+
+REPORT = "report.json"
+
+_ORDER = (
+    "Policy and declaration were read and hashed first. Only then was the seed drawn or "
+    "accepted. Seeds of episodes come from the seed and both hashes together."
+)
+
+
+def seeds_of(drawn: Draw, episodes: int) -> dict[str, Any]:
+    """Return the section `seeds`.
+
+    Args:
+        drawn: Commitment and seed.
+        episodes: Number of episodes.
+    """
+    revealed = drawn.revealed
+    return {
+        "seed": drawn.seed,
+        "source": drawn.source,
+        "worth": worth(drawn),
+        "nonce": revealed if isinstance(revealed, Nonce) else None,
+        "beacon": _beacon(revealed) if isinstance(revealed, Round) else None,
+        "episodes": episodes,
+        "commitment_sha256": drawn.commitment.sha256,
+        "order": _ORDER,
+    }
+
+
+def _beacon(one: Round) -> dict[str, Any]:
+    return {
+        "chain_sha256": CHAIN,
+        "round": one.number,
+        "time": one.time.isoformat(),
+        "signature": one.signature,
+        "randomness": one.randomness,
+    }
+
+
+def opened_of(report: Mapping[str, Any]) -> Opened:
+    """Return the seed and the look of a report.
+
+    Args:
+        report: Content of `report.json`.
+    """
+    seeds, hashes = report["seeds"], report["hashes"]
+    revealed = None
+    if seeds["nonce"] is not None:
+        revealed = Nonce(seeds["nonce"]["value"])
+    elif seeds["beacon"] is not None:
+        revealed = Round(seeds["beacon"]["round"], seeds["beacon"]["signature"])
+    commitment = Commitment(hashes["policy"], hashes["profile"])
+    look = None if report["look"] is None else Look(**report["look"])
+    return Opened(Draw(commitment, seeds["seed"], seeds["source"], revealed), look)
+
+
+def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
+    """Return the contradictions of a report about commitment, seed and look.
+
+    Args:
+        report: Content of `report.json`, by its schema.
+
+    Raises:
+        UserError: If the seed is a beacon's, and the library that checks signatures is missing.
+    """
+    drawn, look = opened_of(report)
+    found = []
+    if look is not None:
+        spent = spend(whole_error(report["declaration"]["confidence"]), look.number)
+        if look.error != spent.error:
+            found.append(f"{REPORT}: the error of look {look.number} is not its share")
+    if report["verdict"]["error"] != _error_of(report, look):
+        found.append(f"{REPORT}: the error of the verdict is not that of the look")
+    if drawn.revealed is not None:
+        found += _of_revealed(drawn, look)
+    elif drawn.source not in ("system entropy", "auditor's seed"):
+        found.append(f"{REPORT}: there is no {drawn.source}")
+    if not found and to_json(seeds_of(drawn, report["seeds"]["episodes"])) != report["seeds"]:
+        found.append(f"{REPORT}: its statements about the seed are not those of its source")
+    return found
+
+
+def _error_of(report: Mapping[str, Any], look: Look | None) -> float:
+    return whole_error(report["declaration"]["confidence"]) if look is None else look.error
+
+
+def _of_revealed(drawn: Draw, look: Look | None) -> list[str]:
+    """Derive the seed again from the nonce or the beacon's round."""
+    assert drawn.revealed is not None
+    if look is None:
+        return [f"{REPORT}: a seed of the {drawn.source} needs a log"]
+    found = []
+    if reveal(drawn.commitment, look.entry, drawn.revealed) != drawn:
+        found.append(f"{REPORT}: the seed does not follow from commitment and {drawn.source}")
+    if isinstance(drawn.revealed, Round):
+        if not drawn.revealed.is_genuine():
+            found.append(f"{REPORT}: the beacon did not sign this round")
+        if not _is_before(look.committed, drawn.revealed):
+            found.append(f"{REPORT}: the round was published before the commitment")
+    return found
+
+
+def _is_before(committed: str, published: Round) -> bool:
+    try:
+        return datetime.datetime.fromisoformat(committed) < published.time
+    except ValueError:  # the schema allows a 31 February
+        return False
