@@ -7,7 +7,7 @@ import datetime
 import hashlib
 import shlex
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from jaxtyping import Int64
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
 from socialiq.audit.looks.log import Subject
-from socialiq.audit.looks.look import Look, Opened, Plan, open_look, record
+from socialiq.audit.looks.look import Look, Opened, Plan, commit, open_look, record
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import load
 from socialiq.audit.profile.scenario import World
@@ -177,6 +177,26 @@ class Conducted:
             sha256 = hashlib.sha256(files[REPORT]).hexdigest()
             subject = Subject.of(self.profile)
             record(self.log, subject, self.look, decision, sha256)
+
+
+def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
+    """Commit to a policy and a declaration before the seed can be known, without an audit.
+
+    Args:
+        request: Request of the later audit, with its log.
+        source: Origin of the seed: `looks.look.of_nonce` or `of_beacon`.
+
+    Raises:
+        UserError: If the request is invalid, or the log is damaged or can't be written.
+    """
+    assert request.log is not None
+    request.check()
+    profile = load(request.profile)
+    world = profile.world(request.trust.allow_code)
+    with resolve_policy(request.policy, world, profile.angle, request.trust) as loaded:
+        collection = Collection.of(request, profile, None, world, loaded)
+        plan = plan_of(request, profile, loaded.record.sha256, collection.references)
+    return commit(request.log, plan, source)
 
 
 def conduct(

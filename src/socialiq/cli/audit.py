@@ -10,8 +10,8 @@ from typing import Annotated
 
 import tyro
 
-from socialiq.audit.conduct import Conducted, Request, conduct
-from socialiq.audit.report.folder import check_target, files_of, write_folder
+from socialiq.audit.conduct import Conducted, Request, conduct, log_folder
+from socialiq.audit.report.folder import check_target
 from socialiq.audit.report.views import is_known
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import print_table, say
@@ -44,6 +44,15 @@ class Audit:
     """Number of episodes."""
     seed: int | None = None
     """Seed of the episodes; by default drawn from the system's entropy after the commitment."""
+    nonce: Path | None = None
+    """File of the auditor's nonce, whose hash an `audit commit` of the owner names."""
+    beacon: Path | None = None
+    """File of a beacon's round (JSON, as drand's relays give it) that an `audit commit` names."""
+    log: Path | None = None
+    """Folder of the audit log, which counts the looks of an owner at a scenario; by default
+    `audit-log` beside the report's folder."""
+    no_log: bool = False
+    """Keep no audit log; the report says so."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """A further driver to compare with: a file (a dial gives one for every 15 degrees), or
     python:MODULE:ATTRIBUTE. In an environment of your own at least one is needed."""
@@ -76,8 +85,7 @@ class Audit:
         """Audit, write the report, print the verdict."""
         check_target(self.out, self.replace)
         done = self.conducted()
-        files = files_of(done.report, done.profile, done.evidence, done.films)
-        write_folder(self.out, files, self.replace)
+        done.write(self.out, self.replace)
         if self.json:
             sys.stdout.write(json.dumps(done.report, allow_nan=False) + "\n")
         else:
@@ -110,6 +118,9 @@ class Audit:
             threads=self.threads,
             films=self.films,
             shift=self.shift,
+            log=log_folder(self.out, self.log, self.no_log),
+            nonce=self.nonce,
+            beacon=self.beacon,
         )
 
 

@@ -32,6 +32,8 @@ COMMANDS = {
     "profile new": "profile:New",
     "profile check": "profile:Check",
     "audit": "audit:Audit",
+    "audit nonce": "audit_seed:WriteNonce",
+    "audit commit": "audit_seed:Commit",
     "audit verify": "audit_verify:Verify",
     "data from-arrays": "data:FromArrays",
     "data to-arrays": "data:ToArrays",

@@ -70,7 +70,7 @@ def passed(place):
 def test_a_policy_that_is_as_declared_passes(passed):
     report = report_of(passed)
     assert report["verdict"]["decision"] == "pass"
-    assert report["seeds"]["chosen_by"] == "auditor"
+    assert report["seeds"]["source"] == "auditor's seed"
     names = {path.name for path in passed.iterdir()}
     seals = {"MANIFEST.sha256", "statement.intoto.json"}
     assert names >= seals | {"report.json", "report.html", "report.md", "episodes.csv"}
@@ -99,7 +99,7 @@ def test_another_fails_and_one_json_object_is_printed(place, tmp_path, capsys):
     captured = capsys.readouterr()
     report = json.loads(captured.out)
     assert report["verdict"]["decision"] == "fail"
-    assert report["seeds"]["chosen_by"] == "operating system"
+    assert report["seeds"]["source"] == "system entropy"
     assert report == report_of(tmp_path / "a")
     committed, drawn = captured.err.splitlines()
     assert committed.endswith(report["seeds"]["commitment_sha256"])

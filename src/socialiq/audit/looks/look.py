@@ -160,9 +160,7 @@ def of_beacon(number: int) -> dict[str, Any]:
     return {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": number}
 
 
-def open_look(
-    folder: Path | None, plan: Plan, given: int | Nonce | Round | None = None
-) -> Opened:
+def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None = None) -> Opened:
     """Commit and learn the seed, or continue the commitment that names the nonce or the round.
 
     Args:

@@ -31,6 +31,7 @@ CLOUD = 300  # episodes drawn as points; episodes.csv has all of them
 
 Episodes = dict[str, list[dict[str, Any]]]
 
+
 @dataclass(frozen=True)
 class Audited:
     """Data and results of an audit.

@@ -29,9 +29,9 @@ def test_another_policy_or_profile_gets_other_numbers_from_the_same_seed():
 
 
 def test_who_chose_is_told():
-    assert draw(COMMITMENT, 7).chosen_by == "auditor"
+    assert draw(COMMITMENT, 7).source == "auditor's seed"
     drawn = {draw(COMMITMENT).seed for _ in range(4)}
-    assert draw(COMMITMENT).chosen_by == "operating system"
+    assert draw(COMMITMENT).source == "system entropy"
     assert len(drawn) == 4 and all(0 <= seed <= LARGEST_SEED for seed in drawn)
 
 
