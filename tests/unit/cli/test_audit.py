@@ -101,8 +101,9 @@ def test_another_fails_and_one_json_object_is_printed(place, tmp_path, capsys):
     assert report["verdict"]["decision"] == "fail"
     assert report["seeds"]["source"] == "system entropy"
     assert report == report_of(tmp_path / "a")
-    committed, drawn = captured.err.splitlines()
+    committed, counted, drawn = captured.err.splitlines()
     assert committed.endswith(report["seeds"]["commitment_sha256"])
+    assert counted == f"look 1 of {report['look']['log']}"
     assert drawn.startswith(f"seed {report['seeds']['seed']}")
 
 

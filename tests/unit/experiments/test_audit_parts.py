@@ -75,7 +75,7 @@ def small_network(tmp_path_factory):
 def test_an_audit_in_parts_by_command_goes_on_from_its_work_folder(tmp_path, trained, capsys):
     profile, work = declare(tmp_path, "crossing7"), tmp_path / "work"
     words = ["audit", str(trained), "--profile", str(profile), "--episodes", "30", "--seed", "3"]
-    words += ["--json"]
+    words += ["--json", "--no-log"]
     capsys.readouterr()
     alone = main([*words, "--out", str(tmp_path / "alone")])
     whole = json.loads(capsys.readouterr().out)

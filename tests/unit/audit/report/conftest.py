@@ -56,6 +56,7 @@ def audited(declared):
         },
         deterministic=True,
         drawn=drawn,
+        look=None,
         records={},
         reference_files=[],
         left_out=[],
