@@ -122,9 +122,9 @@ def test_a_log_without_the_first_tries_is_found(third, tmp_path, capsys):
     assert "log" in capsys.readouterr().err
 
 
-def test_a_log_written_anew_is_found_by_the_report(owner, third, seed, tmp_path):
+def test_a_log_written_again_is_found_by_the_report(owner, third, seed, tmp_path):
     """The owner throws the log away and repeats the passing try as the first look."""
-    status, _ = owner.audit(tmp_path / "anew", "--seed", str(seed))
+    status, _ = owner.audit(tmp_path / "again", "--seed", str(seed))
     assert status == 0
     (log,) = (tmp_path / "audit-log").glob("*.jsonl")
     assert main(["audit", "verify", str(third / "2"), "--log", str(log)]) == 1

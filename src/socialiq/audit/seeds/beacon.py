@@ -1,7 +1,7 @@
 """A public beacon: rounds of drand's network quicknet, their times and their signatures.
 
 The League of Entropy publishes one round every three seconds. A round's signature is a threshold
-BLS signature of its number alone: it is unique, nobody knows it before, and anyone can check it
+BLS signature of its number alone: it is unique, no one knows it before, and anyone can check it
 with the network's public key. Nothing here uses the network: the user fetches the round.
 
 Source: drand's specification (https://docs.drand.love) and the announcement of quicknet (16 October

@@ -7,7 +7,7 @@ from socialiq.audit.seeds.commitment import Draw, Source
 
 _WORTH: dict[Source, str] = {
     "system entropy": (
-        "The seed was drawn by the computer that ran the audit. This is self-attested: whoever ran "
+        "The seed was drawn by the computer that ran the audit. This is self-attested: those who ran "
         "it could have drawn again."
     ),
     "auditor's seed": (
@@ -23,11 +23,11 @@ _WORTH: dict[Source, str] = {
 
 
 def worth(drawn: Draw) -> str:
-    """Return what a seed is worth as evidence that nobody chose the episodes."""
+    """Return what a seed is worth as evidence that no one chose the episodes."""
     if isinstance(drawn.revealed, Round):
         return (
             f"The seed comes from the commitment and round {drawn.revealed.number:,} of the public "
-            f"beacon drand {NETWORK}, whose signature was checked. Nobody could choose it, "
+            f"beacon drand {NETWORK}, whose signature was checked. No one could choose it, "
             "provided that someone other than the owner held the commitment's hash before "
             f"{drawn.revealed.time:%Y-%m-%d %H:%M:%S} UTC, when the round was published."
         )
