@@ -7,8 +7,8 @@ from socialiq.audit.seeds.commitment import Draw, Source
 
 _WORTH: dict[Source, str] = {
     "system entropy": (
-        "The seed was drawn by the computer that ran the audit. This is self-attested: those who ran "
-        "it could have drawn again."
+        "The seed was drawn by the computer that ran the audit. This is self-attested: "
+        "those who ran it could have drawn again."
     ),
     "auditor's seed": (
         "The seed was given in advance. An owner who knew it before the commitment can have "
