@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import Regrets, regret_test
+from socialiq.audit.verdict.verdict import join_tests
+from socialiq.studies.audit_power import grinding
+from socialiq.studies.audit_power.grinding import WAYS, draw_of, first_passes, grinding_rows, passes
 from socialiq.studies.audit_power.population import Truth, draw_evidence
-from socialiq.studies.audit_power.power import CASES, MARGIN, coverage_rows, verdict_rows
+from socialiq.studies.audit_power.power import CASES, FLOOR, MARGIN, coverage_rows, verdict_rows
 
 
 @pytest.fixture(scope="module")
@@ -62,3 +67,64 @@ def test_it_is_seeded():
     first, second = (draw_evidence(Truth(), 5, seed).policy.totals for seed in (0, 900))
     assert (first != second).all()
     assert len(one) == len(other) == 12
+
+
+EASY = Truth(regret=0.1, at_fault=0.03, struck=0.03, arrival=0.91)
+"""Within the margin of 0.25, so that many tries pass."""
+
+
+def test_each_way_spends_its_error():
+    assert [WAYS["rerun, no log"].error(number) for number in (1, 2)] == [0.05, 0.05]
+    assert [WAYS["rerun, log"].error(number) for number in (1, 2)] == [0.05 / 2, 0.05 / 6]
+    at_home = WAYS["free byte, announced seed, log"]
+    assert at_home.error(9) == 0.05 / 2  # the log sees the one audit that passes
+
+
+def test_tries_differ_in_what_the_way_varies():
+    for varied in ("rerun", "seed", "byte, announced seed", "byte, nonce"):
+        one, two = (draw_of(varied, 5, number) for number in (1, 2))
+        assert one == draw_of(varied, 5, 1) and one != draw_of(varied, 6, 1)
+        assert one.derived("episodes") != two.derived("episodes")
+        assert (one.commitment != two.commitment) == varied.startswith("byte")
+        assert (one.seed == two.seed) == (varied == "byte, announced seed")
+
+
+def test_a_way_passes_first_where_its_audits_do():
+    found = first_passes(EASY, 100, 3, 100)
+    assert any(found.values())
+    for name, way in WAYS.items():
+        tries = range(1, (found[name] or grinding.TRIES) + 1)
+        by_hand = []
+        for number in tries:
+            drawn = draw_of(way.varied, 3, number)
+            evidence = draw_evidence(EASY, 100, drawn.derived("episodes"))
+            seed, error = drawn.derived("resampling"), way.error(number)
+            by_hand.append(passes(EASY, evidence, seed, error, 100))
+        assert by_hand == [number == found[name] for number in tries]
+
+
+def test_the_quick_rule_leaves_out_no_pass():
+    """With an estimate closer to the margin than a standard error, no bound at 5 % passes."""
+    decided = []
+    for seed in range(60):
+        evidence = draw_evidence(EASY, 250, seed)
+        regrets = Regrets(evidence, seed + 1, 400)
+        test = regret_test(regrets, evidence, EASY.declared, MARGIN, 0.05, 0.025)
+        whole = join_tests(test, evidence.policy, FLOOR, 0.05).decision is Decision.PASS
+        decided.append((passes(EASY, evidence, seed + 1, 0.05, 400), whole))
+    assert all(quick == whole for quick, whole in decided)
+    assert 0 < sum(whole for _, whole in decided) < len(decided)
+
+
+def test_shares_grow_with_the_tries_and_fall_with_a_log():
+    rows = grinding_rows(60, 6, 0, resamples=100)
+    assert len(rows) == 2 * len(WAYS) * 5
+    shares = {(row["policy"], row["way"], row["tries"]): row["passed"] for row in rows}
+    for policy in grinding.POLICIES:
+        for way in WAYS:
+            by_tries = [shares[policy, way, tries] for tries in grinding.COUNTED]
+            assert by_tries == sorted(by_tries)
+        for varied in ("rerun", "owner's seeds", "free byte, announced seed"):
+            for tries in grinding.COUNTED:
+                logged = shares[policy, f"{varied}, log", tries]
+                assert logged <= shares[policy, f"{varied}, no log", tries]

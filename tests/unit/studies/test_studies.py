@@ -69,7 +69,7 @@ TINY = {
         "dial_angles": (0.0, 90.0),
         "worlds": ("crossing7",),
     },
-    "audit-power": {"episodes": 60, "replications": 4, "resamples": 100},
+    "audit-power": {"episodes": 60, "replications": 4, "resamples": 100, "owners": 2},
     "classic-control": {"seeds": (0,), "tasks": ("CartPole",), "episodes": 2, "updates": 20},
 }
 

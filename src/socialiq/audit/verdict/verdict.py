@@ -109,6 +109,11 @@ def whole_error(confidence: float) -> float:
     return round(1.0 - confidence, 9)  # 0.05, not 0.050000000000000044
 
 
+def enough_resamples(error: float, least: int = 2000) -> int:
+    """Return a number of resamples that gives the quantiles of an error."""
+    return max(least, math.ceil(_BEYOND / error))
+
+
 def judge(
     profile: Profile,
     evidence: Evidence,
@@ -137,7 +142,7 @@ def judge(
     if hashlib.sha256(evidence.scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError("the evidence is of another scenario than the profile: collect it again")
     error = whole_error(profile.confidence) if error is None else error
-    resamples = max(resamples, math.ceil(_BEYOND / error))
+    resamples = enough_resamples(error, resamples)
     angle, margin = profile.angle, profile.margin
     regrets = Regrets(evidence, seed, resamples)
     found = decide_on(evidence, regrets, angle, margin.regret, profile.competence, error)

@@ -14,7 +14,8 @@ from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, counter, view_of
 from socialiq.experiments.tables import column
 from socialiq.plotting.style import figure, head, plain
-from socialiq.studies.audit_power.power import coverage_rows, verdict_rows
+from socialiq.studies.audit_power.grinding import POLICIES, TRIES, grinding_rows
+from socialiq.studies.audit_power.power import ERROR, coverage_rows, verdict_rows
 from socialiq.types import Row
 
 _COLORS = {"passed": "#1b7837", "inconclusive": "#bdbdbd", "failed": "#c23b22"}
@@ -30,12 +31,15 @@ class Config:
     """Audits of each population."""
     resamples: int = 1000
     """Resamples of each bootstrap."""
+    owners: int = 1000
+    """Owners of each policy who try up to 20 times."""
     first_seed: int = 100_000
     """Seed of the first audit; the others follow. Seeds below 10,000 were for development."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that are too small for an audit."""
-        for name, least in (("episodes", FEWEST_EPISODES), ("replications", 1), ("resamples", 2)):
+        least_of = {"episodes": FEWEST_EPISODES, "replications": 1, "resamples": 2, "owners": 1}
+        for name, least in least_of.items():
             if getattr(self, name) < least:
                 raise UserError(f"{name} must be at least {least}, got {getattr(self, name)}")
 
@@ -47,8 +51,16 @@ def compute_tables(config: Config, context: Context) -> Findings:
     tables = {
         "coverage": coverage_rows(*sizes, on_progress=count("coverage")),
         "verdicts": verdict_rows(*sizes, on_progress=count("error rates")),
+        "grinding": _grinding(config, context),
     }
     return Findings(tables, _summary(tables))
+
+
+def _grinding(config: Config, context: Context) -> list[Row]:
+    """Count the owners who pass by trying again."""
+    on_progress = counter(context.on_stage, "grinding", config.owners, "owners")
+    sizes = config.episodes, config.owners, config.first_seed, config.resamples
+    return grinding_rows(*sizes, on_progress=on_progress)
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
@@ -58,12 +70,21 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
         "coverage": {row["interval"]: row for row in tables["coverage"]},
         "verdicts": {row["case"]: row for row in tables["verdicts"]},
         "farthest_off": max(off),
+        "grinding": {
+            f"{row['policy']}, {row['way']}": row
+            for row in tables["grinding"]
+            if row["tries"] == TRIES
+        },
     }
 
 
 def draw_figures(results: Results) -> dict[str, Figure]:
-    """Draw both figures of the study."""
-    return {"coverage": _coverage_figure(results), "verdicts": _verdict_figure(results)}
+    """Draw the figures of the study."""
+    return {
+        "coverage": _coverage_figure(results),
+        "verdicts": _verdict_figure(results),
+        "grinding": _grinding_figure(results),
+    }
 
 
 def _coverage_figure(results: Results) -> Figure:
@@ -106,6 +127,46 @@ def _verdict_figure(results: Results) -> Figure:
     audits, episodes = results.config["replications"], results.config["episodes"]
     head(drawn, f"{audits:,} audits of {episodes} episodes for each case", axes)
     return drawn
+
+
+def _grinding_figure(results: Results) -> Figure:
+    """Draw the share of owners who have passed wrongly after a number of tries, by way."""
+    policy = next(iter(POLICIES))
+    drawn = figure(8.6, 4.0)
+    axes = drawn.subplots()
+    axes.axhline(100 * ERROR, color="#444444", linewidth=0.8)
+    for way, style in _STYLES.items():
+        rows = [
+            row
+            for row in results.tables["grinding"]
+            if (row["policy"], row["way"]) == (policy, way)
+        ]
+        shares = [[100 * row[name] for row in rows] for name in ("passed", "low", "high")]
+        tries = column(rows, "tries")
+        axes.plot(tries, shares[0], label=way, **style)
+        axes.fill_between(
+            tries, shares[1], shares[2], color=style["color"], alpha=0.12, linewidth=0
+        )
+    axes.set(xlabel="tries", ylabel="% of owners with a wrong pass", ylim=(0, None))
+    axes.legend(fontsize=8, frameon=False)
+    owners = results.config["owners"]
+    head(drawn, f"{owners:,} owners whose regret is {policy} (line: {100 * ERROR:g} %)", axes)
+    return drawn
+
+
+_STYLES: dict[str, dict[str, Any]] = {
+    way: {"color": "#1b7837" if closed else "#c23b22", "linestyle": line, "marker": "o"}
+    for way, closed, line in (
+        ("free byte, announced seed, no log", False, ":"),
+        ("owner's seeds, no log", False, "--"),
+        ("rerun, no log", False, "-"),
+        ("free byte, announced seed, log", False, "-."),
+        ("owner's seeds, log", True, "--"),
+        ("free byte, nonce, log", True, ":"),
+        ("rerun, log", True, "-"),
+    )
+}
+"""Lines of the ways: red where an owner can grind."""
 
 
 STUDY = Study(
