@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,14 @@ from socialiq.policies.callable import read_callable
 from socialiq.policies.interface import Interface
 from socialiq.policies.native import read_dial, read_policy, read_table
 from socialiq.policies.onnx.load import read_onnx
-from socialiq.policies.process.load import Limits, command_of, hash_of_command, start_process
+from socialiq.policies.process.covered import Covered, cover, named_by
+from socialiq.policies.process.isolation import NOT_ASKED, Isolation, sandboxed
+from socialiq.policies.process.load import Limits, command_of, start_process
+from socialiq.policies.process.python_module import (
+    OWN_FOLDER,
+    command_of_python,
+    cover_python,
+)
 from socialiq.policies.record import Loaded, Record, read_content, sha256_of
 from socialiq.policies.sb3.load import read_sb3
 from socialiq.storage import kind_of
@@ -38,6 +48,8 @@ def load_policy(
     angle: float | None = None,
     allow_code: bool = False,
     limits: Limits | None = None,
+    isolation: Isolation | None = None,
+    files: Sequence[str] = (),
 ) -> Loaded:
     """Load a policy from a file, a command or a Python module, for a world.
 
@@ -48,8 +60,12 @@ def load_policy(
         n_actions: Number of the world's actions.
         angle: Angle of a dial, in degrees.
         allow_code: Whether a Python module may be imported, which runs its author's code with
-            your rights.
+            your rights. An isolated one needs no such permission.
         limits: Time and memory of a process.
+        isolation: Result of `isolation_of`; a Python module then runs in a process of its own.
+            None: a module runs in this process, and a command is not isolated.
+        files: Further files and folders of a command or module, which its hash covers; an
+            isolated one sees no others.
 
     Returns:
         The policy and its record. Close it, or use it as a context manager: a process runs
@@ -61,9 +77,21 @@ def load_policy(
     world, source = Interface(n_features, n_actions), one_line(spec)
     head, colon, rest = spec.partition(":")
     if colon and head == "process":
-        return _process(rest.strip(), source, world, limits or Limits())
+        command = command_of(rest.strip())
+        code = _Code(source, command, lambda: cover(command, named_by(command, files)))
+        return code.started(world, limits or Limits(), isolation or NOT_ASKED)
     if colon and head == "python":
-        return _callable(rest, source, world, allow_code)
+        if isolation is None or not isolation.works:
+            _check_allowed(source, allow_code)
+        if isolation is None:
+            return _callable(rest, source, world)
+        command = command_of_python(rest, source)
+        code = _Code(source, command, lambda: cover_python(rest, source, files), (OWN_FOLDER,))
+        return code.started(world, limits or Limits(), isolation)
+    if files:
+        raise UserError(
+            f"{source} is one file: leave --files out, which are of a process or Python"
+        )
     path, suffix = Path(spec), Path(spec).suffix.lower()
     if suffix not in _SUFFIXES:
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
@@ -90,20 +118,49 @@ def _native(
     return kind, (read_table if kind == "table" else read_policy)(path, world)
 
 
-def _process(command_line: str, source: str, world: Interface, limits: Limits) -> Loaded:
-    sha256 = hash_of_command(command_of(command_line))
-    policy, details, child = start_process(command_line, source, world, limits)
-    covers = "the command's words and the files that they name"
-    record = Record("process", source, sha256, covers, world, False, details)
-    return Loaded(policy, record, child.close)
+@dataclass(frozen=True)
+class _Code:
+    """A command that is a policy.
+
+    Attributes:
+        source: Its name in messages, as it was specified.
+        command: Program and arguments.
+        cover: Hashes its files.
+        folders: Folders that an isolated one sees besides.
+    """
+
+    source: str
+    command: Sequence[str]
+    cover: Callable[[], Covered]
+    folders: Sequence[Path] = ()
+
+    def started(self, world: Interface, limits: Limits, isolation: Isolation) -> Loaded:
+        """Hash its files, start it, and return it with its record."""
+        covered, command = self.cover(), self.command
+        if isolation.works:
+            command = sandboxed(command, covered, folders=self.folders)
+        policy, details, child = start_process(command, self.source, world, limits)
+        details |= {"isolation": isolation._asdict()}
+        kind = self.source.partition(":")[0]
+        record = Record(kind, self.source, covered.sha256, covered.covers, world, False, details)
+        return Loaded(policy, record, child.close, partial(self._check, covered))
+
+    def _check(self, before: Covered) -> None:
+        if self.cover().sha256 != before.sha256:
+            raise UserError(
+                f"{self.source} changed while it was audited: audit files that stay as they are"
+            )
 
 
-def _callable(name: str, source: str, world: Interface, allowed: bool) -> Loaded:
+def _check_allowed(source: str, allowed: bool) -> None:
     if not allowed:
         raise UserError(
             f"{source} would run its author's code with your rights: allow that, or audit it as "
-            "ONNX or in a separate process"
+            "ONNX or isolated by bubblewrap"
         )
+
+
+def _callable(name: str, source: str, world: Interface) -> Loaded:
     policy, text = read_callable(name, source, world)
     covers = "the module's source, not what it imports"
     return Loaded(policy, Record("python", source, sha256_of(text), covers, world, False))

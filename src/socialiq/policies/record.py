@@ -22,7 +22,7 @@ class Record:
         kind: "policy", "dial", "table", "sb3", "onnx", "process" or "python".
         source: The specification that it was loaded from, as one printable line.
         sha256: SHA-256 of the file's bytes; for a process, of its command and the files named in
-            it; for Python, of the module's source.
+            it (`process.covered`); for Python in this process, of the module's source.
         covers: Description of the hashed content.
         interface: Sizes of its observations and actions.
         soft: Whether it gives the distribution of its stochastic actions.
@@ -55,11 +55,13 @@ class Loaded:
         policy: Decides, as `types.Policy`.
         record: Its facts.
         close: Ends the policy's process, if it has one; may be called twice.
+        check_unchanged: Raises `UserError` if the policy's files are no longer those of its hash.
     """
 
     policy: Policy
     record: Record
     close: Callable[[], None] = _nothing
+    check_unchanged: Callable[[], None] = _nothing
 
     def __enter__(self) -> Loaded:
         return self

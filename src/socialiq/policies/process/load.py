@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shlex
 import shutil
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +15,6 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.policies.interface import BatchPolicy, Interface
 from socialiq.policies.process.child import Child
-from socialiq.policies.record import MOST_BYTES
 
 PROTOCOL = "socialiq-policy"
 VERSION = 1
@@ -76,12 +73,12 @@ def limits_of(step_seconds: float, memory_gib: float) -> Limits:
 
 
 def start_process(
-    command_line: str, source: str, world: Interface, limits: Limits
+    command: Sequence[str], source: str, world: Interface, limits: Limits
 ) -> tuple[BatchPolicy, dict[str, Any], Child]:
     """Start a policy's process and exchange the first message.
 
     Args:
-        command_line: Program and arguments, quoted as for a shell; no shell is used.
+        command: Program and arguments; no shell is used.
         source: Its name in messages.
         world: The interface that the policy must have.
         limits: Its time and memory.
@@ -93,7 +90,7 @@ def start_process(
         UserError: If it can't be started, doesn't speak the protocol, or is made for another world.
     """
     limits.check()
-    child = Child(command_of(command_line), source, limits.memory)
+    child = Child(command, source, limits.memory)
     greeting = {"protocol": PROTOCOL, "version": VERSION, **_sizes(world)}
     answer = _request(child, greeting, limits.start, _GREETING)
     if (answer.get("protocol"), answer.get("version")) != (PROTOCOL, VERSION):
@@ -128,19 +125,6 @@ def command_of(command_line: str) -> list[str]:
     return command
 
 
-def hash_of_command(command: Sequence[str]) -> str:
-    """Return the SHA-256 of a command's words and of every file that they name.
-
-    Other files that the program reads (a model in its folder, a library) are not covered.
-    """
-    digest = hashlib.sha256(json.dumps(list(command)).encode())
-    for word in command:
-        path = Path(shutil.which(word) or word) if word == command[0] else Path(word)
-        if path.is_file() and path.stat().st_size <= MOST_BYTES:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
 def _sizes(world: Interface) -> dict[str, int]:
     return {"features": world.n_features, "actions": world.n_actions}
 
@@ -158,6 +142,9 @@ def _request(child: Child, message: dict[str, Any], seconds: float, most: int) -
         raise child.failure("answered a line that is not JSON") from None
     if not isinstance(answer, dict):
         raise child.failure("answered a line that is not a JSON object")
+    if isinstance(answer.get("error"), str):
+        child.close()
+        raise UserError(f"{child.source} {one_line(answer['error'])}")
     return answer
 
 

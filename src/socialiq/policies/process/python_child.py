@@ -1,0 +1,97 @@
+"""A Python policy as a program of the line protocol (docs/policies.md); it is never imported.
+
+    python python_child.py PLACE ATTRIBUTE PATHS
+
+PLACE is a module's name, or the path of a file that ends in .py; ATTRIBUTE is a policy (it has
+`predict`), a class that makes one without arguments, or a function of observations; PATHS is a JSON
+list, the module search path. The module's code runs in this process alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any, TextIO
+
+MOST = 400  # characters of an error
+
+
+def main(place: str, attribute: str, paths: list[str]) -> int:
+    """Load the policy and answer every line of the standard input."""
+    # What the module prints goes to the standard error: the standard output is for answers.
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.path[:] = paths
+    policy: Any = None
+    for line in sys.stdin:
+        message = json.loads(line)
+        try:
+            if policy is None:
+                policy = _loaded(place, attribute)
+                answer = message
+            else:
+                answer = {"id": message["id"], **_decided(policy, message)}
+        except (Exception, SystemExit) as error:
+            answer = {"error": f"raised {type(error).__name__}: {error}; correct its code"[:MOST]}
+        if isinstance(policy, str):
+            answer = {"error": policy}
+        _say(answers, answer)
+    return 0
+
+
+def _loaded(place: str, attribute: str) -> Any:
+    """Return the policy, or a text that says why it is none."""
+    found = getattr(_module(place), attribute)
+    found = found() if inspect.isclass(found) else found
+    if not callable(getattr(found, "predict", found)):
+        return "is not a policy: it must be a function or have `predict`"
+    return found
+
+
+def _module(place: str) -> Any:
+    if not place.endswith(".py"):
+        return importlib.import_module(place)
+    path = Path(place)
+    sys.path.append(str(path.parent))
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up there.
+    sys.modules.setdefault(path.stem, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _decided(policy: Any, message: dict[str, Any]) -> dict[str, Any]:
+    """Return the actions of a request, or an error if they are no integers."""
+    import numpy as np
+
+    batch = np.array(message["observations"], np.float32)
+    if hasattr(policy, "predict"):
+        answer = policy.predict(batch, deterministic=message["deterministic"])[0]
+    else:
+        answer = policy(batch)
+    try:
+        actions = np.asarray(answer)
+    except (ValueError, TypeError):  # rows of several lengths
+        return {"error": "must answer one action for each observation"}
+    if actions.shape != (len(batch),) or actions.dtype.kind not in "iu":
+        return {
+            "error": f"answered {actions.dtype} of shape {actions.shape}: it must be one integer "
+            f"for each of {len(batch)} observations"
+        }
+    return {"actions": actions.tolist()}
+
+
+def _say(answers: TextIO, answer: dict[str, Any]) -> None:
+    answers.write(json.dumps(answer) + "\n")
+    answers.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2], json.loads(sys.argv[3])))
