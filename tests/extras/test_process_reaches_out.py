@@ -57,8 +57,13 @@ def files():
     return "files beside the report"
 
 
+def notes():
+    return f"file of the auditor: {open(NOTES).read()}"
+
+
 def home():
-    return f"files of the home folder: {os.listdir(HOME)}"
+    names = set(os.listdir(HOME)) - set(sys.base_prefix.split("/"))
+    return f"files of the home folder: {names}" if names else ""
 
 
 def processes():
@@ -96,7 +101,7 @@ for line in sys.stdin:
         answer = dict(message)
         daemon()
     else:
-        for attempt in (seed, memory, network, files, home, processes, environment):
+        for attempt in (seed, memory, network, files, notes, home, processes, environment):
             try:
                 found.append(attempt())
             except OSError:
@@ -120,6 +125,9 @@ def listening():
 def test_nothing_is_within_its_reach(tmp_path, listening):
     out, policy, profile = (tmp_path / name for name in ("out", "policy.py", "profile.toml"))
     placed = POLICY.replace("REPORT", repr(str(out))).replace("PORT", str(listening))
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    placed = placed.replace("NOTES", repr(str(notes)))
     policy.write_text(placed.replace("HOME", repr(str(Path.home()))))
     day = datetime.date(2026, 1, 31)
     profile.write_bytes(declare(45.0, "An owner", "crossing7", Margin(1.0, 10.0), day).source)
@@ -138,6 +146,6 @@ def test_nothing_is_within_its_reach(tmp_path, listening):
     time.sleep(1.0)
     assert faults(out) == []
     report = json.loads((out / "report.json").read_text())
-    assert report["isolation"]["kind"].startswith("bubblewrap")
+    assert report["policy"]["record"]["isolation"]["kind"].startswith("bubblewrap")
     assert not any("isolated" in one["text"] for one in report["caveats"])
     assert not (tmp_path / "left-by-the-policy").exists()

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Int64
 
 from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.consistency import Recorder, joined
 from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
 from socialiq.audit.looks.log import Subject
 from socialiq.audit.looks.look import Look, Opened, Plan, commit, open_look, record
@@ -24,13 +25,21 @@ from socialiq.audit.profile.scenario import World
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import check_filmed, films_of, selected
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
-from socialiq.audit.resolve_policy import References, Trust, resolve_policy, resolve_references
+from socialiq.audit.resolve_policy import (
+    References,
+    Trust,
+    is_code,
+    resolve_policy,
+    resolve_references,
+)
 from socialiq.audit.seeds.beacon import Round, read_round
 from socialiq.audit.seeds.commitment import Commitment, check_seed
 from socialiq.audit.seeds.nonce import Nonce, read_nonce
+from socialiq.audit.verdict.dependence import dependence
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
+from socialiq.policies.process.isolation import Asked
 from socialiq.policies.process.load import GIB, Limits
 from socialiq.policies.record import Loaded
 
@@ -81,6 +90,8 @@ class Request:
         if self.films and self.soft:
             raise UserError("films show a policy's best actions: leave out --films or --soft")
         self.trust.limits.check()
+        if self.trust.files and not any(map(is_code, (self.policy, *self.references))):
+            raise UserError("--files is of a process or Python: leave it out")
         if self.threads < 1:
             raise UserError(f"threads must be at least 1, got {self.threads}")
         if sum(one is not None for one in (self.seed, self.nonce, self.beacon)) > 1:
@@ -132,16 +143,27 @@ class Collection(NamedTuple):
         return self._replace(seeds=seeds)
 
     def collect(self, side_by_side: int | None = None) -> Evidence:
-        """Run all drivers in this process."""
-        return collect_evidence(
+        """Run all drivers in this process; ask a policy that is code again what it was asked.
+
+        Policies that are data run by this package's code, and drawn actions differ by design.
+        """
+        request, checked = self.request, is_code(self.request.policy) and not self.request.soft
+        policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
+        evidence = collect_evidence(
             self.world,
-            self.loaded.policy,
+            policy,
             self.seeds,
             self.references.drivers,
-            deterministic=not self.request.soft,
-            threads=self.request.threads,
+            deterministic=not request.soft,
+            threads=request.threads,
             side_by_side=side_by_side,
         )
+        if isinstance(policy, Recorder):
+            angle = self.profile.angle
+            with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
+                evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
+        self.loaded.check_unchanged()
+        return evidence
 
 
 @dataclasses.dataclass(frozen=True)
@@ -245,9 +267,16 @@ def conduct(
         films = films_of(world, loaded.policy, episodes) if request.films else {}
     itself = declared.references.itself
     resampling = drawn.derived("resampling")
-    error = None if look is None else look.error
+    consistency = joined([one.consistency for one in (complete, *elsewhere)])
     verdict, discrimination, shifts = judged(
-        profile, complete, itself, resampling, traffic, elsewhere, error
+        profile,
+        complete,
+        itself,
+        resampling,
+        traffic,
+        elsewhere,
+        error=None if look is None else look.error,
+        findings=dependence(consistency),
     )
     report = content(
         Audited(
@@ -259,6 +288,7 @@ def conduct(
             records=declared.references.records,
             reference_files=list(request.references),
             left_out=itself,
+            consistency=consistency,
             evidence=complete,
             elsewhere=elsewhere,
             verdict=verdict,
@@ -310,6 +340,8 @@ def audit_policy(
     replace: bool = False,
     log: Path | None = None,
     no_log: bool = False,
+    isolation: Asked = "auto",
+    files: Sequence[str | Path] = (),
 ) -> dict[str, Any]:
     """Audit a policy against its declaration and write the report, as `socialiq audit` does.
 
@@ -321,10 +353,13 @@ def audit_policy(
         episodes: Number of episodes of every driver.
         seed: The auditor's seed; by default drawn after policy and declaration were hashed.
         references: Further drivers to compare with; in an environment at least one.
-        allow_code: Whether the named Python modules may be imported.
+        allow_code: Whether named Python modules may run without isolation, and an environment's
+            module may be imported.
         replace: Whether an earlier report in the folder is replaced.
         log: Folder of the audit log; by default `audit-log` beside `out`.
         no_log: Whether to keep no log.
+        isolation: Isolation of processes and Python modules: where bubblewrap works, always, never.
+        files: Further files and folders of these, which their hash covers.
 
     Returns:
         Content of `report.json`: `["verdict"]["decision"]` is pass, fail or inconclusive.
@@ -339,7 +374,7 @@ def audit_policy(
         episodes,
         seed,
         tuple(map(str, references)),
-        trust=Trust(allow_code),
+        trust=Trust(allow_code, isolation=isolation, files=tuple(map(str, files))),
         log=log_folder(out, log, no_log),
     )
     done = conduct(request, lambda _line: None)
@@ -368,6 +403,9 @@ def command_of(request: Request, seed: int) -> str:
     words += ["--soft"] if request.soft else []
     words += ["--no-log"] if request.log is None else []
     words += ["--allow-code"] if request.trust.allow_code else []
+    words += [word for one in request.trust.files for word in ("--files", one)]
+    if request.trust.isolation != "auto":
+        words += ["--isolation", request.trust.isolation]
     limits, usual = request.trust.limits, Limits()
     if limits.step != usual.step:
         words += ["--step-seconds", f"{limits.step:g}"]

@@ -18,6 +18,7 @@ from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
 from socialiq.policies.load import KINDS, load_policy
+from socialiq.policies.process.isolation import Asked, isolation_of
 from socialiq.policies.process.load import Limits
 from socialiq.policies.record import Loaded, Record
 from socialiq.provenance import package_sha256
@@ -40,12 +41,22 @@ class Trust:
     """Permissions of a policy under audit.
 
     Attributes:
-        allow_code: Whether a Python module may be imported.
+        allow_code: Whether a Python module may run without isolation, and an environment's module
+            be imported.
         limits: Time and memory of a process.
+        isolation: Isolation of processes and Python modules.
+        files: Further files and folders of these.
     """
 
     allow_code: bool = False
     limits: Limits = dataclasses.field(default_factory=Limits)
+    isolation: Asked = "auto"
+    files: tuple[str, ...] = ()
+
+
+def is_code(spec: str) -> bool:
+    """Whether a policy is a program of its owner, and not data that this package's code runs."""
+    return spec.startswith(("process:", "python:"))
 
 
 def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
@@ -164,7 +175,9 @@ def _named(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict[
 
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """Load a policy's file; in a gridworld its input may have the time as a further feature."""
-    more = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
+    more: dict[str, Any] = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
+    if is_code(spec):
+        more |= {"isolation": isolation_of(trust.isolation), "files": trust.files}
     try:
         return load_policy(spec, world.n_features, world.n_actions, **more)
     except UserError:

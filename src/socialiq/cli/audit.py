@@ -18,6 +18,7 @@ from socialiq.cli.output import print_table, say
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.experiments.engine import Engine, work_folder
+from socialiq.policies.process.isolation import Asked
 from socialiq.policies.process.load import limits_of
 
 
@@ -59,8 +60,13 @@ class Audit:
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
     allow_code: bool = False
-    """Import the Python modules of policy, references and the declaration's environment: their
-    authors' code runs with your rights."""
+    """Import the Python module of the declaration's environment, and run policies and references
+    in Python that can't be isolated: their authors' code runs with your rights."""
+    isolation: Asked = "auto"
+    """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
+    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A further file or folder of a process or a Python module: the hash covers it, and an
+    isolated one sees no other."""
     step_seconds: float = 5.0
     """Seconds within which a process must answer."""
     memory_gib: float = 8.0
@@ -114,7 +120,12 @@ class Audit:
             seed=self.seed,
             references=tuple(self.reference),
             soft=self.soft,
-            trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
+            trust=Trust(
+                self.allow_code,
+                limits_of(self.step_seconds, self.memory_gib),
+                self.isolation,
+                tuple(self.files),
+            ),
             threads=self.threads,
             films=self.films,
             shift=self.shift,

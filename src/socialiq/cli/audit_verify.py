@@ -21,6 +21,7 @@ from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json, say
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.policies.process.isolation import Asked
 from socialiq.policies.process.load import limits_of
 from socialiq.provenance import package_sha256
 
@@ -47,7 +48,12 @@ class Verify:
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """Paths of the user's references."""
     allow_code: bool = False
-    """Import the Python modules that were named, for the rerun."""
+    """Import the environment's Python module, and run named Python modules that can't be isolated,
+    for the rerun."""
+    isolation: Asked = "auto"
+    """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
+    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Further files and folders of the policy, as in the audit."""
     step_seconds: float = 5.0
     """Seconds within which a process must answer in the rerun."""
     memory_gib: float = 8.0
@@ -127,7 +133,12 @@ class Verify:
             episodes=report["seeds"]["episodes"],
             references=self._references(report),
             soft=not report["policy"]["deterministic"],
-            trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
+            trust=Trust(
+                self.allow_code,
+                limits_of(self.step_seconds, self.memory_gib),
+                self.isolation,
+                tuple(self.files),
+            ),
             threads=self.threads,
             shift=report["shift"] is not None,
         )

@@ -11,6 +11,7 @@ import numpy as np
 
 from socialiq.audit.conduct import Collection, Request
 from socialiq.audit.evidence.collect import SIDE_BY_SIDE
+from socialiq.audit.evidence.consistency import Consistency, joined
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.profile.reader import load
 from socialiq.audit.resolve_policy import Trust, resolve_policy
@@ -20,8 +21,10 @@ from socialiq.evaluation.play import SoftPolicy
 from socialiq.experiments.engine import Engine, run_jobs
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.study import StageCallback
+from socialiq.policies.process.isolation import Asked
 from socialiq.policies.process.load import Limits
 from socialiq.storage import load_arrays, save_arrays
+from socialiq.to_json import to_json
 from socialiq.types import RewardPair
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.world import Intersection
@@ -44,6 +47,8 @@ class PartConfig:
         soft: As `Request.soft`.
         allow_code: As `Trust.allow_code`.
         limits: As `Trust.limits`.
+        isolation: As `Trust.isolation`.
+        files: As `Trust.files`.
         traffic: As `Collection.traffic`.
         side_by_side: Number of episodes at once, the same for every part.
         seeds: Seeds of this part's episodes.
@@ -58,6 +63,8 @@ class PartConfig:
     soft: bool
     allow_code: bool
     limits: Limits
+    isolation: Asked
+    files: tuple[str, ...]
     traffic: int | None
     side_by_side: int
     seeds: tuple[int, ...]
@@ -114,6 +121,8 @@ def jobs_of(collection: Collection, parts: int) -> list[Job]:
                 soft=request.soft,
                 allow_code=request.trust.allow_code,
                 limits=request.trust.limits,
+                isolation=request.trust.isolation,
+                files=request.trust.files,
                 traffic=collection.traffic,
                 side_by_side=min(SIDE_BY_SIDE, len(collection.seeds)),
                 seeds=tuple(block.tolist()),
@@ -138,7 +147,8 @@ def play_part(
         UserError: If policy or declaration have changed since the commitment.
     """
     profile = load(Path(config.profile))
-    trust = Trust(config.allow_code, Limits(*config.limits))
+    limits = Limits(*config.limits)
+    trust = Trust(config.allow_code, limits, config.isolation, tuple(config.files))
     world = profile.world(config.allow_code)
     place = world if config.traffic is None else other_traffic(profile)[config.traffic].world
     request = Request(
@@ -179,6 +189,7 @@ def _write(evidence: Evidence, folder: Path) -> None:
                 for one in drivers
             ],
             "strata": {name: labels.tolist() for name, labels in evidence.strata.items()},
+            "consistency": to_json(evidence.consistency),
         },
     )
 
@@ -201,6 +212,7 @@ def _read(folder: Path) -> Evidence:
         references=tuple(drivers[1 : 1 + header["references"]]),
         strata={name: np.array(labels) for name, labels in header["strata"].items()},
         trivial=tuple(drivers[1 + header["references"] :]),
+        consistency=Consistency.of(header["consistency"]),
     )
 
 
@@ -226,6 +238,7 @@ def _joined(collection: Collection, parts: Sequence[Evidence]) -> Evidence:
             name: np.concatenate([one.strata[name] for one in parts]) for name in parts[0].strata
         },
         trivial=tuple(drivers[count:]),
+        consistency=joined([one.consistency for one in parts]),
     )
 
 

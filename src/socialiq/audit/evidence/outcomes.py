@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int8, Int64
 
+from socialiq.audit.evidence.consistency import Consistency
 from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
@@ -97,6 +98,7 @@ class Evidence:
             alone, so no driver can choose its stratum.
         trivial: Outcomes of constant and random actions, which are no references of the regret
             test (`evidence.trivial`).
+        consistency: Answers of the policy to repeated queries; None if it was not asked.
     """
 
     scenario: str
@@ -105,6 +107,7 @@ class Evidence:
     references: tuple[Outcomes, ...]
     strata: Mapping[str, np.ndarray]
     trivial: tuple[Outcomes, ...] = ()
+    consistency: Consistency | None = None
 
     def __post_init__(self) -> None:
         if not self.references:

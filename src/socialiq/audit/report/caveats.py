@@ -11,6 +11,7 @@ from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.seeds.worth import worth
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination
+from socialiq.policies.process.isolation import NONE
 
 About = Literal["margin", "look", "seed", "code"]
 
@@ -67,10 +68,11 @@ def _of_look(look: Look | None) -> Caveat:
 
 
 def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:
-    if policy["kind"] not in ("python", "process"):
+    isolation = policy.get("isolation")
+    if isolation is None or isolation["kind"] != NONE:
         return []
     text = (
-        "The policy is the owner's code, and it was not isolated: it could read the seed and "
-        "change the evidence. The evidence is self-attested."
+        f"The policy is the owner's code and was not isolated ({isolation['why']}): it could read "
+        "the seed and change the evidence. The evidence is self-attested."
     )
     return [Caveat("code", text)]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.looks.look import Look
@@ -45,6 +46,7 @@ class Audited:
         records: Record of each loaded reference, by its name.
         reference_files: The user's references, as given with `--reference`.
         left_out: Names of references that are the policy itself.
+        consistency: Answers of the policy to repeated queries; None if it was not asked.
         evidence: Result of `collect_evidence`, with the references that are left out.
         elsewhere: The same in each other traffic.
         verdict: Result of `judged`.
@@ -64,6 +66,7 @@ class Audited:
     records: Mapping[str, Mapping[str, Any]]
     reference_files: Sequence[str]
     left_out: Sequence[str]
+    consistency: Consistency | None
     evidence: Evidence
     elsewhere: Sequence[Evidence]
     verdict: Verdict
@@ -106,6 +109,7 @@ def content(audited: Audited) -> dict[str, Any]:
             },
             "tests": _tests(verdict),
             "discrimination": audited.discrimination,
+            "consistency": audited.consistency,
             "references": audited.references(left_out=False),
             "trivial": [driver_row(one, angle) for one in evidence.trivial],
             "reference_files": list(audited.reference_files),

@@ -233,7 +233,8 @@ def differences(old: Any, new: Any, place: str = "report") -> list[str]:
     Numbers must agree to the last digit, as they do on the same machine with the same versions.
     """
     if isinstance(old, dict) and isinstance(new, dict):
-        names = sorted((old.keys() | new.keys()) - _NOT_COMPARED.get(place, frozenset({"film"})))
+        skipped = _NOT_COMPARED.get(place, _NOWHERE_COMPARED)
+        names = sorted((old.keys() | new.keys()) - skipped)
         missing = object()
         return [
             one
@@ -248,11 +249,13 @@ def differences(old: Any, new: Any, place: str = "report") -> list[str]:
     return [] if _text(old) == _text(new) else [place]
 
 
+_NOWHERE_COMPARED = frozenset({"film", "isolation"})
+
 _NOT_COMPARED = {
     "report": frozenset({"timing", "versions", "machine", "command", "reference_files"}),
     "report.hashes": frozenset({"package"}),
     # The auditor chooses the limits of a process; its name may have another path.
-    "report.policy.record": frozenset({"source", "start", "step", "memory"}),
+    "report.policy.record": frozenset({"source", "start", "step", "memory", "isolation"}),
 }
 
 

@@ -23,7 +23,7 @@ class Finding(NamedTuple):
 
 
 def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
-    """Return the verdict of an audit: INCONCLUSIVE where the tests pass but a finding forbids it.
+    """Return the verdict of an audit: INCONCLUSIVE where a finding forbids a pass.
 
     A fail stays a fail, since no finding makes a policy better. The tests are unchanged, and more
     episodes would not decide.
@@ -32,7 +32,7 @@ def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
         verdict: Result of `judge`.
         findings: Findings of the audit.
     """
-    if verdict.decision is not Decision.PASS or not findings:
+    if verdict.decision is Decision.FAIL or not findings:
         return verdict
     reason = " ".join(one.text for one in findings)
     return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)

@@ -37,10 +37,10 @@ _PROGRAM = "bwrap"
 _ENTER = Path(__file__).with_name("enter.py")
 _SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
 _SETTINGS = ("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime")
-_WRITABLE = ("/tmp", "/dev/shm")  # noqa: S108 - of the sandbox
+_WRITABLE = ("/tmp", "/dev/shm")
 _ENVIRONMENT = {
     "PATH": "/usr/local/bin:/usr/bin:/bin",
-    "HOME": "/tmp",  # noqa: S108
+    "HOME": "/tmp",
     "USER": "policy",
     "LANG": "C.UTF-8",
 }

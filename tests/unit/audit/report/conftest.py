@@ -60,6 +60,7 @@ def audited(declared):
         records={},
         reference_files=[],
         left_out=[],
+        consistency=None,
         evidence=evidence,
         elsewhere=there,
         verdict=verdict,

@@ -1,0 +1,163 @@
+"""Consistency of a policy's answers: the same observations, asked again in other ways.
+
+A policy's action depends on the observation alone, or the episodes of an audit say nothing about
+how it drives elsewhere. What the policy met in the episodes is asked again: of the same process in
+the same batches, and of a new one, which knows nothing of them, one by one and in mixed batches.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Int64
+
+from socialiq.types import Policy
+
+ALLOWED = 0.001
+"""Largest share of differing answers in other batches. The last bits of a network's output depend
+on the size of the batch, which changes about one action in a million; a policy of exact ties may
+exceed the share, and has to break them by rule."""
+
+MOST_ROWS = 16_384
+"""Observations that are kept, if they are in enough batches."""
+
+FEWEST_BATCHES = 4
+
+SINGLE = 1_000
+"""Observations that are asked one by one."""
+
+LARGEST = 256
+"""Largest mixed batch."""
+
+_ORDER = 8104  # makes these draws independent of other draws
+
+
+class Answers(NamedTuple):
+    """Answers to repeated queries.
+
+    Attributes:
+        queries: Number of observations that were asked again.
+        differing: Number of them with another action than in the episodes.
+    """
+
+    queries: int
+    differing: int
+
+    def plus(self, other: Answers) -> Answers:
+        """Return the sums."""
+        return Answers(self.queries + other.queries, self.differing + other.differing)
+
+
+class Consistency(NamedTuple):
+    """Answers to the observations of the episodes, asked again.
+
+    Attributes:
+        repeated: By the same process in the same batches, after the last episode. Any difference
+            depends on time, on the number of requests or on chance.
+        shuffled: By a new process, in mixed batches of other sizes.
+        single: By a new process, one by one.
+    """
+
+    repeated: Answers
+    shuffled: Answers
+    single: Answers
+
+    @staticmethod
+    def of(report: Mapping[str, Any] | None) -> Consistency | None:
+        """Return the consistency that a report's JSON has."""
+        if report is None:
+            return None
+        return Consistency(*(Answers(**report[name]) for name in Consistency._fields))
+
+    @property
+    def dependences(self) -> list[str]:
+        """What the answers depend on besides the observation; none for an honest policy."""
+        found = ["the time or the number of requests"] if self.repeated.differing else []
+        others = [self.shuffled, self.single]
+        if any(one.differing > math.floor(ALLOWED * one.queries) for one in others):
+            found.append("the batch, the order or the process")
+        return found
+
+
+def joined(parts: Sequence[Consistency | None]) -> Consistency | None:
+    """Return the sums over parts of a collection; None if any of them was not checked."""
+    known = [one for one in parts if one is not None]
+    if not known or len(known) < len(parts):
+        return None
+    columns = zip(*known, strict=True)
+    return Consistency(*(_sum(column) for column in columns))
+
+
+def _sum(column: Sequence[Answers]) -> Answers:
+    total = Answers(0, 0)
+    for one in column:
+        total = total.plus(one)
+    return total
+
+
+class Recorder:
+    """A policy that keeps some batches of observations with its answers, evenly over all requests.
+
+    Args:
+        policy: A deterministic policy without a memory.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self._kept: list[tuple[np.ndarray, np.ndarray]] = []
+        self._asked, self._every = 0, 1
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose the policy's actions, as `types.Policy`."""
+        chosen, after = self._policy.predict(observation, state, episode_start, deterministic)
+        if self._asked % self._every == 0:
+            # Copies: a simulator may use its arrays again.
+            batch = np.array(observation, np.float32, ndmin=2)
+            self._kept.append((batch, np.array(chosen, np.int64, ndmin=1)))
+            while self._rows > MOST_ROWS and len(self._kept) > FEWEST_BATCHES:
+                self._kept, self._every = self._kept[::2], 2 * self._every
+        self._asked += 1
+        return chosen, after
+
+    @property
+    def _rows(self) -> int:
+        return sum(len(batch) for batch, _ in self._kept)
+
+    def check(self, fresh: Policy) -> Consistency:
+        """Ask what was kept again.
+
+        Args:
+            fresh: The same policy in a new process, which was not asked before.
+        """
+        repeated = Answers(0, 0)
+        for batch, actions in self._kept:
+            repeated = repeated.plus(_asked(self._policy, batch, actions))
+        batch = np.concatenate([one for one, _ in self._kept])
+        actions = np.concatenate([one for _, one in self._kept])
+        rng = np.random.default_rng(_ORDER)
+        order = rng.permutation(len(batch))
+        single = Answers(0, 0)
+        for row in order[:SINGLE]:
+            single = single.plus(_asked(fresh, batch[row : row + 1], actions[row : row + 1]))
+        shuffled, order = Answers(0, 0), rng.permutation(len(batch))
+        while len(order):
+            size = int(rng.integers(2, LARGEST, endpoint=True))
+            rows, order = order[:size], order[size:]
+            shuffled = shuffled.plus(_asked(fresh, batch[rows], actions[rows]))
+        return Consistency(repeated, shuffled, single)
+
+
+def _asked(
+    policy: Policy, batch: Float32[np.ndarray, "row feature"], actions: Int64[np.ndarray, " row"]
+) -> Answers:
+    again, _ = policy.predict(batch, deterministic=True)
+    return Answers(len(batch), int((again != actions).sum()))
