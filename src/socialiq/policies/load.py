@@ -140,9 +140,16 @@ class _Code:
         if isolation.works:
             command = sandboxed(command, covered, folders=self.folders)
         policy, details, child = start_process(command, self.source, world, limits)
-        details |= {"isolation": isolation._asdict()}
-        kind = self.source.partition(":")[0]
-        record = Record(kind, self.source, covered.sha256, covered.covers, world, False, details)
+        record = Record(
+            kind=self.source.partition(":")[0],
+            source=self.source,
+            sha256=covered.sha256,
+            covers=covered.covers,
+            interface=world,
+            soft=False,
+            details=details,
+            isolation=isolation._asdict(),
+        )
         return Loaded(policy, record, child.close, partial(self._check, covered))
 
     def _check(self, before: Covered) -> None:
@@ -163,4 +170,6 @@ def _check_allowed(source: str, allowed: bool) -> None:
 def _callable(name: str, source: str, world: Interface) -> Loaded:
     policy, text = read_callable(name, source, world)
     covers = "the module's source, not what it imports"
-    return Loaded(policy, Record("python", source, sha256_of(text), covers, world, False))
+    isolation = NOT_ASKED._asdict()
+    record = Record("python", source, sha256_of(text), covers, world, False, {}, isolation)
+    return Loaded(policy, record)

@@ -14,6 +14,9 @@ from socialiq.storage import shipped
 from socialiq.types import Policy
 
 
+NOT_NEEDED = {"kind": "not needed", "why": "no code of its author runs"}
+
+
 @dataclass(frozen=True)
 class Record:
     """Facts about a policy, all JSON.
@@ -27,6 +30,8 @@ class Record:
         interface: Sizes of its observations and actions.
         soft: Whether it gives the distribution of its stochastic actions.
         details: Further facts from its file.
+        isolation: Kind of isolation, and the reason why there is none
+            (`process.isolation.Isolation`).
     """
 
     kind: str
@@ -36,11 +41,14 @@ class Record:
     interface: Interface
     soft: bool
     details: Mapping[str, Any] = field(default_factory=dict)
+    isolation: Mapping[str, str] = NOT_NEEDED
 
     def as_json(self) -> dict[str, Any]:
         """Return the record as one JSON object."""
         named = {name: getattr(self, name) for name in ("kind", "source", "sha256", "covers")}
-        return {**named, **self.interface._asdict(), "soft": self.soft, **self.details}
+        more = {"soft": self.soft, "isolation": dict(self.isolation)}
+        # The file's own facts come first: they can't take the place of these.
+        return {**self.details, **named, **self.interface._asdict(), **more}
 
 
 def _nothing() -> None:

@@ -244,7 +244,7 @@ def test_a_policy_that_is_tuned_to_default_seeds_fails(tmp_path):
         "    return np.array([KNOWN.get(one.tobytes(), 2) for one in observations])\n"
     )
     words = ["audit", f"python:{code}:drive", "--profile", str(profile), "--episodes", "100"]
-    words += ["--allow-code", "--seed", "0"]
+    words += ["--allow-code", "--files", str(data), "--seed", "0"]
     assert main([*words, "--out", str(tmp_path / "a")]) == 1
     assert report_of(tmp_path / "a")["verdict"]["decision"] == "fail"
     assert not set(episode_seeds(0, 100).tolist()) & set(seeds.tolist())
@@ -261,6 +261,6 @@ def test_code_is_not_imported_unless_allowed(tmp_path, place, capsys):
     code = tmp_path / "touch.py"
     code.write_text(f"open({str(tmp_path / 'touched')!r}, 'w').close()\n")
     words = ["audit", f"python:{code}:drive", "--profile", str(place / "profile.toml")]
-    assert main([*words, "--out", str(tmp_path / "a")]) == 2
+    assert main([*words, "--isolation", "none", "--out", str(tmp_path / "a")]) == 2
     assert "would run its author's code" in capsys.readouterr().err
     assert not (tmp_path / "touched").exists()

@@ -68,8 +68,8 @@ def _of_look(look: Look | None) -> Caveat:
 
 
 def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:
-    isolation = policy.get("isolation")
-    if isolation is None or isolation["kind"] != NONE:
+    isolation = policy["isolation"]
+    if isolation["kind"] != NONE:
         return []
     text = (
         f"The policy is the owner's code and was not isolated ({isolation['why']}): it could read "

@@ -53,6 +53,7 @@ def audited(declared):
             "n_features": 5,
             "n_actions": 3,
             "soft": False,
+            "isolation": {"kind": "not needed", "why": "a reason"},
         },
         deterministic=True,
         drawn=drawn,

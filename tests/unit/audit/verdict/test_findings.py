@@ -33,7 +33,13 @@ def test_without_findings_the_tests_decide(passed):
     assert conclude(passed, []) is passed
 
 
-@pytest.mark.parametrize("decision", [Decision.FAIL, Decision.INCONCLUSIVE])
-def test_no_finding_changes_another_decision(passed, decision):
-    other = dataclasses.replace(passed, decision=decision)
-    assert conclude(other, FINDINGS) is other
+def test_more_episodes_would_not_decide(passed):
+    open_one = dataclasses.replace(passed, decision=Decision.INCONCLUSIVE, needed=700)
+    found = conclude(open_one, FINDINGS)
+    assert found.decision is Decision.INCONCLUSIVE and found.needed is None
+    assert found.reason == "It excludes nothing. Answers differ."
+
+
+def test_a_fail_stays_a_fail(passed):
+    failed = dataclasses.replace(passed, decision=Decision.FAIL)
+    assert conclude(failed, FINDINGS) is failed
