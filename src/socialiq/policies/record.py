@@ -13,7 +13,6 @@ from socialiq.policies.interface import Interface
 from socialiq.storage import shipped
 from socialiq.types import Policy
 
-
 NOT_NEEDED = {"kind": "not needed", "why": "no code of its author runs"}
 
 

@@ -29,7 +29,11 @@ class Caveat(NamedTuple):
 
 
 def caveats(
-    drawn: Draw, look: Look | None, policy: Mapping[str, Any], others: Discrimination
+    drawn: Draw,
+    look: Look | None,
+    policy: Mapping[str, Any],
+    others: Discrimination,
+    world: str,
 ) -> list[Caveat]:
     """Return the caveats of an audit, those of its log and its seed among them.
 
@@ -38,8 +42,15 @@ def caveats(
         look: The look; None without a log.
         policy: The policy's record as JSON.
         others: Other drivers that would pass the declaration.
+        world: Name of the declared world.
     """
-    return [*_of_margin(others), _of_look(look), Caveat("seed", worth(drawn)), *_of_code(policy)]
+    return [
+        *_of_margin(others),
+        _of_look(look),
+        Caveat("seed", worth(drawn)),
+        *_of_code(policy),
+        *_of_world(world),
+    ]
 
 
 def _of_margin(others: Discrimination) -> list[Caveat]:
@@ -74,5 +85,15 @@ def _of_code(policy: Mapping[str, Any]) -> list[Caveat]:
     text = (
         f"The policy is the owner's code and was not isolated ({isolation['why']}): it could read "
         "the seed and change the evidence. The evidence is self-attested."
+    )
+    return [Caveat("code", text)]
+
+
+def _of_world(world: str) -> list[Caveat]:
+    if ":" not in world:  # of this package, or registered by an installed one
+        return []
+    text = (
+        "The scenario's code ran in the auditor's process: unless the auditor wrote or read it, "
+        "the evidence is self-attested."
     )
     return [Caveat("code", text)]

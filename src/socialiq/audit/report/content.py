@@ -98,7 +98,11 @@ def content(audited: Audited) -> dict[str, Any]:
             "caveats": [
                 one._asdict()
                 for one in caveats(
-                    audited.drawn, audited.look, audited.policy, audited.discrimination
+                    audited.drawn,
+                    audited.look,
+                    audited.policy,
+                    audited.discrimination,
+                    profile.scenario.world,
                 )
             ],
             "declaration": {**to_json(profile), "sha256": profile.sha256},

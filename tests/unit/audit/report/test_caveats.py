@@ -1,5 +1,3 @@
-import pytest
-
 from socialiq.audit.looks.look import Look
 from socialiq.audit.report.caveats import caveats
 from socialiq.audit.seeds.commitment import Commitment, Draw, draw, reveal
@@ -14,8 +12,14 @@ STRICT = Discrimination(1, 2, False, (OtherDriver("set_egoistic", False, Decisio
 LOOK = Look(3, 0.05 / 12, "cars.jsonl", "00" * 32, "11" * 32, "2026-01-31T12:00:00+00:00")
 
 
-def texts(drawn: Draw, look: Look | None = None, kind: str = "sb3") -> dict[str, str]:
-    return dict(caveats(drawn, look, {"kind": kind}, STRICT))
+def texts(
+    drawn: Draw,
+    look: Look | None = None,
+    isolation: str = "not needed",
+    world: str = "crossing7",
+) -> dict[str, str]:
+    record = {"isolation": {"kind": isolation, "why": "a reason"}}
+    return dict(caveats(drawn, look, record, STRICT, world))
 
 
 def test_log_and_seed_are_always_told():
@@ -33,9 +37,14 @@ def test_the_worth_of_the_seed_is_told():
     assert "nonce" in texts(reveal(COMMITMENT, "11" * 32, Nonce("22" * 32)))["seed"]
 
 
-@pytest.mark.parametrize("kind", ["python", "process"])
-def test_the_owners_code_is_a_caveat(kind):
-    assert "code" in texts(draw(COMMITMENT), kind=kind)
+def test_code_that_was_not_isolated_is_a_caveat():
+    assert "not isolated (a reason)" in texts(draw(COMMITMENT), isolation="none")["code"]
+    assert "code" not in texts(draw(COMMITMENT), isolation="bubblewrap 0.8.0")
+
+
+def test_the_scenarios_own_code_is_a_caveat():
+    assert "auditor's process" in texts(draw(COMMITMENT), world="roads.py:make")["code"]
+    assert "code" not in texts(draw(COMMITMENT), world="CartPole-v1")
 
 
 def test_a_declaration_that_waiting_would_pass_is_a_caveat():
@@ -45,8 +54,9 @@ def test_a_declaration_that_waiting_would_pass_is_a_caveat():
         OtherDriver("trivial_random", True, Decision.INCONCLUSIVE),
         OtherDriver("set_egoistic", False, Decision.PASS),
     )
+    record = {"isolation": {"kind": "not needed", "why": "a reason"}}
     loose = Discrimination(2, 4, False, drivers)
-    found = caveats(draw(COMMITMENT), None, {"kind": "sb3"}, loose)[0]
+    found = caveats(draw(COMMITMENT), None, record, loose, "crossing7")[0]
     assert found.about == "margin"
     assert found.text == (
         "The declaration excludes little: 2 of 4 other drivers would pass it too, among them one "
