@@ -148,7 +148,7 @@ class _Code:
             interface=world,
             soft=False,
             details=details,
-            isolation=isolation._asdict(),
+            isolation=isolation,
         )
         return Loaded(policy, record, child.close, partial(self._check, covered))
 
@@ -170,6 +170,5 @@ def _check_allowed(source: str, allowed: bool) -> None:
 def _callable(name: str, source: str, world: Interface) -> Loaded:
     policy, text = read_callable(name, source, world)
     covers = "the module's source, not what it imports"
-    isolation = NOT_ASKED._asdict()
-    record = Record("python", source, sha256_of(text), covers, world, False, {}, isolation)
+    record = Record("python", source, sha256_of(text), covers, world, False, {}, NOT_ASKED)
     return Loaded(policy, record)

@@ -10,10 +10,9 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.policies.interface import Interface
+from socialiq.policies.process.isolation import NOT_NEEDED, Isolation
 from socialiq.storage import shipped
 from socialiq.types import Policy
-
-NOT_NEEDED = {"kind": "not needed", "why": "no code of its author runs"}
 
 
 @dataclass(frozen=True)
@@ -29,8 +28,7 @@ class Record:
         interface: Sizes of its observations and actions.
         soft: Whether it gives the distribution of its stochastic actions.
         details: Further facts from its file.
-        isolation: Kind of isolation, and the reason why there is none
-            (`process.isolation.Isolation`).
+        isolation: Isolation of its process.
     """
 
     kind: str
@@ -40,12 +38,12 @@ class Record:
     interface: Interface
     soft: bool
     details: Mapping[str, Any] = field(default_factory=dict)
-    isolation: Mapping[str, str] = NOT_NEEDED
+    isolation: Isolation = NOT_NEEDED
 
     def as_json(self) -> dict[str, Any]:
         """Return the record as one JSON object."""
         named = {name: getattr(self, name) for name in ("kind", "source", "sha256", "covers")}
-        more = {"soft": self.soft, "isolation": dict(self.isolation)}
+        more = {"soft": self.soft, "isolation": self.isolation._asdict()}
         # The file's own facts come first: they can't take the place of these.
         return {**self.details, **named, **self.interface._asdict(), **more}
 

@@ -51,7 +51,7 @@ class Isolation(NamedTuple):
     """Isolation of a process.
 
     Attributes:
-        kind: Program and version, for instance "bubblewrap 0.8.0", or "none".
+        kind: Program and version, for instance "bubblewrap 0.8.0", "none" or "not needed".
         why: Reason why there is none.
     """
 
@@ -65,6 +65,8 @@ class Isolation(NamedTuple):
 
 
 NOT_ASKED = Isolation(NONE, "it was not asked for")
+
+NOT_NEEDED = Isolation("not needed", "no code of its author runs")
 
 
 def isolation_of(asked: str) -> Isolation:
