@@ -58,7 +58,8 @@ def test_one_two_and_three_parts_are_the_whole(tmp_path, trained, world, policy)
     for parts in (1, 2, 3):
         collect = collector(Engine(), tmp_path / f"{parts}", silent, parts)
         found = conduct(request, silent, collect=collect)
-        assert_equal(found.evidence, whole.evidence)
+        for ours, theirs in zip(found.evidence, whole.evidence, strict=True):
+            assert_equal(ours, theirs)
         assert json.dumps(same(found.report)) == json.dumps(same(whole.report))
 
 

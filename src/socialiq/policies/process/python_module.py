@@ -8,14 +8,13 @@ from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-import socialiq
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.policies.process.covered import Covered, Named, cover, further
 
 _CHILD = Path(__file__).with_name("python_child.py")
 
-OWN_FOLDER = Path(socialiq.__file__).parent
+OWN_FOLDER = Path(__file__).parents[2]
 """Folder of this package: its child program, and what a policy may import of it."""
 
 
