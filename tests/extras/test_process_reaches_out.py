@@ -115,7 +115,7 @@ for line in sys.stdin:
 
 @pytest.fixture
 def listening():
-    """A port of this machine on which somebody listens."""
+    """A port of this machine at which a server listens."""
     import socket
 
     with socket.create_server(("127.0.0.1", 0)) as server:

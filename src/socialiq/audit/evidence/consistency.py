@@ -74,7 +74,7 @@ class Consistency(NamedTuple):
 
     @property
     def dependences(self) -> list[str]:
-        """What the answers depend on besides the observation; none for an honest policy."""
+        """Influences on the answers besides the observation; none for an honest policy."""
         found = ["the time or the number of requests"] if self.repeated.differing else []
         others = [self.shuffled, self.single]
         if any(one.differing > math.floor(ALLOWED * one.queries) for one in others):
