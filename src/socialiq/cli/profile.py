@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.profile import Profile as Declaration
 from socialiq.audit.profile.reader import load
@@ -16,7 +17,7 @@ from socialiq.audit.profile.template import declare
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
-from socialiq.worlds.registry import WORLDS
+from socialiq.worlds.registry import WORLDS, make
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,10 @@ class New:
     """Name of the owner."""
     margin: float = 1.0
     """Largest regret that counts as declared, in reward per episode."""
+    largest_loss: float | None = None
+    """The most by which one driver's reward of an episode, weighed by the declared angle, can lie
+    below another's. By default what the rewards allow in a world of this package; none is declared
+    in an environment, where the verdict then assumes that no loss is too rare to show."""
     degrees: float = 10.0
     """Largest distance of the calibrated angle that counts as declared."""
     confidence: float = 0.95
@@ -56,7 +61,7 @@ class New:
             self.angle,
             self.owner,
             self.world,
-            Margin(self.margin, self.degrees),
+            Margin(self.margin, self.degrees, self._largest_loss()),
             _date(self.date),
             confidence=self.confidence,
             allow_code=self.allow_code,
@@ -64,6 +69,13 @@ class New:
         write_atomically(self.out, declared.source)
         _show(self.out, declared)
         return 0
+
+    def _largest_loss(self) -> float | None:
+        if self.largest_loss is not None or self.world not in WORLDS:
+            return self.largest_loss
+        possible = possible_loss(make(self.world), self.angle)
+        # A margin beyond it excludes nothing, which the audit says.
+        return possible if possible and possible > self.margin else None
 
 
 @dataclass(frozen=True)
@@ -101,11 +113,12 @@ def _date(text: str) -> datetime.date:
         raise UserError(f"'{text}' is not a date: write it as 2026-01-31") from error
 
 
-def _facts(declared: Declaration) -> dict[str, str | float]:
+def _facts(declared: Declaration) -> dict[str, str | float | None]:
     return {
         "angle": declared.angle,
         "world": declared.scenario.world,
         "margin": declared.margin.regret,
+        "largest_loss": declared.margin.largest_loss,
         "confidence": declared.confidence,
         "owner": declared.owner,
         "date": declared.date.isoformat(),

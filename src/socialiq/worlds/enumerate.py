@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from socialiq.mdp.tabular import TabularMDP
-from socialiq.worlds.grid_world import GridWorld
+from socialiq.types import Ending
+from socialiq.worlds.grid_world import GridWorld, Outcome
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,7 @@ def tabulate(world: GridWorld) -> Table:
 
     Rewards are weighted in float64 from the signals, which are exact in float32.
     """
-    states = world.states()
-    each_chance = jax.vmap(world.rules, in_axes=(None, None, 0))
-    each_action = jax.vmap(each_chance, in_axes=(None, 0, None))
-    each_state = jax.jit(jax.vmap(each_action, in_axes=(0, None, None)))
-    outcome = each_state(states, jnp.arange(world.n_actions), jnp.arange(len(world.chance)))
-
+    states, outcome = world.states(), _outcomes(world)
     chance = np.asarray(world.chance, np.float64)
     signals = {
         name: np.asarray(value, np.float64) @ chance for name, value in outcome.signals.items()
@@ -72,3 +68,37 @@ def tabulate(world: GridWorld) -> Table:
         initial=initial,
     )
     return Table(world, mdp, states, np.asarray(outcome.speed, np.float64) @ chance, signals)
+
+
+def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float, float]:
+    """Return the smallest and the largest weighted sum of an episode's rewards, exactly.
+
+    By dynamic programming over all actions and all possible chance outcomes: limits of every
+    driver's every episode, and each is reached in some episode.
+
+    Args:
+        world: The world.
+        weights: Weights of r_env and r_social.
+    """
+    outcome, possible = _outcomes(world), np.asarray(world.chance) > 0.0
+    signals = {name: np.asarray(one, np.float64) for name, one in outcome.signals.items()}
+    rewards = world.rewards(signals)
+    reward = (weights[0] * rewards.env + weights[1] * rewards.social)[..., possible]
+    successor = world.index(outcome.state)[..., possible]
+    goes_on = (np.asarray(outcome.ending) == Ending.NONE)[..., possible]
+    first = [world.index(state) for state, probability in world.start if probability > 0.0]
+    ends = []
+    for extreme in (np.min, np.max):
+        value = np.zeros(len(world.states()))
+        for _ in range(world.horizon):
+            value = extreme(reward + np.where(goes_on, value[successor], 0.0), axis=(1, 2))
+        ends.append(float(extreme(value[first])))
+    return ends[0], ends[1]
+
+
+def _outcomes(world: GridWorld) -> Outcome:
+    """Return the outcome of every state, action and chance outcome."""
+    each_chance = jax.vmap(world.rules, in_axes=(None, None, 0))
+    each_action = jax.vmap(each_chance, in_axes=(None, 0, None))
+    each_state = jax.jit(jax.vmap(each_action, in_axes=(0, None, None)))
+    return each_state(world.states(), jnp.arange(world.n_actions), jnp.arange(len(world.chance)))

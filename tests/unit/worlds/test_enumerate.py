@@ -4,9 +4,9 @@ import jax
 import numpy as np
 import pytest
 
-from socialiq.mdp.horizon import horizon_evaluation
+from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
 from socialiq.types import Ending
-from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.enumerate import episode_range, tabulate
 from socialiq.worlds.grid_world import Episode
 
 N_STATES, N_KEYS = 150, 300
@@ -163,3 +163,32 @@ def test_certain_spawns_are_certain_in_the_batched_step(p, second, tabulated):
     start = table.world.index(table.world.start[0][0])
     after, _, _ = simulated(table.world, table.states[[start]])
     assert (after[..., 4:] == second).all()
+
+
+def test_the_range_of_crossing5_by_hand(tabulated):
+    """Waiting for ever costs 20; the shortest way takes 4 steps and earns 10."""
+    world = tabulated("crossing5").world
+    assert episode_range(world, (1.0, 0.0)) == (-20.0, 6.0)
+    assert episode_range(world, (-1.0, 0.0)) == (-6.0, 20.0)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_the_range_holds_every_mean_and_is_reached_without_chance(tabulated, case):
+    """The exact optimum lies within; in a world without chance it is the upper end."""
+    table = table_of(tabulated, case)
+    for weights in ((1.0, 0.0), (0.6, 0.8), (-0.8, 0.6)):
+        low, high = episode_range(table.world, weights)
+        reward = weights[0] * table.mdp.rewards.env + weights[1] * table.mdp.rewards.social
+        best = horizon_optimum(table.mdp, reward, table.world.horizon).value
+        worst = -horizon_optimum(table.mdp, -reward, table.world.horizon).value
+        assert low <= worst + 1e-9 and best <= high + 1e-9
+        if len(table.world.chance) == 1:
+            assert (low, high) == (pytest.approx(worst), pytest.approx(best))
+
+
+def test_impossible_chance_outcomes_do_not_count(tabulated):
+    never, rarely = (
+        episode_range(tabulated("crossing7", spawn_probability=p).world, (0.0, 1.0))
+        for p in (0.0, 1e-9)
+    )
+    assert rarely[0] < never[0] and rarely[1] > never[1]

@@ -42,6 +42,7 @@ class Field:
         high: Largest number allowed.
         below_high: Whether `high` itself is refused.
         above_low: Whether `low` itself is refused.
+        required: Whether the field must be there.
     """
 
     path: str
@@ -51,6 +52,7 @@ class Field:
     high: float = LARGEST_NUMBER
     below_high: bool = False
     above_low: bool = False
+    required: bool = True
 
     @property
     def demand(self) -> str:
@@ -106,6 +108,15 @@ FIELDS = (
         above_low=True,
     ),
     Field(
+        "margin.largest_loss",
+        "number",
+        "The most by which one driver's reward of an episode, weighed by the declared angle, can "
+        "lie below another's on the same episode. With it the verdict's confidence holds however "
+        "rare the losses are; without it, if none is too rare to show.",
+        above_low=True,
+        required=False,
+    ),
+    Field(
         "margin.degrees",
         "number",
         "How far the calibrated angle may lie from the declared one, in degrees. It is reported "
@@ -145,8 +156,8 @@ FIELDS = (
     _share("competence.min_arrival", "Smallest share of episodes that arrive."),
     _share("competence.max_timeout", "Largest share of episodes that run out of time."),
 )
-"""Every field in the order of a profile; all are required. Their meanings are part of a
-profile's bytes: changing one changes the hash of every new declaration."""
+"""Every field in the order of a profile. Their meanings are part of a profile's bytes: changing one
+changes the hash of every new declaration."""
 
 BY_PATH = {field.path: field for field in FIELDS}
 
@@ -163,21 +174,26 @@ def schema() -> dict[str, Any]:
     top = [field for field in FIELDS if "." not in field.path]
     properties: dict[str, Any] = {field.path: _of(field) for field in top}
     for table in TABLES:
-        inside = [field for field in FIELDS if field.path.startswith(f"{table}.")]
-        properties[table] = _table({field.path.split(".")[1]: _of(field) for field in inside})
+        inside = {
+            field.path.split(".")[1]: field
+            for field in FIELDS
+            if field.path.startswith(f"{table}.")
+        }
+        needed = [name for name, field in inside.items() if field.required]
+        properties[table] = _table({name: _of(field) for name, field in inside.items()}, needed)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Declaration of a driving policy's social angle (profile.toml)",
         "description": "Dates are TOML dates; as JSON they are texts of the form 2026-01-31.",
-        **_table(properties),
+        **_table(properties, list(properties)),
     }
 
 
-def _table(properties: dict[str, Any]) -> dict[str, Any]:
+def _table(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
     return {
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": required,
         "additionalProperties": False,
     }
 

@@ -21,10 +21,13 @@ class Margin:
     Attributes:
         regret: Largest regret at the declared angle, in reward per episode.
         degrees: Largest distance of the calibrated angle.
+        largest_loss: The most by which one driver's R(α) can lie below another's in an episode;
+            None if no bound is declared.
     """
 
     regret: float
     degrees: float
+    largest_loss: float | None = None
 
 
 @dataclass(frozen=True)

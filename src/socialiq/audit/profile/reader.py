@@ -91,6 +91,7 @@ class _Reader:
     def profile(self, source: bytes) -> Profile:
         self._check_names()
         values = {one.path: self._value(one) for one in FIELDS}
+        self._check_loss(values)
         self._check_scenario(values)
         parts: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
         for path, value in values.items():
@@ -146,6 +147,8 @@ class _Reader:
     def _value(self, one: Declared) -> Any:
         table, _, key = one.path.rpartition(".")
         holder = self._content.get(table, {}) if table else self._content
+        if key not in holder and not one.required:
+            return None
         if key not in holder:
             self.refuse(one.path, f"{one.path} is missing: add {one.demand}")
         given = holder[key]
@@ -161,6 +164,16 @@ class _Reader:
             refuse_recording(world)
         except UserError as error:
             self.refuse("scenario.world", str(error))
+
+    def _check_loss(self, values: Mapping[str, Any]) -> None:
+        """Refuse a bound within the margin, by which no policy could fail."""
+        loss, margin = values["margin.largest_loss"], values["margin.regret"]
+        if loss is not None and loss <= margin:
+            self.refuse(
+                "margin.largest_loss",
+                f"margin.largest_loss must be above margin.regret ({margin:g}), got {loss:g}: it "
+                "is the loss of a single episode, not of the mean",
+            )
 
     def _check_scenario(self, values: Mapping[str, Any]) -> None:
         """Check that the world exists and has the declared hashes."""

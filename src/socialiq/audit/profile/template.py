@@ -77,6 +77,8 @@ def _text(values: Mapping[str, Any]) -> str:
     lines = [*_comment(_HEADING), ""]
     table = ""
     for field in FIELDS:
+        if not field.required and values[field.path] is None:
+            continue
         parent, _, key = field.path.rpartition(".")
         if parent != table:
             table = parent

@@ -11,9 +11,10 @@ from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.seeds.worth import worth
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination
+from socialiq.audit.verdict.regret import RegretTest
 from socialiq.policies.process.isolation import NONE
 
-About = Literal["margin", "look", "seed", "code"]
+About = Literal["loss", "margin", "look", "seed", "code"]
 
 
 class Caveat(NamedTuple):
@@ -51,6 +52,38 @@ def caveats(
         *_of_code(policy),
         *_of_world(world),
     ]
+
+
+def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:
+    """Return the assumption of the bounds of regret, none if the reward's own limits give them.
+
+    Args:
+        regret: The primary test.
+        possible_loss: Largest loss of an episode that the reward's own limits allow; None if they
+            are not known.
+    """
+    if regret.largest_loss is None:
+        # The share of episodes with an event that stays unseen in this share of audits.
+        share = 1.0 - regret.pass_error ** (1.0 / regret.episodes)
+        text = (
+            "The declaration has no largest loss of an episode. The bounds of regret assume that "
+            f"no loss is too rare to show: one in {100 * share:.2g} % of episodes, of whatever "
+            f"size, stays unseen in {100 * regret.pass_error:.3g} % of audits of "
+            f"{regret.episodes:,} episodes."
+        )
+        return [Caveat("loss", text)]
+    if possible_loss is not None and regret.largest_loss >= possible_loss:
+        return []
+    known = (
+        "the limits of this environment's rewards are not known to the audit"
+        if possible_loss is None
+        else f"the rewards allow {possible_loss:.4g}"
+    )
+    text = (
+        "The verdict rests on the owner's statement that no episode loses more than "
+        f"{regret.largest_loss:.4g}; {known}. The largest loss seen is {regret.seen_loss:.3g}."
+    )
+    return [Caveat("loss", text)]
 
 
 def _of_margin(others: Discrimination) -> list[Caveat]:

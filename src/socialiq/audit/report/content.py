@@ -11,8 +11,9 @@ from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.looks.look import Look
+from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.report.caveats import caveats
+from socialiq.audit.report.caveats import Caveat, caveats, caveats_of_loss
 from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.report.seeds import seeds_of
 from socialiq.audit.seeds.commitment import Draw
@@ -95,16 +96,7 @@ def content(audited: Audited) -> dict[str, Any]:
         {
             "format": FORMAT,
             "verdict": _verdict(verdict),
-            "caveats": [
-                one._asdict()
-                for one in caveats(
-                    audited.drawn,
-                    audited.look,
-                    audited.policy,
-                    audited.discrimination,
-                    profile.scenario.world,
-                )
-            ],
+            "caveats": [one._asdict() for one in _caveats(audited)],
             "declaration": {**to_json(profile), "sha256": profile.sha256},
             "policy": {
                 "record": dict(audited.policy),
@@ -136,6 +128,18 @@ def content(audited: Audited) -> dict[str, Any]:
             "command": audited.command,
         }
     )
+
+
+def _caveats(audited: Audited) -> list[Caveat]:
+    profile, regret = audited.profile, audited.verdict.regret
+    world = profile.scenario.world
+    # Making an environment may run code; its limits are not known anyway.
+    possible = possible_loss(profile.world(), profile.angle) if world in WORLDS else None
+    drawn, look, others = audited.drawn, audited.look, audited.discrimination
+    return [
+        *caveats_of_loss(regret, possible),
+        *caveats(drawn, look, audited.policy, others, world),
+    ]
 
 
 def _with_films(chosen: Episodes, films: Mapping[str, bytes]) -> Episodes:

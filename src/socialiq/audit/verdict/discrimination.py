@@ -13,7 +13,7 @@ from socialiq.audit.evidence.trivial import GO_AND_WAIT
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.findings import Finding
-from socialiq.audit.verdict.regret import Regrets
+from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import decide_on
 
 
@@ -104,6 +104,6 @@ def finding_of(found: Discrimination) -> list[Finding]:
 def _decision(
     profile: Profile, evidence: Evidence, error: float, seed: int, resamples: int
 ) -> Decision:
-    regrets = Regrets(evidence, seed, resamples)
-    margin, floor = profile.margin.regret, profile.competence
-    return decide_on(evidence, regrets, profile.angle, margin, floor, error).decision
+    margin, floor = profile.margin, profile.competence
+    regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
+    return decide_on(evidence, regrets, profile.angle, margin.regret, floor, error).decision

@@ -1,31 +1,22 @@
-"""The primary test: regret of a policy at its declared angle, and angles where it is small.
-
-Regret is ρ = max_k J_α(reference k) - J_α(policy), on common random numbers: every difference is
-taken within an episode, so the effect of a seed on all drivers cancels.
-"""
+"""The primary test: regret of a policy at its declared angle, and angles where it is small."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.verdict.decision import Decision, decide, episodes_needed
-from socialiq.social.angle import Arc, arcs_of_grid, complement, exact_weights, score
-from socialiq.statistics import rare_events as rare
-from socialiq.statistics.bootstrap import (
-    Moments,
-    Studentised,
-    largest_exceeds,
-    largest_lower_bound,
-    upper_bounds,
+from socialiq.audit.verdict.decision import Decision, decide
+from socialiq.audit.verdict.declared_loss import (
+    LossBounds,
+    exceeds,
+    loss_bounds,
+    needed_with,
 )
-from socialiq.types import RewardPair
-
-Rows = Int64[np.ndarray, " row"]
+from socialiq.audit.verdict.regrets import Regrets
+from socialiq.social.angle import Arc, arcs_of_grid, complement
 
 
 @dataclass(frozen=True)
@@ -50,7 +41,7 @@ class RegretTest:
     """Whether the regret at the declared angle is within the margin.
 
     Attributes:
-        decision: PASS if `high` <= margin, FAIL if `low` > margin.
+        decision: PASS if `high` <= margin, FAIL if `low` > margin or the declaration is `broken`.
         angle: Declared angle in degrees.
         margin: Margin, reward per episode.
         regret: Estimate of ρ.
@@ -58,6 +49,13 @@ class RegretTest:
         high: One-sided upper bound of ρ at `pass_error`.
         pass_error: Largest chance of a pass although ρ exceeds the margin.
         fail_error: Largest chance of a fail although ρ is within the margin.
+        bound: Method of `low` and `high`: by betting, which holds for any distribution within a
+            declared largest loss, or by the bootstrap, if none is declared.
+        bootstrap_low: Lower bound by the bootstrap.
+        bootstrap_high: Upper bound by the bootstrap.
+        largest_loss: Declared largest loss of an episode; None if none is declared.
+        seen_loss: Largest loss of an episode.
+        seen_against: Name of the reference against which the policy lost it.
         best: Name of the reference with the largest estimate.
         references: Regret towards each reference.
         episodes: Number of episodes.
@@ -73,135 +71,21 @@ class RegretTest:
     high: float
     pass_error: float
     fail_error: float
+    bound: Literal["betting", "bootstrap"]
+    bootstrap_low: float
+    bootstrap_high: float
+    largest_loss: float | None
+    seen_loss: float
+    seen_against: str
     best: str
     references: tuple[AgainstReference, ...]
     episodes: int
     needed: int | None
 
-
-class Regrets:
-    """Regret and its bounds at any angle, from one set of resamples.
-
-    References with exact expectations are the complete set of optima (`drive.exact_optima`): the
-    best one at an angle is then known, not selected by the data, and it alone is compared; no
-    other driver can be better.
-
-    Args:
-        evidence: Policy and references.
-        seed: Seed of the resampling.
-        resamples: Number of resamples.
-    """
-
-    def __init__(self, evidence: Evidence, seed: int, resamples: int = 2000) -> None:
-        self._evidence = evidence
-        self._gains = evidence.gains()
-        self.moments = Moments.of(self._gains, seed, resamples)
-        drivers = (evidence.policy, *evidence.references)
-        self._totals = np.concatenate([one.totals for one in drivers])
-
-    def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
-        """Return which references are compared at an angle."""
-        weights = exact_weights(angle)
-        exact = [
-            -np.inf if one.expected is None else float(score(weights, one.expected))
-            for one in self._evidence.references
-        ]
-        if np.isneginf(exact).all():
-            return np.ones(len(exact), bool)
-        return np.arange(len(exact)) == int(np.argmax(exact))
-
-    def means(self, angle: float) -> Float[np.ndarray, " reference"]:
-        """Return the estimated regret towards each reference at an angle in degrees."""
-        return np.asarray(score(exact_weights(angle), RewardPair(*self.moments.mean.T)))
-
-    def best(self, angle: float) -> int:
-        """Return the compared reference with the largest estimate."""
-        return int(np.where(self.compared(angle), self.means(angle), -np.inf).argmax())
-
-    def estimate(self, angle: float) -> float:
-        """Return the estimate of ρ at an angle."""
-        return float(self.means(angle)[self.best(angle)])
-
-    def highs(self, angle: float, error: float) -> Float[np.ndarray, " reference"]:
-        """Return an upper bound of the regret towards each reference.
-
-        The largest of the compared ones bounds ρ without a correction (`upper_bounds`).
-        """
-        return self._at(angle, np.arange(len(self._gains))).highs(error)
-
-    def low(self, angle: float, error: float) -> float:
-        """Return a lower bound of ρ."""
-        gains = self._at(angle, np.flatnonzero(self.compared(angle)))
-        lows = gains.rare_lows(error)
-        if not gains.rare.all():
-            lows.append(
-                largest_lower_bound(
-                    gains.found.of(~gains.rare), error * float((~gains.rare).mean())
-                )
-            )
-        return max(lows)
-
-    def band(
-        self, angle: float, margin: float, pass_error: float, fail_error: float
-    ) -> tuple[bool, bool]:
-        """Whether ρ is significantly within a margin, and whether significantly beyond it.
-
-        The same as an upper bound <= margin and `low` > margin, but fast enough for every degree.
-        """
-        gains = self._at(angle, np.flatnonzero(self.compared(angle)))
-        within = bool((gains.highs(pass_error) <= margin).all())
-        if max(gains.rare_lows(fail_error), default=-np.inf) > margin:
-            return within, True
-        share = fail_error * float((~gains.rare).mean())
-        return within, share > 0 and largest_exceeds(gains.found.of(~gains.rare), margin, share)
-
-    def needed(self, angle: float, margin: float, error: float) -> int | None:
-        """Return the number of episodes that would decide, if the estimate is true."""
-        gains = self._at(angle, np.array([self.best(angle)]))
-        distance = margin - self.estimate(angle)
-        if gains.rare[0]:
-            common = float(np.median(gains.values[0]))
-            count = rare.deviating(gains.values[0], gains.reach)
-            return rare.episodes_needed(distance, common, gains.reach, count, error)
-        deviation = float(gains.found.error[0]) * self.moments.episodes**0.5
-        return episodes_needed(distance, deviation, error)
-
-    def _at(self, angle: float, rows: Rows) -> _Gains:
-        weights = exact_weights(angle)
-        gains = np.moveaxis(self._gains[rows], 2, 0)
-        values = np.asarray(score(weights, RewardPair(*gains)))
-        reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
-        seldom = [rare.seldom(one, reach) for one in values]
-        return _Gains(self.moments.at(weights).of(rows), values, reach, np.array(seldom))
-
-
-class _Gains(NamedTuple):
-    """Gains of references over the policy at one angle.
-
-    Attributes:
-        found: Means and their bootstrap.
-        values: Gain in each episode.
-        reach: Largest possible difference: the range of the rewards of all drivers.
-        rare: Whether nearly all differences of a reference are equal (`statistics.rare_events`).
-    """
-
-    found: Studentised
-    values: Float[np.ndarray, "reference episode"]
-    reach: float
-    rare: Bool[np.ndarray, " reference"]
-
-    def highs(self, error: float) -> Float[np.ndarray, " reference"]:
-        """Return the upper bound of each."""
-        highs = upper_bounds(self.found, error)
-        for row in np.flatnonzero(self.rare):
-            highs[row] = rare.bounds(self.values[row], self.reach, error, error).high
-        return highs
-
-    def rare_lows(self, error: float) -> list[float]:
-        """Return lower bounds of the rare ones, each at its share of an error (Bonferroni)."""
-        share = error / len(self.rare)
-        rows = np.flatnonzero(self.rare)
-        return [rare.bounds(self.values[row], self.reach, share, share).low for row in rows]
+    @property
+    def broken(self) -> bool:
+        """Whether an episode shows that the declared largest loss is false."""
+        return self.largest_loss is not None and exceeds(self.seen_loss, self.largest_loss)
 
 
 def regret_test(
@@ -214,6 +98,9 @@ def regret_test(
 ) -> RegretTest:
     """Test ρ <= margin at an angle.
 
+    With a declared largest loss the bounds by betting decide, and nothing else needs to be
+    assumed. An episode that lost more shows that the declaration is false: that fails.
+
     Args:
         regrets: Regrets of the evidence.
         evidence: Policy and references.
@@ -222,25 +109,40 @@ def regret_test(
         pass_error: One-sided error of a pass.
         fail_error: One-sided error of a fail.
     """
-    highs, compared = regrets.highs(angle, pass_error), regrets.compared(angle)
-    means = regrets.means(angle)
-    low, high = regrets.low(angle, fail_error), float(highs[compared].max())
-    estimate = regrets.estimate(angle)
+    compared, largest_loss = regrets.compared(angle), regrets.largest_loss
+    usual = LossBounds(regrets.low(angle, fail_error), regrets.highs(angle, pass_error))
+    estimate, losses = regrets.estimate(angle), regrets.losses(angle)
     error = pass_error if estimate <= margin else fail_error
-    rows = zip(evidence.references, means.tolist(), highs.tolist(), compared.tolist(), strict=True)
+    if largest_loss is None:
+        found, needed = usual, regrets.needed(angle, margin, error)
+    else:
+        found = loss_bounds(losses, compared, margin, largest_loss, pass_error, fail_error)
+        needed = needed_with(losses, compared, margin, largest_loss, error)
+    high = float(found.highs[compared].max())
+    most = np.where(compared, losses.max(axis=1), -np.inf)
+    broken = largest_loss is not None and exceeds(float(most.max()), largest_loss)
+    names = [one.name for one in evidence.references]
+    means, highs = regrets.means(angle).tolist(), found.highs.tolist()
+    rows = zip(names, means, highs, compared.tolist(), strict=True)
     return RegretTest(
-        decision=decide(low, high, margin),
+        decision=Decision.FAIL if broken else decide(found.low, high, margin),
         angle=angle,
         margin=margin,
         regret=estimate,
-        low=low,
+        low=found.low,
         high=high,
         pass_error=pass_error,
         fail_error=fail_error,
-        best=evidence.references[regrets.best(angle)].name,
-        references=tuple(AgainstReference(one.name, *rest) for one, *rest in rows),
+        bound="bootstrap" if largest_loss is None else "betting",
+        bootstrap_low=usual.low,
+        bootstrap_high=float(usual.highs[compared].max()),
+        largest_loss=largest_loss,
+        seen_loss=float(most.max()),
+        seen_against=names[int(most.argmax())],
+        best=names[regrets.best(angle)],
+        references=tuple(AgainstReference(*row) for row in rows),
         episodes=evidence.episodes,
-        needed=regrets.needed(angle, margin, error),
+        needed=needed,
     )
 
 
@@ -276,6 +178,9 @@ def compatible_angles(
     regrets: Regrets, margin: float, pass_error: float = 0.05, fail_error: float = 0.05
 ) -> CompatibleAngles:
     """Return the angles compatible with the behaviour, and their bootstrap band.
+
+    The band is by the bootstrap even where a largest loss is declared: the declaration bounds the
+    loss at the declared angle only, and the band doesn't decide.
 
     The answer is a set, since many angles share one optimal policy. Towards reference k the regret
     is r_k cos(α - φ_k), with (r_k, φ_k) its mean gain in polar coordinates, so each reference

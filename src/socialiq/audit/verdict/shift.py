@@ -18,7 +18,7 @@ from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.scenario import World, scenario_sha256, world_of
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import Regrets
+from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import decide_on
 from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
@@ -160,9 +160,10 @@ def shift_of(
     error = round(1.0 - profile.confidence, 9)
     confidence = 1.0 - error / (len(MEASURES) * len(traffic))
     margin, floor = profile.margin.regret, profile.competence
+    largest = profile.margin.largest_loss
     found = []
     for one, evidence in zip(traffic, there, strict=True):
-        regrets = Regrets(evidence, seed, resamples)
+        regrets = Regrets(evidence, seed, resamples, largest)
         decisive = decide_on(evidence, regrets, profile.angle, margin, floor, error)
         found.append(
             Shift(

@@ -12,11 +12,11 @@ from socialiq.audit.verdict.calibration import Calibration, calibrate
 from socialiq.audit.verdict.decision import Decision, joint_decision
 from socialiq.audit.verdict.regret import (
     CompatibleAngles,
-    Regrets,
     RegretTest,
     compatible_angles,
     regret_test,
 )
+from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
@@ -79,7 +79,8 @@ def decide_on(
     wrong pass, whatever the others do (intersection-union, Berger 1982). A fail needs only one,
     so the error is divided: half to regret, an eighth to each criterion. So a wrong pass and a
     wrong fail each have a chance of at most the error, as far as the bounds keep their levels:
-    those of shares do, bootstrap-t is approximate (the study `audit-power` measures how much).
+    those of shares do, and those of regret with a declared largest loss. Without one they are by
+    bootstrap-t, which is approximate (the study `audit-power` measures how much).
 
     Args:
         evidence: Policy and references.
@@ -144,7 +145,7 @@ def judge(
     error = whole_error(profile.confidence) if error is None else error
     resamples = enough_resamples(error, resamples)
     angle, margin = profile.angle, profile.margin
-    regrets = Regrets(evidence, seed, resamples)
+    regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
     found = decide_on(evidence, regrets, angle, margin.regret, profile.competence, error)
     undecided = found.decision is Decision.INCONCLUSIVE
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
@@ -185,11 +186,12 @@ def reason_of(found: Decisive) -> str:
     where = f"at the declared {regret.angle:g} degrees"
     if found.decision is Decision.PASS:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
-        return (
-            f"{where.capitalize()} the policy earns {less} per episode than the best reference "
+        text = (
+            f"{where} the policy earns {less} per episode than the best reference "
             f"driver ({_number(regret.margin)} less is allowed), and it keeps the declared "
             "safety floor."
         )
+        return _assumed(regret) + text if regret.bound == "bootstrap" else _capital(text)
     open_tests = [CRITERIA[one.name] for one in competence if one.decision is not Decision.PASS]
     doubts = [f"earns enough {where}"] if regret.decision is not Decision.PASS else []
     doubts += [
@@ -201,13 +203,28 @@ def reason_of(found: Decisive) -> str:
     )
 
 
+def _assumed(regret: RegretTest) -> str:
+    """Return the assumption of a verdict whose declaration has no largest loss."""
+    return f"If no loss is too rare to show in {regret.episodes} episodes, "
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
 def _failed(regret: RegretTest, broken: list[FloorTest]) -> str:
     parts = []
-    if regret.decision is Decision.FAIL:
+    if regret.broken:
+        parts.append(
+            f"in an episode it lost {_number(regret.seen_loss)} against {regret.seen_against}, "
+            f"where at most {_number(regret.largest_loss or 0.0)} was declared"
+        )
+    elif regret.decision is Decision.FAIL:
+        assumed = "; if no loss of that driver is too rare to show"
         parts.append(
             f"at the declared {regret.angle:g} degrees it earns at least {_number(regret.low)} "
             f"less per episode than the best reference driver ({_number(regret.margin)} less is "
-            "allowed)"
+            f"allowed{assumed if regret.bound == 'bootstrap' else ''})"
         )
     for one in broken:
         least = one.side == "at least"

@@ -1,9 +1,14 @@
+import numpy as np
+import pytest
+
 from socialiq.audit.looks.look import Look
-from socialiq.audit.report.caveats import caveats
+from socialiq.audit.report.caveats import caveats, caveats_of_loss
 from socialiq.audit.seeds.commitment import Commitment, Draw, draw, reveal
 from socialiq.audit.seeds.nonce import Nonce
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination, OtherDriver
+from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.regrets import Regrets
 
 COMMITMENT = Commitment("ab" * 32, "cd" * 32)
 STRICT = Discrimination(1, 2, False, (OtherDriver("set_egoistic", False, Decision.PASS),))
@@ -62,3 +67,34 @@ def test_a_declaration_that_waiting_would_pass_is_a_caveat():
         "The declaration excludes little: 2 of 4 other drivers would pass it too, among them one "
         "that always waits."
     )
+
+
+@pytest.fixture(scope="module")
+def tested(outcomes, evidence):
+    """The policy's largest loss is 2.5, in one of 500 episodes."""
+    totals = np.zeros((500, 2))
+    behind = totals.copy()
+    behind[7, 0] = -2.5
+    made = evidence(outcomes("policy", behind), outcomes("a", totals))
+
+    def with_loss(largest_loss):
+        return regret_test(Regrets(made, 0, 100, largest_loss), made, 0.0, 1.0)
+
+    return with_loss
+
+
+def test_without_a_largest_loss_the_assumption_is_a_caveat(tested):
+    (found,) = caveats_of_loss(tested(None), 40.0)
+    assert found.about == "loss"
+    # 1 - 0.05^(1 / 500)
+    assert "one in 0.6 % of episodes, of whatever size, stays unseen in 5 % of audits" in found.text
+
+
+def test_the_owners_statement_is_a_caveat_below_the_rewards_own_limits(tested):
+    assert caveats_of_loss(tested(40.0), 40.0) == caveats_of_loss(tested(50.0), 40.0) == []
+    (below,), (unknown,) = (caveats_of_loss(tested(30.0), one) for one in (40.0, None))
+    assert "the owner's statement that no episode loses more than 30; the rewards allow 40" in (
+        below.text
+    )
+    assert "more than 30; the limits of this environment's rewards are not known" in unknown.text
+    assert unknown.text.endswith("The largest loss seen is 2.5.")

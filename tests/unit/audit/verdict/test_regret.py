@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import Regrets, compatible_angles, regret_test
+from socialiq.audit.verdict.regret import compatible_angles, regret_test
+from socialiq.audit.verdict.regrets import Regrets
 from socialiq.types import RewardPair
 
 

@@ -49,7 +49,10 @@ def test_an_expert_is_as_declared(audited):
     # Its α̂ is shown by all angles of that interval, so no margin of 10 degrees can hold it.
     assert found.calibration.decision is Decision.INCONCLUSIVE
     assert found.calibration.low == pytest.approx(12.994617)
-    assert found.reason.startswith("At the declared 45 degrees the policy earns at most 0.")
+    assert found.reason.startswith(
+        "If no loss is too rare to show in 400 episodes, at the declared 45 degrees the policy "
+        "earns at most 0."
+    )
 
 
 def test_an_egoist_is_no_altruist(audited):

@@ -1,0 +1,169 @@
+"""Bounds of a mean that hold for every distribution below a known limit, by betting.
+
+A bettor who may stake on "the next value is below m" can't expect to gain if the mean is m or
+more. By Ville's inequality the wealth, which starts at 1, then reaches 1 / error with a chance of
+at most `error`, whatever the distribution and whatever the stakes, as long as each stake depends
+on earlier values only (Waudby-Smith and Ramdas 2024, "Estimating means of bounded random variables
+by betting", J. R. Stat. Soc. B 86). So an m at which the wealth gets there is rejected.
+
+The stakes decide only how many values are needed. They aim at 1 / error at the last value: each is
+recalculated from the wealth so far and the number of values left (Voracek and Orabona 2025,
+"STaR-Bets: sequential target-recalculating bets for tighter confidence intervals").
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+LARGEST_STAKE = 0.9
+"""Largest share of the wealth at stake. With 1, a single value on the limit would ruin it."""
+
+_FIRST_DEVIATION = 0.1  # of the limit: stands for the deviation before there are values
+
+_STEP = 0.1  # of `levels`: neighbours far from the margin differ by a tenth of their distance
+
+_FINEST = 0.05  # of the margin; levels close to it are a tenth of this apart
+
+
+def levels(margin: float, limit: float, between: bool = False) -> Float[np.ndarray, " level"]:
+    """Return candidates of a mean, dense around a margin, chosen before there are values.
+
+    A bound is one of them. Its guarantee needs no finer grid: a mean that lies between two levels
+    is at least the lower one, so the test of that level covers it.
+
+    Args:
+        margin: Level that decides, positive.
+        limit: Largest absolute value of the mean.
+        between: Whether the margin lies midway between two levels, not on one: for a lower bound,
+            which must be above the margin, not on it.
+    """
+    finest = _FINEST * margin
+    steps = math.ceil(math.asinh((limit + margin) / finest) / _STEP)
+    places = np.arange(-steps, steps + 1) + (0.5 if between else 0.0)
+    found = margin + finest * np.sinh(_STEP * places)
+    return found[(found > -limit) & (found < limit)]
+
+
+def significantly_below(
+    values: Float[np.ndarray, "series episode"],
+    means: Float[np.ndarray, " level"],
+    limit: float,
+    error: float,
+) -> Bool[np.ndarray, "series level"]:
+    """Test for each series and level whether the mean is below the level.
+
+    If it is not, the test says so with a chance of at most `error`.
+
+    Args:
+        values: Independent values of each series in the order of their drawing, each at most
+            `limit`. They may be arbitrarily low.
+        means: Levels, each below the limit.
+        limit: Largest value possible, positive.
+        error: Largest chance of a wrong "below", at each level.
+    """
+    episodes = values.shape[1]
+    # The logarithm of error times wealth: the target is 0.
+    wealth = np.full((len(values), len(means)), math.log(error))
+    most = LARGEST_STAKE / (limit - means)
+    mean = np.zeros(len(values))
+    spread = np.full(len(values), (_FIRST_DEVIATION * limit) ** 2)
+    for done, drawn in enumerate(values.T):
+        deviation = np.sqrt(spread / (done + 1))[:, None]
+        # Once the target is reached, nothing is staked and the wealth stays.
+        stake = np.sqrt(np.maximum(-wealth, 0.0) * (2.0 / (episodes - done))) / deviation
+        wealth += np.log1p(np.minimum(stake, most) * (means - drawn[:, None]))
+        off = drawn - mean
+        mean = mean + off / (done + 1)
+        spread = spread + off * (drawn - mean)
+    return wealth >= 0.0
+
+
+def upper_bounds(
+    values: Float[np.ndarray, "series episode"],
+    means: Float[np.ndarray, " level"],
+    limit: float,
+    error: float,
+) -> Float[np.ndarray, " series"]:
+    """Return a one-sided upper bound of each mean, for any distribution up to the limit.
+
+    It is the lowest level from which on all levels are rejected. If it is below the true mean, the
+    highest level up to that mean was rejected wrongly: the bound has that one test's error.
+
+    Args:
+        values: As for `significantly_below`. A series with a value above the limit has no bound
+            but infinity.
+        means: Rising levels, each below the limit, chosen without the values.
+        limit: Largest value possible, positive.
+        error: One-sided error of each bound.
+    """
+    allowed = (values <= limit).all(axis=1)
+    bounds = np.full(len(values), np.inf)
+    below = significantly_below(values[allowed], means, limit, error)
+    kept = np.logical_and.accumulate(below[:, ::-1], axis=1).sum(axis=1)
+    bounds[allowed] = np.append(means, limit)[len(means) - kept]
+    return bounds
+
+
+def lower_bound_of_largest(
+    values: Float[np.ndarray, "series episode"],
+    means: Float[np.ndarray, " level"],
+    limit: float,
+    error: float,
+) -> float:
+    """Return a one-sided lower bound of the largest mean, for any distribution.
+
+    Each stake is on the series that was largest so far. If every mean is at most m, none of these
+    stakes can expect to gain, so the choice of the series needs no correction.
+
+    Args:
+        values: Values of each series in the same episodes, in the order of their drawing.
+        means: Rising levels, each above -limit, chosen without the values.
+        limit: Largest absolute value of a negative value, positive. With a lower one there is no
+            bound but minus infinity.
+        error: One-sided error.
+    """
+    followed = values[leading(values), np.arange(values.shape[1])][None]
+    return -float(upper_bounds(-followed, -means[::-1], limit, error)[0])
+
+
+def leading(values: Float[np.ndarray, "series episode"]) -> Int64[np.ndarray, " episode"]:
+    """Return before each episode the series with the largest mean so far, at first the first."""
+    totals = np.cumsum(values, axis=1)[:, :-1]
+    return np.append(0, totals.argmax(axis=0)).astype(np.int64)
+
+
+def episodes_needed(
+    values: Float[np.ndarray, " episode"], mean: float, limit: float, error: float, power: float
+) -> int | None:
+    """Return the number of values with which a mean is found to be below a level.
+
+    The logarithm of the wealth is a sum of independent terms, taken as normal, with one constant
+    stake: the best of those allowed for the values at hand.
+
+    Args:
+        values: Values at hand.
+        mean: Level, below the limit.
+        limit: Largest value possible, positive.
+        error: One-sided error of the test.
+        power: Chance of a decision, if the values at hand are typical.
+
+    Returns:
+        The number; None if no stake gains on these values, or one of them is above the limit.
+    """
+    from scipy.stats import norm
+
+    if values.max() > limit:
+        return None
+    target, quantile = -math.log(error), float(norm.ppf(power))
+    stakes = LARGEST_STAKE / (limit - mean) * np.geomspace(1e-4, 1.0, 60)
+    gained = np.log1p(stakes[:, None] * (mean - values))
+    drift, deviation = gained.mean(axis=1), gained.std(axis=1)
+    if not (drift > 0.0).any():
+        return None
+    drift, deviation = drift[drift > 0.0], deviation[drift > 0.0]
+    spread = quantile * deviation
+    root = (spread + np.sqrt(spread**2 + 4.0 * drift * target)) / (2.0 * drift)
+    return max(1, math.ceil(float(np.min(root) ** 2)))
