@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,6 +32,9 @@ ATLAS = "atlas:"
 GAPS = ("gap_2s", "gap_3s", "gap_4s")
 
 EVERY = 15.0  # degrees between the references that are made of a dial
+
+RULE = "rule"
+"""Kind of a rule-based driver, in its record."""
 
 _RULE_COVERS = "the rule's name and this package's code"
 
@@ -113,11 +116,26 @@ def resolve_references(
     rules = RULES if isinstance(world, Intersection) else ()
     for spec in named:
         found += _named(str(spec), world, trust)
-    itself = [name for name in rules if _rule_sha256(name) == policy.sha256]
-    itself += [one.name for one, record in found if _same(record, policy)]
-    return References(
-        [one for one, _ in found], {one.name: record for one, record in found}, itself
-    )
+    records = {one.name: record for one, record in found}
+    audited, names = policy.as_json(), (*rules, *records)
+    itself = [name for name in names if is_itself(name, records.get(name), audited)]
+    return References([one for one, _ in found], records, itself)
+
+
+def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[str, Any]) -> bool:
+    """Whether a reference is the policy under audit itself, by their records as JSON.
+
+    Args:
+        name: Name of the reference.
+        reference: Its record; None for those of `collect_evidence`, which have none.
+        policy: Record of the policy.
+    """
+    if reference is None:
+        return policy["kind"] == RULE and policy["source"] == name
+    # A Python module may hold several drivers.
+    several = reference["kind"] == "python"
+    same = reference["sha256"] == policy["sha256"]
+    return same and (not several or reference["source"] == policy["source"])
 
 
 def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
@@ -139,12 +157,6 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
 def _fits(name: str, world: World) -> bool:
     policy = atlas.load(name)
     return (policy.n_features, policy.n_actions) == (world.n_features, world.n_actions)
-
-
-def _same(record: dict[str, Any], policy: Record) -> bool:
-    """Whether a reference is the policy itself; a Python module may hold several drivers."""
-    several = record["kind"] == "python"
-    return record["sha256"] == policy.sha256 and (not several or record["source"] == policy.source)
 
 
 def _named(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict[str, Any]]]:
@@ -193,7 +205,7 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
 
 def _rule(name: str, world: Intersection) -> Loaded:
     interface = Interface(world.n_features, world.n_actions)
-    record = Record("rule", name, _rule_sha256(name), _RULE_COVERS, interface, False)
+    record = Record(RULE, name, _rule_sha256(name), _RULE_COVERS, interface, False)
     return Loaded(policies.policy(name), record)
 
 

@@ -13,10 +13,12 @@ import tyro
 
 from socialiq.audit.conduct import Request, conduct
 from socialiq.audit.profile.reader import parse
+from socialiq.audit.report.auditor_claims import OF_A_LOG
+from socialiq.audit.report.differences import differences
 from socialiq.audit.report.folder import PROFILE, REPORT, tables_of
 from socialiq.audit.report.log_check import faults_by_log
 from socialiq.audit.report.seeds import opened_of
-from socialiq.audit.report.verify import content_of, differences, faults, not_checked, read_report
+from socialiq.audit.report.verify import check_folder, content_of, read_report
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import complain, print_json, say
 from socialiq.errors import UserError
@@ -28,10 +30,11 @@ from socialiq.provenance import package_sha256
 
 @dataclass(frozen=True)
 class Verify:
-    """Check the hashes of a report's files; with --rerun repeat the audit and compare.
+    """Check that a report follows from its episodes; with --rerun repeat the audit and compare.
 
-    Exit status: 0 unchanged, 1 different, 2 a mistake in the call, 3 unchanged by its hashes, but
-    pages of another version of socialiq were not checked.
+    It prints what was checked and what was not. Exit status: 0 consistent, 1 different, 2 a mistake
+    in the call, 3 consistent as far as checked, but another version of socialiq wrote parts that
+    this one can't check.
 
     Example: socialiq audit verify audit --rerun
     """
@@ -67,27 +70,50 @@ class Verify:
     """Print one JSON object."""
 
     def run(self) -> int:
-        """Check, optionally rerun, and print the differences."""
-        found = faults(self.folder)
-        if self.log is not None and not found:
-            found = faults_by_log(self.folder, self.log)
-        if self.rerun and not found:
-            found = self._again()
-        open_pages = [] if found else not_checked(self.folder)
+        """Check, optionally rerun, and print what was checked and what differs."""
+        found = check_folder(self.folder)
+        faults, checked = found.faults, list(found.checked)
+        if self.log is not None and not faults:
+            faults = faults_by_log(self.folder, self.log)
+            checked.append("audit log")
+        if self.rerun and not faults:
+            faults = self._again()
+            checked.append("episodes, run again")
+        status = 1 if faults else 3 if found.not_checked else 0
+        claims = [] if faults else self._claims()
         if self.json:
-            row = {"folder": str(self.folder), "rerun": self.rerun, "faults": found}
-            print_json(row | {"not_checked": open_pages})
-        elif open_pages:
+            row = {"folder": str(self.folder), "rerun": self.rerun, "faults": faults}
+            row |= {"not_checked": found.not_checked, "checked": [] if faults else checked}
+            print_json(row | {"claims": claims})
+            return status
+        for line in _shortened(faults):
+            complain(line)
+        if not faults:
+            self._show(found.not_checked, checked, claims)
+        return status
+
+    def _show(self, unknown: list[str], checked: list[str], claims: list[str]) -> None:
+        """Print what was checked, and what was not."""
+        if unknown:
             sys.stdout.write(
                 f"{self.folder} is not checked as a whole: another version of socialiq wrote "
-                f"{', '.join(open_pages)}, which may say anything; verify with that version\n"
+                f"{', '.join(_shortened(unknown))}, which may say anything; verify with that "
+                "version\n"
             )
-        elif not found:
-            what = "and repeats" if self.rerun else f"by its manifest; --rerun plays {REPORT} again"
-            sys.stdout.write(f"{self.folder} is as it was written, {what}\n")
-        for line in found if not self.json else ():
-            complain(line)
-        return 1 if found else 3 if open_pages else 0
+        else:
+            again = ", and so does a rerun of the episodes" if self.rerun else ""
+            sys.stdout.write(
+                f"{self.folder} is consistent: what it says follows from its episodes{again}\n"
+            )
+        sys.stdout.write(f"checked: {'; '.join(checked)}\n")
+        left = [] if self.rerun else ["whether the episodes were run (--rerun runs them again)"]
+        left += ["who wrote it", f"claims of the auditor ({', '.join(claims)})"]
+        sys.stdout.write(f"not checked: {'; '.join(left)}\n")
+
+    def _claims(self) -> list[str]:
+        """Return the auditor's claims that nothing has confirmed."""
+        claims = read_report(self.folder / REPORT)["claims_of_auditor"]
+        return [one for one in claims if one != OF_A_LOG or self.log is None]
 
     def _again(self) -> list[str]:
         files = content_of(self.folder)
@@ -100,11 +126,9 @@ class Verify:
             profile.write_bytes(files[PROFILE])
             done = conduct(self._request(report, profile), say, opened_of(report))
         fresh = json.loads(json.dumps(done.report))
-        found = [f"{one} differs in the rerun" for one in differences(report, fresh)]
         tables = tables_of(done.evidence)
-        return found + [
-            f"{name} differs in the rerun" for name in tables if files[name] != tables[name]
-        ]
+        found = [name for name in tables if files.get(name) != tables[name]]
+        return [f"{one} differs in the rerun" for one in [*found, *differences(report, fresh)]]
 
     def _source(self, report: dict[str, Any]) -> str:
         """Return the policy. A report may be untrusted, so it doesn't decide which code runs."""
@@ -142,6 +166,15 @@ class Verify:
             threads=self.threads,
             shift=report["shift"] is not None,
         )
+
+
+_MOST_LINES = 12
+
+
+def _shortened(lines: list[str]) -> list[str]:
+    """Return the first lines, and how many more there are."""
+    more = len(lines) - _MOST_LINES
+    return [*lines[:_MOST_LINES], f"and {more} more"] if more > 0 else lines
 
 
 _RUNS = ("process:", "python:")

@@ -140,14 +140,28 @@ def forged(folder, copy, report):
         (copy / name).write_bytes(content)
 
 
-def test_a_rerun_finds_numbers_that_were_made_up(passed, tmp_path, capsys):
+def test_numbers_that_were_made_up_are_found_without_a_rerun(passed, tmp_path, capsys):
     report, copy = report_of(passed), tmp_path / "copy"
     report["tests"]["regret"]["high"] /= 2
     forged(passed, copy, report)
-    assert main(["audit", "verify", str(copy)]) == 0
     capsys.readouterr()
-    assert main(["audit", "verify", str(copy), "--rerun"]) == 1
-    assert "report.tests.regret.high differs in the rerun" in capsys.readouterr().err
+    assert main(["audit", "verify", str(copy)]) == 1
+    found = "socialiq: report.tests.regret.high does not follow from the episodes\n"
+    assert capsys.readouterr().err == found
+
+
+def test_verify_says_what_was_checked_and_what_was_not(passed, capsys):
+    assert main(["audit", "verify", str(passed)]) == 0
+    first, checked, left = capsys.readouterr().out.splitlines()
+    assert first == f"{passed} is consistent: what it says follows from its episodes"
+    assert checked.startswith("checked: hashes of ")
+    assert checked.endswith("verdict and numbers, recomputed from 300 episodes")
+    assert left.startswith("not checked: whether the episodes were run (--rerun runs them again)")
+    assert "claims of the auditor (timing, command" in left
+    assert main(["audit", "verify", str(passed), "--rerun", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["faults"] == found["not_checked"] == []
+    assert found["checked"][-1] == "episodes, run again" and "timing" in found["claims"]
 
 
 def test_a_foreign_report_runs_no_command_of_its_own(passed, tmp_path, capsys):

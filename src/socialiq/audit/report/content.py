@@ -13,6 +13,7 @@ from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.looks.look import Look
 from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
+from socialiq.audit.report.auditor_claims import claims_of_auditor
 from socialiq.audit.report.caveats import Caveat, caveats, caveats_of_loss
 from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.report.seeds import seeds_of
@@ -44,7 +45,7 @@ class Audited:
         deterministic: Whether it took its best actions.
         drawn: Commitment and seed.
         look: The look; None without a log.
-        records: Record of each loaded reference, by its name.
+        records: Record of each reference by its name, as far as it was loaded.
         reference_files: The user's references, as given with `--reference`.
         left_out: Names of references that are the policy itself.
         consistency: Answers of the policy to repeated queries; None if it was not asked.
@@ -64,7 +65,7 @@ class Audited:
     deterministic: bool
     drawn: Draw
     look: Look | None
-    records: Mapping[str, Mapping[str, Any]]
+    records: Mapping[str, Mapping[str, Any] | None]
     reference_files: Sequence[str]
     left_out: Sequence[str]
     consistency: Consistency | None
@@ -126,6 +127,7 @@ def content(audited: Audited) -> dict[str, Any]:
                 "seconds": audited.seconds,
             },
             "command": audited.command,
+            "claims_of_auditor": claims_of_auditor(audited.policy, audited.drawn, audited.look),
         }
     )
 

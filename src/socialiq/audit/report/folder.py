@@ -1,6 +1,6 @@
 """Folder of a report: its files, their manifest and statement, written atomically.
 
-Nothing here signs: `cosign`, `ssh-keygen -Y sign` and others sign the files as they are.
+`signature` signs the statement; `cosign`, `ssh-keygen -Y sign` and others sign any file as it is.
 """
 
 from __future__ import annotations
@@ -24,6 +24,12 @@ MANIFEST = "MANIFEST.sha256"
 
 STATEMENT = "statement.intoto.json"
 
+SIGNATURES = "statement.dsse.json"
+"""Envelope of the signed statement. It is made after the manifest, which does not list it."""
+
+SEALS = frozenset({MANIFEST, STATEMENT, SIGNATURES})
+"""Files that are no subjects of the statement."""
+
 PREDICATE_TYPE = "https://socialiq.example/audit/v1"
 """A name, as in-toto requires; not an address."""
 
@@ -45,8 +51,8 @@ def sealed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, b
 
 def manifest(files: Mapping[str, bytes]) -> bytes:
     """Return the lines of `sha256sum` for all files, in the order of the paths."""
-    lines = (f"{_sha256(files[name])}  {name}\n" for name in sorted(files) if name != MANIFEST)
-    return "".join(lines).encode()
+    names = sorted(files.keys() - {MANIFEST, SIGNATURES})
+    return "".join(f"{_sha256(files[name])}  {name}\n" for name in names).encode()
 
 
 def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
@@ -55,7 +61,8 @@ def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
     content = {
         "_type": _STATEMENT_TYPE,
         "subject": [
-            {"name": name, "digest": {"sha256": _sha256(files[name])}} for name in sorted(files)
+            {"name": name, "digest": {"sha256": _sha256(files[name])}}
+            for name in sorted(files.keys() - SEALS)
         ],
         "predicateType": PREDICATE_TYPE,
         "predicate": {
@@ -66,6 +73,9 @@ def statement(files: Mapping[str, bytes], report: Mapping[str, Any]) -> bytes:
             "seeds": report["seeds"],
             "started": report["timing"]["started"],
             "command": report["command"],
+            "machine": report["machine"],
+            "versions": report["versions"],
+            "claimsOfAuditor": report["claims_of_auditor"],
         },
     }
     return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
@@ -165,7 +175,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> Non
 
 def _unlisted(folder: Path) -> str:
     """Return a file that the manifest doesn't list, which may be the user's, or ""."""
-    written = {MANIFEST}
+    written = {MANIFEST, SIGNATURES}
     if (folder / MANIFEST).is_file():
         text = (folder / MANIFEST).read_text(errors="replace")
         written |= {line.partition("  ")[2] for line in text.splitlines()}

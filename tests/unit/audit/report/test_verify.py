@@ -18,7 +18,7 @@ from socialiq.audit.report.folder import (
     views_of,
     write_folder,
 )
-from socialiq.audit.report.verify import differences, faults, not_checked
+from socialiq.audit.report.verify import check_folder, faults
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 
@@ -106,29 +106,58 @@ def test_a_page_that_says_other_than_the_report_is_found_though_hashed_anew(fold
     assert found == ["report.html is not the page of report.json"]
 
 
+def report_of(files):
+    return json.loads(files["report.json"])
+
+
+def as_bytes(report):
+    return (json.dumps(report, indent=2) + "\n").encode()
+
+
+def of_another_version(files):
+    return report_of(files) | {"hashes": report_of(files)["hashes"] | {"package": 64 * "0"}}
+
+
+def pages(report):
+    return {name.replace(".", "_"): page for name, page in views_of(report).items()}
+
+
 def test_a_page_of_a_version_that_does_not_exist_is_not_checked(folder, files, capsys):
-    """Attack: a failed audit with the page of a passed one, and zeros for the package's hash."""
-    report = json.loads(files["report.json"])
-    report["hashes"]["package"] = 64 * "0"
-    text = (json.dumps(report, indent=2) + "\n").encode()
     better = files["report.html"].replace(b"Not decided", b"Behaves as declared")
+    text = as_bytes(of_another_version(files))
     assert resealed(folder, files, report_json=text, report_html=better) == []
-    assert "report.html" in not_checked(folder)
+    assert "report.html" in check_folder(folder).not_checked
     assert main(["audit", "verify", str(folder)]) == 3
-    said = capsys.readouterr().out
-    assert "is not checked as a whole" in said and "as it was written" not in said
+    assert "is not checked as a whole" in capsys.readouterr().out
     assert main(["audit", "verify", str(folder), "--json"]) == 3
     assert "report.html" in json.loads(capsys.readouterr().out)["not_checked"]
 
 
 def test_pages_of_another_version_that_say_the_same_are_checked(folder, files):
-    report = json.loads(files["report.json"])
-    report["hashes"]["package"] = 64 * "0"
-    text = (json.dumps(report, indent=2) + "\n").encode()
-    same = {name.replace(".", "_"): page for name, page in views_of(report).items()}
-    assert resealed(folder, files, report_json=text, **same) == []
-    assert not_checked(folder) == []
+    report = of_another_version(files)
+    assert resealed(folder, files, report_json=as_bytes(report), **pages(report)) == []
+    found = check_folder(folder)
+    assert found.not_checked == [] and "pages" in found.checked
     assert main(["audit", "verify", str(folder)]) == 0
+
+
+def test_numbers_of_another_version_are_not_checked_but_its_decision_is(folder, files):
+    """An older version may have had wider bounds; no version decides otherwise unnoticed."""
+    report = of_another_version(files)
+    report["tests"]["regret"]["high"] += 1.0
+    assert resealed(folder, files, report_json=as_bytes(report), **pages(report)) == []
+    assert check_folder(folder).not_checked == ["report.tests.regret.high"]
+    report["verdict"]["decision"] = "pass"
+    found = resealed(folder, files, report_json=as_bytes(report), **pages(report))
+    assert "report.verdict.decision does not follow from the episodes" in found
+    assert "report.tests.regret.high does not follow from the episodes" in found
+
+
+def test_a_file_that_no_audit_writes_is_not_checked(folder, files, capsys):
+    assert resealed(folder, files, approval_pdf=b"approved") == []
+    assert check_folder(folder).not_checked == ["approval.pdf"]
+    assert main(["audit", "verify", str(folder)]) == 3
+    assert "approval.pdf" in capsys.readouterr().out.splitlines()[0]
 
 
 def test_another_declaration_is_found_though_hashed_anew(folder, files):
@@ -139,10 +168,9 @@ def test_another_declaration_is_found_though_hashed_anew(folder, files):
 
 
 def test_another_commitment_is_found_though_hashed_anew(folder, files):
-    report = json.loads(files["report.json"])
+    report = report_of(files)
     report["hashes"]["policy"] = "00" * 32
-    text = (json.dumps(report, indent=2) + "\n").encode()
-    found = resealed(folder, files, report_json=text)
+    found = resealed(folder, files, report_json=as_bytes(report))
     assert "the commitment in report.json is not that of its hashes" in found
 
 
@@ -180,18 +208,3 @@ def test_nothing_is_left_where_writing_fails(files, tmp_path, monkeypatch):
     with pytest.raises(UserError, match="no space"):
         write_folder(tmp_path / "audit", files, replace=False)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_differences_name_places(plain):
-    other = json.loads(json.dumps(plain))
-    other["timing"]["seconds"] = 99.0
-    other["versions"] = {}
-    assert differences(plain, other) == []
-    other["tests"]["regret"]["low"] += 1e-12
-    other["references"][0]["name"] = "x"
-    other["cloud"].pop()
-    assert differences(plain, other) == [
-        "report.cloud",
-        "report.references[0].name",
-        "report.tests.regret.low",
-    ]

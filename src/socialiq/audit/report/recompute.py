@@ -1,0 +1,169 @@
+"""Recompute a report from its table of episodes: the policy is not needed.
+
+Everything in a report but the claims of its auditor follows from the declaration, the record of
+the policy, the seed and the episodes. So a verdict, a bound or a table that was changed is found
+without a rerun. Episodes that were made up consistently are not: they need one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
+from socialiq.audit.evidence.table import Maker, read_table
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.reader import parse
+from socialiq.audit.report.content import Audited, content
+from socialiq.audit.report.differences import differences
+from socialiq.audit.report.folder import PROFILE, REPORT, evidence_path
+from socialiq.audit.report.seeds import opened_of
+from socialiq.audit.resolve_policy import is_itself
+from socialiq.audit.seeds.commitment import Commitment, Draw
+from socialiq.audit.verdict.dependence import dependence
+from socialiq.audit.verdict.judged import judged
+from socialiq.audit.verdict.shift import Traffic, other_traffic
+from socialiq.errors import UserError
+from socialiq.types import RewardPair
+
+TOLERANCE = 1e-9
+"""Largest relative difference of a recomputed number, for which see `recomputed_differences`."""
+
+_CLAIMED = frozenset(
+    {"report.timing", "report.versions", "report.machine", "report.hashes.package"}
+)
+
+
+def recomputed_differences(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
+    """Return the places where a report differs from what follows from its episodes.
+
+    Texts, decisions and counts must be equal. Other numbers may differ by `TOLERANCE`: another
+    processor or version of a library adds in another order, which changes their last digits. The
+    sum of a million numbers then differs by some 1e-13 of itself, and a report shows three digits.
+
+    Args:
+        files: Content of the folder's files, by path.
+        report: Content of its `report.json`, which follows the schema.
+
+    Raises:
+        UserError: If its declaration can't be read, or its tables are not those of an audit.
+    """
+    fresh = json.loads(json.dumps(recomputed(files, report)))
+    return differences(report, fresh, _CLAIMED, TOLERANCE)
+
+
+def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the report that follows from the episodes; times and versions are this process's.
+
+    Args:
+        files: As for `recomputed_differences`.
+        report: As there.
+
+    Raises:
+        UserError: As there.
+    """
+    profile = parse(files[PROFILE], PROFILE)
+    record, (drawn, look) = report["policy"]["record"], opened_of(report)
+    commitment = Commitment(record["sha256"], profile.sha256)
+    drawn = dataclasses.replace(drawn, commitment=commitment)
+    evidence = evidence_of(files, report, profile, drawn)
+    rows = [*report["references"], *report["left_out"]]
+    left_out = [one["name"] for one in rows if is_itself(one["name"], one["record"], record)]
+    traffic = _traffic(report, profile)
+    consistency = Consistency.of(report["consistency"])
+    verdict, discrimination, shifts = judged(
+        profile,
+        evidence[0],
+        left_out,
+        drawn.derived("resampling"),
+        traffic,
+        evidence[1:],
+        error=None if look is None else look.error,
+        findings=dependence(consistency),
+    )
+    return content(
+        Audited(
+            profile=profile,
+            policy=record,
+            deterministic=report["policy"]["deterministic"],
+            drawn=drawn,
+            look=look,
+            records={one["name"]: one["record"] for one in rows},
+            reference_files=report["reference_files"],
+            left_out=left_out,
+            evidence=evidence[0],
+            elsewhere=evidence[1:],
+            verdict=verdict,
+            discrimination=discrimination,
+            consistency=consistency,
+            shifts=shifts,
+            films=files,
+            command=report["command"],
+            started=datetime.datetime.now(datetime.UTC),
+            seconds=0.0,
+        )
+    )
+
+
+def evidence_of(
+    files: Mapping[str, bytes], report: Mapping[str, Any], profile: Profile, drawn: Draw
+) -> list[Evidence]:
+    """Read the tables of episodes: the declared traffic first, then each other one.
+
+    Raises:
+        UserError: If one is missing or not that of an audit, or its seeds are others.
+    """
+    scenario = report["scenario"]
+    if hashlib.sha256(scenario.encode()).hexdigest() != profile.scenario.sha256:
+        raise UserError(f"the scenario in {REPORT} is not that of {PROFILE}")
+    makers = [_makers([*report["references"], *report["left_out"]])]
+    scenarios, purposes = [scenario], ["episodes"]
+    for number, one in enumerate(_traffic(report, profile)):
+        makers.append(_makers(report["shift"]["traffic"][number]["references"]))
+        scenarios.append(one.world.description)
+        purposes.append(f"shift {number}")
+    policy = report["policy"]["means"]["name"]
+    trivial, found = [one["name"] for one in report["trivial"]], []
+    for number, purpose in enumerate(purposes):
+        path = evidence_path(number)
+        if path not in files:
+            raise UserError(f"{path} is missing")
+        try:
+            one = read_table(files[path], scenarios[number], policy, makers[number], trivial)
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from error
+        _check_seeds(one, drawn.derived(purpose), report["seeds"]["episodes"], path)
+        found.append(one)
+    return found
+
+
+def _check_seeds(evidence: Evidence, seed: int, episodes: int, path: str) -> None:
+    """Check that episodes are those that an audit draws."""
+    if evidence.episodes != episodes:
+        raise UserError(f"{path} has {evidence.episodes} episodes, not {episodes}")
+    if evidence.seeds.tolist() != episode_seeds(seed, episodes).tolist():
+        raise UserError(f"the seeds in {path} are not those of the audit's seed and commitment")
+
+
+def _traffic(report: Mapping[str, Any], profile: Profile) -> Sequence[Traffic]:
+    if report["shift"] is None:
+        return ()
+    found = other_traffic(profile)
+    if len(report["shift"]["traffic"]) != len(found):
+        raise UserError(f"the other traffic in {REPORT} is not that of {PROFILE}")
+    return found
+
+
+def _makers(rows: Iterable[Mapping[str, Any]]) -> dict[str, Maker]:
+    return {
+        one["name"]: Maker(
+            tuple(one["angles"]),
+            None if one["expected"] is None else RewardPair(**one["expected"]),
+        )
+        for one in rows
+    }
