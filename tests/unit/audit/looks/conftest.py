@@ -1,0 +1,16 @@
+import pytest
+
+from socialiq.audit.looks.look import Plan
+from socialiq.audit.seeds.commitment import Commitment
+
+
+@pytest.fixture(name="plan", scope="session")
+def plan_fixture(declared):
+    """What an owner commits to; a byte of the policy makes another."""
+
+    def plan(byte: int = 0, episodes: int = 500, **fields) -> Plan:
+        profile = declared(**fields)
+        commitment = Commitment(f"{byte:064x}", profile.sha256)
+        return Plan(commitment, profile, episodes, False, ())
+
+    return plan
