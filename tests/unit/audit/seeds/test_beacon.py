@@ -71,9 +71,7 @@ def test_a_round_is_read_with_or_without_its_randomness(tmp_path, signed):
 def test_what_is_no_round_is_refused(tmp_path, signed, content):
     path = tmp_path / "round.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(
-        UserError, match=r"is not a round of drand|must be from 1"
-    ):
+    with pytest.raises(UserError, match=r"is not a round of drand|must be from 1"):
         read_round(path)
 
 
