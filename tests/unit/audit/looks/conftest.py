@@ -6,7 +6,7 @@ from socialiq.audit.seeds.commitment import Commitment
 
 @pytest.fixture(name="plan", scope="session")
 def plan_fixture(declared):
-    """What an owner commits to; a byte of the policy makes another."""
+    """Commitment of an owner; a byte of the policy makes another."""
 
     def plan(byte: int = 0, episodes: int = 500, **fields) -> Plan:
         profile = declared(**fields)
