@@ -22,4 +22,5 @@ def one_of(what: str, value: str, known: tuple[str, ...] | list[str]) -> None:
         UserError: If `value` is not in `known`; the line lists the valid names.
     """
     if value not in known:
-        raise UserError(f"unknown {what} '{value}': choose one of {', '.join(known)}")
+        shown = value if len(value) <= 80 else f"{value[:79]}…"
+        raise UserError(f"unknown {what} '{shown}': choose one of {', '.join(known)}")

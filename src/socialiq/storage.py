@@ -1,4 +1,4 @@
-"""Atomic writes of files and folders, and arrays with a checked header.
+"""Atomic writes of files, and arrays with a checked header.
 
 One container serves every array file of the project: safetensors, whose string metadata carries
 one JSON header with the kind of content, the schema version and a SHA-256 over header and arrays.
@@ -10,9 +10,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.resources
+import io
 import json
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -23,19 +23,29 @@ import safetensors
 import safetensors.numpy
 
 from socialiq.errors import UserError
+from socialiq.outputs import move_file
+from socialiq.reading import check_file, open_file, read_bytes
 
 _HEADER = "socialiq"
+_MOST_JSON = 256 << 20
 _UNREADABLE = (safetensors.SafetensorError, OSError, ValueError, RecursionError)
 
 
-def write_atomically(path: Path, content: bytes | str) -> None:
+def write_atomically(path: Path, content: bytes | str, replace: bool = True) -> None:
     """Write a file atomically: a reader finds the old content or the new.
 
+    Args:
+        path: The file; its folder must exist.
+        content: Its content.
+        replace: Whether a file there is replaced. If not, one that appears meanwhile stays.
+
     Raises:
-        UserError: If the folder is missing or can't be written.
+        UserError: If the folder is missing or can't be written, or the place is taken.
     """
     data = content.encode() if isinstance(content, str) else content
     try:
+        if replace and os.path.lexists(path) and not (path.is_file() or path.is_dir()):
+            raise UserError(f"cannot write {path}: it is not a regular file; choose another place")
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
@@ -45,7 +55,9 @@ def write_atomically(path: Path, content: bytes | str) -> None:
             file.flush()
             os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
+        move_file(Path(temporary), path, replace)
+    except FileExistsError as error:
+        raise UserError(f"{path} exists already: name a new file, or remove it first") from error
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
     finally:
@@ -64,10 +76,8 @@ def read_json(path: Path) -> Any:
         UserError: If the file is missing or is not JSON.
     """
     try:
-        return json.loads(path.read_bytes())
-    except FileNotFoundError as error:
-        raise UserError(f"no such file: {path}") from error
-    except (OSError, ValueError, RecursionError) as error:
+        return json.loads(read_bytes(path, _MOST_JSON))
+    except (ValueError, RecursionError) as error:
         raise UserError(f"cannot read {path} as JSON: {error}") from error
 
 
@@ -95,29 +105,10 @@ def open_csv(path: Path) -> Iterator[TextIO]:
         UserError: If the file is missing, can't be read, or is not UTF-8 text.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            yield file
-    except FileNotFoundError as error:
-        raise UserError(f"no such file: {path}") from error
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
+        with open_file(path) as file, io.TextIOWrapper(file, "utf-8-sig", newline="") as text:
+            yield text
     except UnicodeDecodeError as error:
         raise UserError(f"{path} is not UTF-8 text: is this a CSV file?") from error
-
-
-def new_folder(path: Path) -> Path:
-    """Make a new output folder; an empty folder is accepted.
-
-    Raises:
-        UserError: If it exists and is not empty, or can't be made.
-    """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise UserError(f"{path} exists already: name a new folder, or remove it first")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"cannot make {path}: {error.strerror}; choose another place") from error
-    return path
 
 
 def content_hash(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> str:
@@ -136,6 +127,7 @@ def save_arrays(
     version: int,
     arrays: Mapping[str, np.ndarray],
     header: Mapping[str, Any],
+    replace: bool = True,
 ) -> str:
     """Write named arrays and a JSON-compatible header to one checked file.
 
@@ -145,6 +137,7 @@ def save_arrays(
         version: Schema version of that kind.
         arrays: Named arrays, any shapes.
         header: Further JSON-compatible content.
+        replace: Whether a file there is replaced.
 
     Returns:
         SHA-256 of the content.
@@ -155,7 +148,7 @@ def save_arrays(
     contiguous, full = _as_read(kind, version, arrays, header)
     sha256 = content_hash(contiguous, full)
     metadata = {_HEADER: json.dumps({"header": full, "sha256": sha256})}
-    write_atomically(path, safetensors.numpy.save(contiguous, metadata=metadata))
+    write_atomically(path, safetensors.numpy.save(contiguous, metadata=metadata), replace)
     return sha256
 
 
@@ -206,8 +199,7 @@ def load_arrays(
         UserError: If the file is missing, damaged, of another kind or of another version.
     """
     path = shipped(path)
-    if not path.is_file():
-        raise UserError(f"no such file: {path}")
+    check_file(path)
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             text = (file.metadata() or {}).get(_HEADER, "null")
@@ -248,76 +240,6 @@ def _padded_with_spaces(path: Path) -> bool:
     with path.open("rb") as file:
         length = int.from_bytes(file.read(8), "little")
         return file.read(length).rstrip(b" ").endswith(b"}")
-
-
-def part_beside(folder: Path) -> Path:
-    """Make an empty folder for the later content of `folder` (see `swap_folder`).
-
-    Raises:
-        UserError: If it can't be made.
-    """
-    try:
-        return Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
-    except OSError as error:
-        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
-
-
-@contextlib.contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder to fill; it replaces `folder` on success, and is removed on failure.
-
-    Raises:
-        UserError: If it can't be made or moved; the old folder is then as it was.
-    """
-    part = part_beside(folder)
-    try:
-        yield part
-        part.chmod(0o755)
-        swap_folder(part, folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-
-
-def check_output_folder(folder: Path, replace: bool) -> bool:
-    """Refuse an output folder that can't be written, before any work is done.
-
-    Returns:
-        Whether the folder has content, which may be replaced.
-
-    Raises:
-        UserError: If it has content and may not be replaced, is not a folder, or can't be made.
-    """
-    if not folder.parent.is_dir():
-        new_folder(folder.parent)
-    part_beside(folder).rmdir()  # whether it can be written there
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UserError(f"{folder} is not a folder: name another --out")
-    if not folder.exists() or not any(folder.iterdir()):
-        return False
-    if not replace:
-        raise UserError(f"{folder} exists already: name a new folder, or add --replace")
-    return True
-
-
-def swap_folder(part: Path, folder: Path) -> None:
-    """Move a finished folder into place. The old folder is removed last, and restored on failure.
-
-    Raises:
-        UserError: If the move fails; the old folder is then restored.
-    """
-    old = part.with_name(f"{part.name}.old")
-    try:
-        if folder.exists():
-            folder.rename(old)
-        try:
-            part.rename(folder)
-        except OSError:
-            if old.exists():
-                old.rename(folder)
-            raise
-    except OSError as error:
-        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def packaged_results() -> Path:

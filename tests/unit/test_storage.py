@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from socialiq import storage
+from socialiq import outputs, storage
 from socialiq.errors import UserError
 
 # The name and the number have other spellings in JSON (upper-case escapes and exponents).
@@ -132,9 +132,9 @@ def test_missing_json_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
-    made = storage.new_folder(tmp_path / "a" / "b")
+    made = outputs.new_folder(tmp_path / "a" / "b")
     assert made.is_dir()
-    assert storage.new_folder(made) == made  # still empty
+    assert outputs.new_folder(made) == made  # still empty
 
 
 def test_a_folder_in_use_is_refused_and_left_alone(tmp_path: Path) -> None:
@@ -142,9 +142,9 @@ def test_a_folder_in_use_is_refused_and_left_alone(tmp_path: Path) -> None:
     file.write_text("kept")
     for taken in (tmp_path, file):
         with pytest.raises(UserError, match="exists already: name a new folder"):
-            storage.new_folder(taken)
+            outputs.new_folder(taken)
     with pytest.raises(UserError, match=r"cannot make .*: Not a directory"):
-        storage.new_folder(file / "below")
+        outputs.new_folder(file / "below")
     assert file.read_text() == "kept"
 
 
@@ -284,28 +284,31 @@ def test_a_pipe_says_nothing_of_its_kind(tmp_path):
 
 def test_a_folder_is_replaced_whole_or_stays(tmp_path):
     folder = tmp_path / "made"
-    with storage.whole_folder(folder) as part:
+    with outputs.whole_folder(folder) as part:
         (part / "old").write_text("1")
-    with pytest.raises(KeyError), storage.whole_folder(folder) as part:
+    with pytest.raises(KeyError), outputs.whole_folder(folder) as part:
         (part / "new").write_text("2")
         raise KeyError
     assert [path.name for path in tmp_path.rglob("*")] == ["made", "old"]
-    with storage.whole_folder(folder) as part:
+    with pytest.raises(UserError, match="exists already"), outputs.whole_folder(folder) as part:
+        (part / "new").write_text("2")
+    assert [path.name for path in tmp_path.rglob("*")] == ["made", "old"]
+    with outputs.whole_folder(folder, replace=True) as part:
         (part / "new").write_text("2")
     assert [path.name for path in tmp_path.rglob("*")] == ["made", "new"]
 
 
 def test_an_output_folder_is_checked_before_the_work(tmp_path):
     folder = tmp_path / "parent" / "out"
-    assert not storage.check_output_folder(folder, replace=False) and folder.parent.is_dir()
+    assert not outputs.check_output_folder(folder, replace=False) and folder.parent.is_dir()
     folder.mkdir()
-    assert not storage.check_output_folder(folder, replace=False)
+    assert not outputs.check_output_folder(folder, replace=False)
     (folder / "file").write_text("1")
-    assert storage.check_output_folder(folder, replace=True)
+    assert outputs.check_output_folder(folder, replace=True)
     with pytest.raises(UserError, match="add --replace"):
-        storage.check_output_folder(folder, replace=False)
+        outputs.check_output_folder(folder, replace=False)
     with pytest.raises(UserError, match="is not a folder"):
-        storage.check_output_folder(folder / "file", replace=True)
+        outputs.check_output_folder(folder / "file", replace=True)
     (tmp_path / "link").symlink_to(folder)
     with pytest.raises(UserError, match="is not a folder"):
-        storage.check_output_folder(tmp_path / "link", replace=True)
+        outputs.check_output_folder(tmp_path / "link", replace=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +17,22 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.foreign import one_line
+from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import is_environment, make_environment, sizes
 from socialiq.worlds.registry import make_grid
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
+
+_OF_MIXTURE = {
+    "transitions": "equal_transitions",
+    "weights": "weighted",
+    "base": "contaminated",
+    "contaminant": "contaminated",
+    "share": "contaminated",
+}
+"""Options that one mixture alone uses."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +79,10 @@ class Collect:
     def run(self) -> int:
         """Collect, mix, write, print the counts."""
         one_of("mixture", self.mixture, tuple(mixture.MIXTURES))
-        if self.out.exists():
-            raise UserError(f"{self.out} exists already: name a new file, or remove it first")
+        self._refuse_unused()
+        refuse_existing(self.out)
         mixed = self.mix()
-        sha256 = files.save(self.out, mixed)
+        sha256 = files.save(self.out, mixed, replace=False)
         counts = [
             {"mode": mode, "episodes": episodes, "transitions": transitions}
             for mode, (episodes, transitions) in mixed.counts().items()
@@ -81,6 +92,13 @@ class Collect:
         else:
             print_table(counts, f"{self.out}")
         return 0
+
+    def _refuse_unused(self) -> None:
+        """Refuse options that the mixture doesn't use: their user expects something else."""
+        for one in dataclasses.fields(self):
+            mixture_of = _OF_MIXTURE.get(one.name, self.mixture)
+            if mixture_of != self.mixture and getattr(self, one.name) != one.default:
+                raise UserError(f"--{one.name} is of --mixture {mixture_of}: leave it out")
 
     def mix(self) -> Demonstrations:
         """Return the demonstrations that the options describe."""

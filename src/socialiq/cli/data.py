@@ -16,7 +16,7 @@ from socialiq.datasets.step_files import format_of, read_steps, write_steps
 from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError
+from socialiq.outputs import refuse_existing
 from socialiq.social.angle import check_angle
 
 
@@ -74,9 +74,9 @@ class ToArrays:
     def run(self) -> int:
         """Read, write, print the counts."""
         format_of(self.out)
-        _refuse_existing(self.out)
+        refuse_existing(self.out)
         table = files.load(self.file)
-        write_steps(self.out, table)
+        write_steps(self.out, table, replace=False)
         _print_counts(self.out, files.sha256_of(table), table, self.json)
         return 0
 
@@ -194,15 +194,10 @@ def save_new(out: Path, read: Callable[[], Demonstrations], as_json: bool) -> in
     Raises:
         UserError: If the file exists, or nothing can be read.
     """
-    _refuse_existing(out)
+    refuse_existing(out)
     table = read()
-    _print_counts(out, files.save(out, table), table, as_json)
+    _print_counts(out, files.save(out, table, replace=False), table, as_json)
     return 0
-
-
-def _refuse_existing(out: Path) -> None:
-    if out.exists():
-        raise UserError(f"{out} exists already: name a new file, or remove it first")
 
 
 def _print_counts(out: Path, sha256: str, table: Demonstrations, as_json: bool) -> None:

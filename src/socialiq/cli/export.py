@@ -14,10 +14,12 @@ from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.outputs import refuse_existing
 from socialiq.policies.card import model_card
 from socialiq.policies.export_torch import to_safetensors
 from socialiq.policies.native import read_dial, read_policy
 from socialiq.policies.onnx.export import to_onnx
+from socialiq.reading import sha256_of_file
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
@@ -53,11 +55,10 @@ class Export:
         one_of("format", self.format, FORMATS)
         if self.evaluation and self.format != "card":
             raise UserError("an evaluation goes into a card: add --format card")
-        if self.out.exists():
-            raise UserError(f"{self.out} exists already: name a new file, or remove it first")
+        refuse_existing(self.out)
         policy, training = self.read()
         content = self.made(policy, training)
-        write_atomically(self.out, content)
+        write_atomically(self.out, content, replace=False)
         found = {"out": str(self.out), "format": self.format, "bytes": len(content)}
         found |= {"sha256": hashlib.sha256(content).hexdigest()}
         return _print_written(found, self.json)
@@ -94,7 +95,7 @@ class Export:
             words = "By the study that made it, taking the best action always."
         if self.evaluation is not None:
             evaluation = _object(self.evaluation)
-            digest = hashlib.sha256(self.evaluation.read_bytes()).hexdigest()
+            digest = sha256_of_file(self.evaluation)
             words = (
                 f"By the file {one_line(self.evaluation.name, 80)}, SHA-256 {digest}. It does not "
                 "name its policy; the author of this card states it."
@@ -145,9 +146,8 @@ class Turn:
 
     def run(self) -> int:
         """Turn and write."""
-        if self.out.exists():
-            raise UserError(f"{self.out} exists already: name a new file")
-        sha256 = DialPolicy.load(self.dial).at(self.angle).save(self.out)
+        refuse_existing(self.out)
+        sha256 = DialPolicy.load(self.dial).at(self.angle).save(self.out, replace=False)
         found = {"out": str(self.out), "angle": self.angle, "sha256": sha256}
         return _print_written(found, self.json)
 

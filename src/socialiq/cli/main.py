@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import itertools
 import re
 import sys
+from pathlib import Path
 from typing import Any
 
+from socialiq.cli.checks import check_words
 from socialiq.cli.commands import (
     COMMANDS,
     DESCRIPTION,
@@ -23,7 +26,9 @@ from socialiq.cli.streams import exit_status
 from socialiq.cli.suggest import option_names, unknown_command, unknown_option
 from socialiq.errors import UserError
 from socialiq.foreign import cut
+from socialiq.foreign import one_line as one_line_of
 
+_LONGEST_LINE = 1000
 _BOX = re.compile(r"[│╭╮╰╯─|+]+|-{3,}")
 
 
@@ -41,15 +46,30 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(arguments: list[str] | None) -> int:
     try:
-        return parse(arguments).run()
+        return _claimed(parse(arguments))
     except KeyboardInterrupt:
         return _fail("stopped; nothing was saved", 130)
     except UserError as error:
         return _fail(str(error), error.exit_status)
+    except MemoryError:
+        return _fail("not enough memory: ask for less at a time", UserError.exit_status)
     except OSError as error:
+        if error.errno == errno.ENOSPC:
+            return _fail("no space is left on the disk: nothing was saved", UserError.exit_status)
         if error.filename is None:
             raise
         return _fail(f"{error.strerror}: {cut(str(error.filename), 200)}", UserError.exit_status)
+
+
+def _claimed(command: Any) -> int:
+    """Check the numbers, claim the output, and run; a command without an output claims nothing."""
+    from socialiq.cli.checks import check_options
+    from socialiq.outputs import claimed
+
+    check_options(command)
+    out = getattr(command, "output", getattr(command, "out", None))
+    with claimed(out) if isinstance(out, Path) else contextlib.nullcontext():
+        return command.run()
 
 
 def parse(arguments: list[str] | None) -> Any:
@@ -60,6 +80,7 @@ def parse(arguments: list[str] | None) -> Any:
         SystemExit: After a help page, the version or a completion script.
     """
     words = sys.argv[1:] if arguments is None else arguments
+    check_words(words)
     first = words[0] if words else ""
     if first in ("-h", "--help"):
         _print_and_exit(help_page())
@@ -130,5 +151,5 @@ def _print_and_exit(text: str) -> None:
 def _fail(line: str, status: int) -> int:
     from socialiq.cli.output import complain
 
-    complain(line)
+    complain(one_line_of(line, _LONGEST_LINE))
     return status

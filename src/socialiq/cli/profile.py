@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -55,7 +56,7 @@ class New:
 
     def run(self) -> int:
         """Write the file and print its declaration."""
-        if self.out.exists() and not self.replace:
+        if os.path.lexists(self.out) and not self.replace:
             raise UserError(f"{self.out} exists already: name another --out, or add --replace")
         declared = declare(
             self.angle,
@@ -66,7 +67,7 @@ class New:
             confidence=self.confidence,
             allow_code=self.allow_code,
         )
-        write_atomically(self.out, declared.source)
+        write_atomically(self.out, declared.source, self.replace)
         _show(self.out, declared)
         return 0
 

@@ -15,6 +15,7 @@ from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.foreign import one_line
+from socialiq.outputs import refuse_existing
 from socialiq.plotting.style import png
 from socialiq.recordings import census, files, held_out
 from socialiq.recordings import census_figure as picture
@@ -69,11 +70,10 @@ class ToDemonstrations:
 
     def run(self) -> int:
         """Convert, write, and print the counts and the reasons for omissions."""
-        if self.out.exists():
-            raise UserError(f"{self.out} exists already: name a new file, or remove it first")
+        refuse_existing(self.out)
         swapped = swap_all(self.recordings, self.choices)
         table = ego_swap.demonstrations(swapped)
-        sha256 = demonstration_files.save(self.out, table)
+        sha256 = demonstration_files.save(self.out, table, replace=False)
         counts = [one.counts for one in swapped]
         if self.json:
             print_json({"file": str(self.out), "sha256": sha256, "recordings": counts})

@@ -13,11 +13,12 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
+from socialiq.outputs import whole_folder
 from socialiq.recordings import files
 from socialiq.recordings.readers.column_map import read_map
 from socialiq.recordings.readers.commonroad import MOST_STATES
 from socialiq.recordings.readers.import_file import FORMATS, import_file
-from socialiq.storage import whole_folder, write_atomically
+from socialiq.storage import write_atomically
 
 
 @dataclass(frozen=True)

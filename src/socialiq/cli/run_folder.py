@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -16,7 +15,9 @@ from socialiq.experiments.results import as_csv, versions
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained
 from socialiq.learners.tensorboard import EventFiles
-from socialiq.storage import new_folder, write_atomically, write_json
+from socialiq.outputs import new_folder
+from socialiq.reading import sha256_of_file
+from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
 
@@ -133,4 +134,4 @@ class RunFolder:
 
 def described_file(path: Path) -> Row:
     """Return the name and the SHA-256 of a file, for run.json."""
-    return {"file": str(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    return {"file": str(path), "sha256": sha256_of_file(path)}

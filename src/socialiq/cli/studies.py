@@ -24,6 +24,7 @@ from socialiq.experiments import study as experiment
 from socialiq.experiments.engine import Engine
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Study
+from socialiq.outputs import claimed
 from socialiq.studies import STUDIES, find, module_of
 
 COMPARISONS = {"priors": "compare-priors"}
@@ -47,6 +48,7 @@ class _StudyCommand:
     json: bool = False
     """Print one JSON object."""
 
+    output = None  # claimed in `_computed`, which knows the folder
     config = None  # of the study, in the commands that `_specific` makes
 
     @classmethod
@@ -92,27 +94,34 @@ class _StudyCommand:
             raise UserError(f"{study.name} keeps no work folder: leave out --work")
         if self.engine.given and not study.is_resumable:
             raise UserError(f"{study.name} has no jobs: leave out --processes and --cluster")
-        store.check_target(folder, self.replace)
-        work = self.work or folder.with_name(f"{folder.name}.work")
-        with Display() as display:
+        with claimed(folder), Display() as display:
+            store.check_target(folder, self.replace)
+            work = self.work or folder.with_name(f"{folder.name}.work")
             results = experiment.run(study, config, display.stage, work, self.engine)
-        experiment.save(study, results, folder, self.replace)
+            experiment.save(study, results, folder, self.replace)
         return results
 
 
 def _check(config: Any) -> None:
-    """Refuse seeds and counts that make no run.
+    """Refuse seeds, counts and names that make no run, before hours are spent on one.
 
     Raises:
         UserError: If there are any.
     """
     from socialiq.learners.config import check_seeds
+    from socialiq.social.returns import TARGET_KINDS
 
     check_seeds(getattr(config, "seeds", ()))
     if getattr(config, "seeds", None) == ():
         raise UserError("name at least one seed")
     if getattr(config, "episodes", 1) < 1:
         raise UserError(f"episodes must be at least 1, got {config.episodes}")
+    for kind in getattr(config, "target_kinds", ()):
+        one_of("target kind", kind, (*TARGET_KINDS, "advantage"))
+    for one in dataclasses.fields(config):
+        value = getattr(config, one.name)
+        if isinstance(value, int) and value < 0:
+            raise UserError(f"{one.name} must be at least 0, got {value}")
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,11 @@ class Sweep:
     json: bool = False
     """Print one JSON object."""
 
+    @property
+    def output(self) -> Path | None:
+        """What the command writes beside its work folder, which many tasks share."""
+        return self.out if self.task is None and not self.slurm else None
+
     def run(self) -> int:
         """Do the jobs, or one of them, or write the script that does them."""
         plan = read_plan(self.file, self.allow_code)

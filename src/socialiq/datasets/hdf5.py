@@ -16,6 +16,7 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
+from socialiq.reading import check_file
 
 MOST_NUMBERS = 2**28
 """Largest number of elements that are read from one file: 1 GiB as float32."""
@@ -44,8 +45,7 @@ class Reader:
 
     def __init__(self, path: Path) -> None:
         self._h5py, self._path, self._left = library(), path, MOST_NUMBERS
-        if not path.is_file():
-            raise UserError(f"no such file: {path}")
+        check_file(path)
         try:
             self._file = self._h5py.File(path, "r")
         except _FAULTS as error:

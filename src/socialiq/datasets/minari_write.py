@@ -20,8 +20,8 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
+from socialiq.outputs import whole_folder
 from socialiq.social.angle import check_angle, exact_weights, score
-from socialiq.storage import whole_folder
 
 
 def write_minari(
@@ -52,7 +52,7 @@ def write_minari(
         raise UserError(f"{folder} exists already: name a new folder, or remove it first")
     name = _checked_id(minari, dataset_id or id_of(folder))
     with whole_folder(folder) as part:
-        _write(minari, demonstrations, part.resolve() / DATA_FOLDER, name, angle)
+        _write(minari, demonstrations, part.absolute() / DATA_FOLDER, name, angle)
     return folder / DATA_FOLDER
 
 
@@ -79,7 +79,7 @@ def _check_connected(table: Demonstrations) -> None:
 
 def id_of(folder: Path) -> str:
     """Return Minari's name of a data set from its folder."""
-    name = re.sub(r"[^\w-]", "_", folder.resolve().name, flags=re.ASCII)
+    name = re.sub(r"[^\w-]", "_", folder.absolute().name, flags=re.ASCII)
     return name if re.search(r"-v\d+$", name) else f"{name}-v0"
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from socialiq.errors import UserError
+from socialiq.reading import open_file
 
 MOST_BYTES = 2 * 1024**3
 """Largest size of all arrays of one archive together."""
@@ -32,6 +34,7 @@ _FAULTS = (
     RuntimeError,  # encrypted members; NotImplementedError for unknown compression is one too
     RecursionError,
     SyntaxError,
+    tokenize.TokenError,
 )
 
 
@@ -45,10 +48,8 @@ def read_npz(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
     Raises:
         UserError: If it is missing or damaged, or one of these members is not numeric.
     """
-    if not path.is_file():
-        raise UserError(f"no such file: {path}")
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_file(path) as file, zipfile.ZipFile(file) as archive:
             members = {one.filename: one for one in archive.infolist()[:_MEMBERS]}
             wanted = {name: members[f"{name}.npy"] for name in names if f"{name}.npy" in members}
             if sum(one.file_size for one in wanted.values()) > MOST_BYTES:

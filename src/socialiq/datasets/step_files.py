@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from socialiq.datasets.step_tables import csv_of, parquet_of, read_csv, read_par
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
 
 FORMATS = (".npz", ".csv", ".parquet")
@@ -87,7 +87,7 @@ def read_steps(
     return table
 
 
-def write_steps(path: Path, table: Demonstrations) -> None:
+def write_steps(path: Path, table: Demonstrations, replace: bool = True) -> None:
     """Write every column of a table, so that `read_steps` gives it back to the bit.
 
     A CSV file has no place for the names of the modes, the number of actions and the source; the
@@ -106,7 +106,7 @@ def write_steps(path: Path, table: Demonstrations) -> None:
         arrays = table.arrays()
         arrays["reward"] = np.stack([arrays.pop("r_env"), arrays.pop("r_social")], axis=1)
         content = npz_of({**arrays, HEADER: np.frombuffer(header, np.uint8)})
-    write_atomically(path, content)
+    write_atomically(path, content, replace)
 
 
 def format_of(path: Path) -> str:
@@ -121,7 +121,7 @@ def format_of(path: Path) -> str:
 
 def source_of(path: Path) -> dict[str, Any]:
     """Return where data came from: the file's name and the SHA-256 of its bytes."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    sha256 = sha256_of_file(path)
     return {"made_by": "socialiq data", "file": path.name, "sha256": sha256}
 
 

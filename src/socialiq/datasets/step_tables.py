@@ -22,6 +22,7 @@ import numpy as np
 from socialiq.datasets.step_columns import STEPS, Kind, Layout
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
+from socialiq.reading import open_file
 from socialiq.storage import open_csv
 
 MOST_BYTES = 2 * 1024**3
@@ -165,10 +166,8 @@ def read_parquet(
             another type, or a cell is empty; the line names the column.
     """
     parquet = _library()
-    if not path.is_file():
-        raise UserError(f"no such file: {path}")
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             opened = parquet.ParquetFile(file)
             schema, size = opened.schema_arrow, opened.metadata.num_rows
             layout.check_names(schema.names, str(path))

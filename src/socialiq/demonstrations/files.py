@@ -13,12 +13,13 @@ KIND = "demonstrations"
 SCHEMA_VERSION = 1
 
 
-def save(path: Path, demonstrations: Demonstrations) -> str:
+def save(path: Path, demonstrations: Demonstrations, replace: bool = True) -> str:
     """Write a table to one file, whole or not at all.
 
     Args:
         path: The file; its folder must exist.
         demonstrations: The table.
+        replace: Whether a file there is replaced.
 
     Returns:
         The SHA-256 of the content, the same for every table of the same content.
@@ -27,7 +28,7 @@ def save(path: Path, demonstrations: Demonstrations) -> str:
         UserError: If the file can't be written.
     """
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
-    return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header)
+    return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header, replace)
 
 
 def sha256_of(demonstrations: Demonstrations) -> str:

@@ -13,14 +13,8 @@ from typing import Any
 
 from socialiq import provenance
 from socialiq.errors import UserError
-from socialiq.storage import (
-    check_output_folder,
-    read_json,
-    shipped,
-    whole_folder,
-    write_atomically,
-    write_json,
-)
+from socialiq.outputs import check_output_folder, whole_folder
+from socialiq.storage import open_csv, read_json, shipped, write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
 
@@ -80,7 +74,7 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         UserError: If the folder exists and may not be replaced, or can't be written.
     """
     check_target(folder, replace)
-    with whole_folder(folder) as part:
+    with whole_folder(folder, replace) as part:
         head = {"study": results.study, "versions": results.versions, "config": results.config}
         write_json(part / "config.json", head)
         write_json(part / "summary.json", results.summary)
@@ -116,6 +110,11 @@ def load(folder: Path) -> Results:
     head = read_json(folder / "config.json")
     tables = {path.stem: from_csv(path) for path in sorted(folder.glob("*.csv"))}
     summary = read_json(folder / "summary.json")
+    kinds = {"study": str, "config": dict, "versions": dict}
+    if not isinstance(head, dict) or not isinstance(summary, dict):
+        raise UserError(f"{folder} is damaged: restore it or make it again")
+    if any(not isinstance(head.get(name), kind) for name, kind in kinds.items()):
+        raise UserError(f"{folder / 'config.json'} lacks {', '.join(kinds)}: make it again")
     return Results(head["study"], head["config"], tables, summary, head["versions"])
 
 
@@ -135,9 +134,9 @@ def from_csv(path: Path) -> list[Row]:
         UserError: If it isn't text, or a row has another number of cells than the first line.
     """
     try:
-        with path.open(newline="") as file:
+        with open_csv(path) as file:
             head, *rows = csv.reader(file)
-    except (UnicodeDecodeError, csv.Error, ValueError) as error:
+    except (csv.Error, ValueError) as error:
         raise UserError(f"{path} is damaged: restore it or make it again") from error
     for number, row in enumerate(rows, start=2):
         if len(row) != len(head):

@@ -39,7 +39,9 @@ class EventFiles:
         try:
             self._writers = [writer(str(folder / name)) for name in run_names]
         except OSError as error:
-            raise UserError(f"cannot write {folder}: {error}; choose another place") from error
+            raise UserError(
+                f"cannot write {folder}: {error.strerror}; choose another place"
+            ) from error
 
     def __enter__(self) -> EventFiles:
         return self

@@ -107,4 +107,17 @@ class DialPolicy:
             UserError: If the file is missing, damaged, or holds something else.
         """
         arrays, header = load_arrays(path, "dial", SCHEMA_VERSION)
-        return DialPolicy(QPolicy.of_content(arrays, header), header["low"], header["high"])
+        low, high = range_of(path, header)
+        return DialPolicy(QPolicy.checked(path, arrays, header, extra=2), low, high)
+
+
+def range_of(path: Path, header: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the lowest and the highest angle in a dial's header.
+
+    Raises:
+        UserError: If they are missing, or are no range.
+    """
+    low, high = header.get("low"), header.get("high")
+    if isinstance(low, float) and isinstance(high, float) and 0.0 <= low <= high < 360.0:
+        return low, high
+    raise UserError(f"{path} has no range of angles: make the file again")

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.special import softmax
 
 from socialiq.errors import UserError
+from socialiq.nn.file_checks import FAULTS, fault_before, fault_of
 from socialiq.nn.q_network import Encoding, QNetwork
 from socialiq.nn.view import Choice, OneHot, View
 from socialiq.storage import load_arrays, save_arrays
@@ -141,8 +142,12 @@ class QPolicy:
             actions = np.minimum((draws >= cumulative).sum(axis=1), self.n_actions - 1)
         return (actions if numbers.ndim == 2 else actions.squeeze(axis=0)), state
 
-    def save(self, path: Path) -> str:
+    def save(self, path: Path, replace: bool = True) -> str:
         """Write the policy to one safetensors file.
+
+        Args:
+            path: The file; its folder must exist.
+            replace: Whether a file there is replaced.
 
         Returns:
             SHA-256 of the content.
@@ -150,7 +155,7 @@ class QPolicy:
         Raises:
             UserError: If the file can't be written.
         """
-        return save_arrays(path, "policy", SCHEMA_VERSION, *self.content())
+        return save_arrays(path, "policy", SCHEMA_VERSION, *self.content(), replace=replace)
 
     @staticmethod
     def load(path: Path) -> QPolicy:
@@ -159,7 +164,34 @@ class QPolicy:
         Raises:
             UserError: If the file is missing, damaged, or holds something else.
         """
-        return QPolicy.of_content(*load_arrays(path, "policy", SCHEMA_VERSION))
+        return QPolicy.checked(path, *load_arrays(path, "policy", SCHEMA_VERSION))
+
+    @staticmethod
+    def checked(
+        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any], extra: int = 0
+    ) -> QPolicy:
+        """Build a policy from a file's content, after a check that its parts agree.
+
+        Args:
+            path: The file, for messages.
+            arrays: Its arrays.
+            header: Its header.
+            extra: Inputs of the first layer that are not part of the observation.
+
+        Raises:
+            UserError: If they don't agree.
+        """
+        fault = fault_before(arrays, header)
+        try:
+            policy = None if fault else QPolicy.of_content(arrays, header)
+            fault = fault or fault_of(policy, ACTIVATIONS, extra)
+        except FAULTS as error:
+            raise UserError(
+                f"{path} has a header that doesn't fit its arrays: make the file again"
+            ) from error
+        if fault or policy is None:
+            raise UserError(f"{path} {fault}: make the file again")
+        return policy
 
     def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the named arrays and the header of the policy's file."""

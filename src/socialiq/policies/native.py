@@ -1,7 +1,7 @@
 """Files of this package as policies: policies, dials and tables.
 
 The container's checksum detects damage; it is not a signature. So the header is checked against
-the arrays before it is used.
+the arrays before it is used (`nn.file_checks`).
 """
 
 from __future__ import annotations
@@ -14,19 +14,15 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.nn import dial_policy, q_policy
-from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.q_policy import ACTIVATIONS, QPolicy
-from socialiq.nn.view import ROW, OneHot
+from socialiq.nn.dial_policy import DialPolicy, range_of
+from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy
 
-MOST_LAYERS = 100
 MOST_PROVENANCE = 65_536
 """Characters of a file's header, which goes into reports."""
-
-_FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
 
 def read_policy(path: Path, world: Interface | None) -> tuple[QPolicy, dict[str, Any]]:
@@ -67,9 +63,7 @@ def read_dial(
     if angle is None:
         raise UserError(f"{path} is a dial: name an angle")
     policy = _policy(path, arrays, header, world, extra=2)
-    low, high = header.get("low"), header.get("high")
-    if not isinstance(low, float) or not isinstance(high, float):
-        raise _refusal(path, "has no range of angles")
+    low, high = range_of(path, header)
     policy = DialPolicy(policy, low, high).at(angle)
     return policy, _details(policy, header) | {"angle": angle, "low": low, "high": high}
 
@@ -107,69 +101,14 @@ def _policy(
     """
     if len(json.dumps(header)) > MOST_PROVENANCE:
         raise _refusal(path, f"has a header of more than {MOST_PROVENANCE:,} characters")
-    layers = header.get("layers")
-    if type(layers) is not int or not 1 <= layers <= MOST_LAYERS:
-        raise _refusal(path, f"must have 1 to {MOST_LAYERS} layers")
-    for array in arrays.values():
-        if array.dtype.kind != "f" or not np.isfinite(array).all():
-            raise _refusal(path, "has a weight that is not a finite number")
-    try:
-        policy = QPolicy.of_content(arrays, header)
-        fits = _consistent(policy, extra)
-        interface = Interface(_n_features(policy, extra), policy.n_actions)
-    except _FAULTS as error:
-        raise _refusal(path, "has a header that doesn't fit its arrays") from error
-    if not fits:
-        raise _refusal(path, "has layers that don't follow one another")
+    policy = QPolicy.checked(path, arrays, header, extra)
     if world is not None:
-        interface.check(str(path), world)
+        Interface(_n_features(policy, extra), policy.n_actions).check(str(path), world)
     return policy
 
 
 def _n_features(policy: QPolicy, extra: int) -> int:
     return policy.view.n_features if policy.view else policy.weights[0].shape[1] - extra
-
-
-def _consistent(policy: QPolicy, extra: int) -> bool:
-    """Whether the widths of the layers agree and the settings are possible."""
-    known = policy.activation in ACTIVATIONS and isinstance(policy.provenance, dict)
-    temperature = policy.temperature
-    warm = isinstance(temperature, float) and 0.0 < temperature < float("inf")
-    if not (known and warm and _view_is_possible(policy)):
-        return False
-    width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
-    # Before anything is computed with them: widths that a header claims could be of any size.
-    return _chained(policy.weights, policy.biases, width + extra)
-
-
-def _view_is_possible(policy: QPolicy) -> bool:
-    """Whether a view's numbers are ones that `View` and `OneHot` produce."""
-    view = policy.view
-    if view is None:
-        return True
-    if isinstance(view, OneHot):
-        return len(view.lows) == len(view.sizes) and all(
-            type(low) is int and type(size) is int and size > 0
-            for low, size in zip(view.lows, view.sizes, strict=True)
-        )
-    pooled, relative, scale = view.choice
-    plain = type(pooled) is bool and type(relative) is bool and isinstance(scale, float)
-    rows = type(view.n_features) is int and view.n_features % ROW == 0 and view.n_features > ROW
-    if not (plain and rows and np.isfinite(scale) and pooled == bool(view.weights)):
-        return False
-    inputs = ROW + (6 if relative else 0)  # of one vehicle, as `View` lists them
-    encoded = (view.width - (ROW - 1)) // 2 if pooled else 0
-    return not pooled or (
-        _chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded
-    )
-
-
-def _chained(weights: tuple[Any, ...], biases: tuple[Any, ...], inputs: int) -> bool:
-    for weight, bias in zip(weights, biases, strict=True):
-        if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != inputs:
-            return False
-        inputs = len(bias)
-    return inputs > 0
 
 
 _TABLE_KIND = "table"

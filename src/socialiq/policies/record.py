@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from socialiq.errors import UserError
 from socialiq.policies.interface import Interface
 from socialiq.policies.process.isolation import NOT_NEEDED, Isolation
+from socialiq.reading import read_bytes
 from socialiq.storage import shipped
 from socialiq.types import Policy
 
@@ -85,18 +85,7 @@ def read_content(path: Path, most: int = MOST_BYTES) -> bytes:
     Raises:
         UserError: If it is missing, not a regular file, unreadable or too large.
     """
-    path = shipped(path)
-    if not path.is_file():
-        raise UserError(f"no such file: {path}")
-    try:
-        with path.open("rb") as file:
-            # Not more than the file's size: the buffer is allocated at once.
-            content = file.read(min(path.stat().st_size, most) + 1)
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
-    if len(content) > most:
-        raise UserError(f"{path} is larger than {most:,} bytes: name a smaller policy")
-    return content
+    return read_bytes(shipped(path), most)
 
 
 def sha256_of(content: bytes) -> str:

@@ -23,6 +23,7 @@ from socialiq.audit.profile.fields import Field as Declared
 from socialiq.audit.profile.profile import WRONG_WORLD, Floor, Margin, Profile, Reward, Scenario
 from socialiq.audit.profile.scenario import World, check_options, identity, world_of
 from socialiq.errors import UserError
+from socialiq.reading import open_file
 from socialiq.recordings.recording import refuse_recording
 from socialiq.worlds.registry import WORLDS
 
@@ -43,13 +44,10 @@ def load(path: Path) -> Profile:
         UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
             or wrong; the message names file, line number and correction.
     """
-    if not path.is_file():
+    if not path.exists():
         raise UserError(f"no such file: {path}: `socialiq profile new` writes one")
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    with open_file(path) as file:
+        content = file.read(LARGEST_FILE + 1)
     return parse(content, str(path))
 
 

@@ -18,7 +18,8 @@ from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
 from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
-from socialiq.storage import check_output_folder, whole_folder, write_atomically
+from socialiq.outputs import check_output_folder, whole_folder
+from socialiq.storage import write_atomically
 
 MANIFEST = "MANIFEST.sha256"
 
@@ -167,7 +168,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], replace: bool) -> Non
         UserError: As `check_target`.
     """
     check_target(folder, replace)
-    with whole_folder(folder) as part:
+    with whole_folder(folder, replace) as part:
         for name, content in files.items():
             (part / name).parent.mkdir(parents=True, exist_ok=True)
             write_atomically(part / name, content)

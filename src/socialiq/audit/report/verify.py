@@ -29,6 +29,7 @@ from socialiq.audit.seeds.commitment import Commitment
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.provenance import package_sha256
+from socialiq.reading import open_file
 
 LARGEST_REPORT = 16 * 1024 * 1024  # bytes; a report with its cloud has about 100,000
 
@@ -47,7 +48,7 @@ def read_report(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise UserError(f"no such file: {path}: name a folder that `socialiq audit` wrote")
-    with path.open("rb") as file:
+    with open_file(path) as file:
         return parse_report(file.read(LARGEST_REPORT + 1), path)
 
 

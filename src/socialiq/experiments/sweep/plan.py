@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import itertools
 import math
 import tomllib
@@ -19,12 +18,14 @@ from socialiq.experiments.sweep.runs import RunsConfig, train_runs
 from socialiq.learners.extensions import LEARNERS, find_learner
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.iq_learn.presets import PRESETS
+from socialiq.reading import read_text, sha256_of_file
 from socialiq.worlds.registry import GRIDWORLDS
 
 OFFLINE = "offline"
 IQ_LEARN = "iq_learn"
 KEYS = ("learner", "preset", "worlds", "data", "seeds", "runs_per_job", "static", "hyperparameters")
 RUNS_PER_JOB = 32
+_MOST_BYTES = 1 << 20
 MOST_RUNS = 100_000
 
 
@@ -69,10 +70,9 @@ def read_plan(file: Path, allow_code: bool = False) -> Plan:
 
 
 def _content(file: Path) -> dict[str, Any]:
+    text = read_text(file, _MOST_BYTES)
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(f"cannot read {file}: {error.strerror}") from error
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise UserError(f"{file} is not TOML: {' '.join(str(error).split())}") from error
 
@@ -116,7 +116,7 @@ class _Reader:
                 self.learner = named, ""
             else:
                 path = (self.file.absolute().parent / file).resolve()
-                sha256 = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+                sha256 = sha256_of_file(path) if path.is_file() else ""
                 self.learner = f"{path}:{name}" if file else named, sha256
             try:
                 kind = find_learner(self.learner[0], "learner", self.allow_code)
@@ -132,9 +132,9 @@ class _Reader:
         """Return the configuration of one job."""
         path = (self.file.absolute().parent / data).resolve()
         try:
-            sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-        except OSError as error:
-            raise self.error("data", f"cannot read {path}: {error.strerror}") from error
+            sha256 = sha256_of_file(path)
+        except UserError as error:
+            raise self.error("data", str(error)) from error
         place = "" if world == OFFLINE else world
         return RunsConfig(
             *self.learner, place, data, str(path), sha256, static, runs, self.allow_code

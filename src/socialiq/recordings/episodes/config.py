@@ -48,6 +48,8 @@ class EpisodeConfig:
     options: Options = field(default_factory=Options)
 
     def __post_init__(self) -> None:
+        if self.policy_rate < 1:
+            raise UserError(f"policy rate must be at least 1, got {self.policy_rate}")
         one_of("loss", self.loss, get_args(Loss))
         one_of("contact", self.contact, get_args(Contact))
         for name in ("near", "reach", "slack"):

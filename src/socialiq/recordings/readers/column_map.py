@@ -14,6 +14,7 @@ from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
+from socialiq.reading import read_text
 from socialiq.recordings.tracks import RoadUser
 
 _FOOT = 0.3048
@@ -32,6 +33,7 @@ COLUMNS = (
     *("length", "width", "class"),
 )
 _PER_TRACK = ("length", "width", "class")
+_MOST_BYTES = 1 << 20
 _MAPS = Path(__file__).parent / "column_maps"
 
 
@@ -94,12 +96,13 @@ def read_map(name: str) -> ColumnMap:
     if not name.endswith(".toml"):
         one_of("column map (or a file that ends in .toml)", name, known_maps())
         path = _MAPS / f"{name}.toml"
+    text = read_text(path, _MOST_BYTES)
     try:
-        return _map_of(tomllib.loads(path.read_text(encoding="utf-8")), path.stem)
-    except FileNotFoundError as error:
-        raise UserError(f"no such file: {path}") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        said = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
         raise UserError(f"cannot read {path}: {one_line(str(error))}") from error
+    try:
+        return _map_of(said, path.stem)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
 

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from socialiq.errors import UserError
+from socialiq.reading import open_file
 from socialiq.recordings.road.network import Sign
 from socialiq.recordings.tracks import RoadUser
 
@@ -107,14 +108,9 @@ def read(path: Path, consumer: Consumer) -> str:
 
 
 def _chunks(path: Path) -> Iterator[bytes]:
-    try:
-        with path.open("rb") as file:
-            while chunk := file.read(_CHUNK):
-                yield chunk
-    except FileNotFoundError as error:
-        raise UserError(f"no such file: {path}") from error
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    with open_file(path) as file:
+        while chunk := file.read(_CHUNK):
+            yield chunk
 
 
 class _Stream:

@@ -9,9 +9,10 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.reading import sha256_of_file
 from socialiq.recordings.readers.column_map import ColumnMap
 from socialiq.recordings.readers.commonroad import MOST_STATES
-from socialiq.recordings.readers.csv_table import Table, rate_of, sha256_of, users_of
+from socialiq.recordings.readers.csv_table import Table, rate_of, users_of
 from socialiq.recordings.readers.motion import heading_of_motion, smoothed, wrapped
 from socialiq.recordings.recording import Imported, Recording, Refused, order_fault
 from socialiq.recordings.road.network import RoadNetwork
@@ -44,7 +45,7 @@ def read_csv(path: Path, columns: ColumnMap, most_states: int = MOST_STATES) -> 
     source = {
         "format": columns.format,
         "file": path.name,
-        "sha256": sha256_of(path),
+        "sha256": sha256_of_file(path),
         "licence": columns.licence,
     }
     group = table["recording"] if "recording" in table else np.zeros(table.n_rows, np.int32)

@@ -6,7 +6,6 @@ Python's reader is fast enough (see `socialiq bench recordings`) and gives the r
 from __future__ import annotations
 
 import csv
-import hashlib
 import re
 from collections.abc import Iterator
 from itertools import islice
@@ -150,24 +149,6 @@ class Table:
             f"{self.path}, {self.row_name(self.n_rows + at)}: {one_line(column, 40)} is "
             f"'{one_line(cell, 40)}', not {what}"
         )
-
-
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, read in chunks.
-
-    Raises:
-        UserError: If it can't be read.
-    """
-    digest = hashlib.sha256()
-    try:
-        with path.open("rb") as file:
-            while piece := file.read(1 << 20):
-                digest.update(piece)
-    except FileNotFoundError as error:
-        raise UserError(f"no such file: {path}") from error
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
-    return digest.hexdigest()
 
 
 def _lines(path: Path) -> Iterator[str]:

@@ -1,0 +1,107 @@
+"""What no option of any command may be: empty, not text, not a number that a run could take.
+
+The commands' own checks say what a value means; these keep out what nothing could mean.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+
+LARGEST_COUNT = 10**9
+"""Largest whole number of an option that is no seed."""
+LARGEST_SEED = 2**63 - 1
+FLOATS = (1e-100, 1e100)
+"""Smallest and largest size of a number other than 0."""
+
+
+def check_words(words: Sequence[str]) -> None:
+    """Refuse words that can't be a value: an empty one, or one that is not text.
+
+    Args:
+        words: The command line after the program's name.
+
+    Raises:
+        UserError: If there is one.
+    """
+    for place, word in enumerate(words):
+        option, sign, value = word.partition("=")
+        if not word:
+            of = f" of {one_line(words[place - 1], 80)}" if place else ""
+            raise UserError(f"an empty word{of}: give a value, or leave the option out")
+        if sign and not value and option.startswith("--"):
+            raise UserError(f"{one_line(option, 80)} is empty: give a value, or leave it out")
+        if "\0" in word:
+            raise UserError(f"'{one_line(word, 80)}' has a zero byte: no name or text has one")
+        if not _is_text(word):
+            shown = one_line(word.encode("utf-8", "replace"), 80)
+            raise UserError(f"'{shown}' is not UTF-8 text: rename the file, or type it again")
+
+
+def _is_text(word: str) -> bool:
+    """Whether a word of the command line was UTF-8; other bytes became halves of surrogates."""
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def check_options(command: Any) -> None:
+    """Refuse numbers of options that no run could take, and lists of values without a value.
+
+    A whole number is at most 10^9, a seed is from 0 to 2^63 - 1, and any other number is finite
+    and of a size that arithmetic keeps.
+
+    Args:
+        command: A command's object, with its options as fields.
+
+    Raises:
+        UserError: If there is one.
+    """
+    for name, value in _values(command):
+        option = f"--{name.replace('_', '-')}"
+        if value is None:
+            raise UserError(f"{option} has no value: give one, or leave it out")
+        if isinstance(value, float):
+            if not (value == 0.0 or FLOATS[0] <= abs(value) <= FLOATS[1]):
+                low, high = FLOATS
+                raise UserError(
+                    f"{option} {value:g}: give 0, or a number of size {low:g} to {high:g}"
+                )
+        elif name.rpartition(".")[2] in ("seed", "seeds"):
+            if value < 0:
+                raise UserError(f"{option}: seed must be at least 0, got {_shown(value)}")
+            if value > LARGEST_SEED:
+                raise UserError(f"{option}: seed must be below 2^63, got {_shown(value)}")
+        elif abs(value) > LARGEST_COUNT:
+            raise UserError(f"{option} {_shown(value)}: give at most {LARGEST_COUNT:,}")
+
+
+def _values(options: Any) -> Iterator[tuple[str, float | None]]:
+    """Yield the name and value of each number in the fields of a dataclass, and in those below.
+
+    None stands for the missing value of a list that is not empty by default.
+    """
+    for one in dataclasses.fields(options):
+        value = getattr(options, one.name)
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            yield from _values(value)
+        if value == () and isinstance(one.default, tuple) and one.default:
+            yield one.name, None
+        for number in value if isinstance(value, tuple | list) else (value,):
+            if isinstance(number, int | float) and not isinstance(number, bool):
+                yield one.name, number
+
+
+def _shown(value: float) -> str:
+    return (
+        f"{value}"
+        if abs(value) < 10**20
+        else f"a number of {int(math.log10(abs(value))) + 1} digits"
+    )

@@ -1,0 +1,83 @@
+"""Whether a saved policy's header agrees with its arrays.
+
+A file's checksum detects damage; it is not a signature, and anyone can make it again. So the
+header is checked against the arrays before it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from socialiq.nn.view import ROW, OneHot
+
+MOST_LAYERS = 100
+
+FAULTS = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+"""Exceptions of a header that doesn't fit its arrays, when a policy is made of them."""
+
+
+def fault_before(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> str:
+    """Return what is wrong with a file's content before a policy is made of it, or "".
+
+    Args:
+        arrays: Arrays of the file.
+        header: Its header.
+    """
+    layers = header.get("layers")
+    if type(layers) is not int or not 1 <= layers <= MOST_LAYERS:
+        return f"must have 1 to {MOST_LAYERS} layers"
+    for array in arrays.values():
+        if array.dtype.kind != "f" or not np.isfinite(array).all():
+            return "has a weight that is not a finite number"
+    return ""
+
+
+def fault_of(policy: Any, activations: tuple[str, ...], extra: int) -> str:
+    """Return what is wrong with a policy made of a file's content, or "".
+
+    Args:
+        policy: A `QPolicy`.
+        activations: Known activations.
+        extra: Inputs of the first layer that are not part of the observation.
+    """
+    known = policy.activation in activations and isinstance(policy.provenance, dict)
+    temperature = policy.temperature
+    warm = isinstance(temperature, float) and 0.0 < temperature < float("inf")
+    consistent = known and warm and _view_is_possible(policy.view)
+    # Before anything is computed with them: widths that a header claims could be of any size.
+    if consistent:
+        width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
+        consistent = width > 0 and _chained(policy.weights, policy.biases, width + extra)
+    return "" if consistent else "has layers that don't follow one another"
+
+
+def _view_is_possible(view: Any) -> bool:
+    """Whether a view's numbers are ones that `View` and `OneHot` produce."""
+    if view is None:
+        return True
+    if isinstance(view, OneHot):
+        return len(view.lows) == len(view.sizes) and all(
+            type(low) is int and type(size) is int and size > 0
+            for low, size in zip(view.lows, view.sizes, strict=True)
+        )
+    pooled, relative, scale = view.choice
+    plain = type(pooled) is bool and type(relative) is bool and isinstance(scale, float)
+    rows = type(view.n_features) is int and view.n_features % ROW == 0 and view.n_features > ROW
+    if not (plain and rows and np.isfinite(scale) and pooled == bool(view.weights)):
+        return False
+    inputs = ROW + (6 if relative else 0)  # of one vehicle, as `View` lists them
+    encoded = (view.width - (ROW - 1)) // 2 if pooled else 0
+    return not pooled or (
+        _chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded
+    )
+
+
+def _chained(weights: tuple[Any, ...], biases: tuple[Any, ...], inputs: int) -> bool:
+    for weight, bias in zip(weights, biases, strict=True):
+        if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != inputs:
+            return False
+        inputs = len(bias)
+    return inputs > 0

@@ -1,0 +1,207 @@
+"""Places of outputs: refused if something is there, claimed while they are made.
+
+Two processes with one output can't both succeed with one result lost: the second is refused by
+the first one's claim, and, where they don't see each other's claims (on two machines, say),
+because nothing that has appeared meanwhile is replaced.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import filelock
+
+from socialiq.errors import UserError
+
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
+
+
+def refuse_existing(path: Path) -> None:
+    """Refuse an output file that exists, before any work is done.
+
+    Raises:
+        UserError: If something is there, be it a link to nothing.
+    """
+    if os.path.lexists(path):
+        raise UserError(f"{path} exists already: name a new file, or remove it first")
+
+
+@contextlib.contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """Keep other commands from an output while this one makes it.
+
+    The claim is a locked hidden file beside the output. The system releases the lock of a process
+    that dies, so that no claim outlives it.
+
+    Raises:
+        UserError: If another process has the claim, or the path has no name.
+    """
+    if out.name in ("", ".."):
+        raise UserError(f"{out} is no new place: name another --out")
+    out = out.absolute()
+    folder = next((one for one in out.parents if one.is_dir()), Path(out.anchor))
+    lock = filelock.FileLock(folder / f".{out.name}.claim", blocking=False)
+    try:
+        lock.acquire()
+    except filelock.Timeout as error:
+        raise UserError(
+            f"another process is writing {out}: wait for it, or name another --out"
+        ) from error
+    except (OSError, NotImplementedError):  # a folder that can't be written: the command says so
+        yield
+        return
+    try:
+        yield
+    finally:
+        # While it is held: a process that waits for this very file finds it gone and tries again.
+        Path(lock.lock_file).unlink(missing_ok=True)
+        lock.release()
+
+
+def move_file(part: Path, path: Path, replace: bool) -> None:
+    """Move a finished file into place.
+
+    Args:
+        part: The file, beside its place.
+        path: Its place.
+        replace: Whether a file there is replaced.
+
+    Raises:
+        FileExistsError: If something is there that is not to be replaced.
+        OSError: If the move fails.
+    """
+    if replace:
+        part.replace(path)
+        return
+    try:
+        os.link(part, path)  # fails if the place is taken, at whatever moment
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+        part.replace(path)
+
+
+def move_folder(part: Path, folder: Path) -> None:
+    """Move a finished folder into place, if nothing but an empty folder is there.
+
+    Raises:
+        FileExistsError: If the place is taken.
+        OSError: If the move fails.
+    """
+    try:
+        with contextlib.suppress(FileNotFoundError):
+            folder.rmdir()
+        part.rename(folder)
+    except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise FileExistsError(errno.EEXIST, "exists already", str(folder)) from error
+        raise
+
+
+def new_folder(path: Path) -> Path:
+    """Make a new output folder; an empty folder is accepted.
+
+    Raises:
+        UserError: If it exists and is not empty, or can't be made.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise UserError(f"{path} exists already: name a new folder, or remove it first")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot make {path}: {error.strerror}; choose another place") from error
+    return path
+
+
+def part_beside(folder: Path) -> Path:
+    """Make an empty folder for the later content of `folder` (see `swap_folder`).
+
+    Raises:
+        UserError: If it can't be made.
+    """
+    try:
+        return Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    except OSError as error:
+        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
+
+
+@contextlib.contextmanager
+def whole_folder(folder: Path, replace: bool = False) -> Iterator[Path]:
+    """Give a temporary folder to fill; it becomes `folder` on success, and is removed on failure.
+
+    Args:
+        folder: The folder.
+        replace: Whether content there is replaced. If not, what appears meanwhile stays.
+
+    Raises:
+        UserError: If it can't be made or moved, or the place is taken; the old folder is then as
+            it was.
+    """
+    part = part_beside(folder)
+    try:
+        yield part
+        part.chmod(0o755)
+        swap_folder(part, folder, replace)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def check_output_folder(folder: Path, replace: bool) -> bool:
+    """Refuse an output folder that can't be written, before any work is done.
+
+    Returns:
+        Whether the folder has content, which may be replaced.
+
+    Raises:
+        UserError: If it has content and may not be replaced, is not a folder, or can't be made.
+    """
+    if not folder.parent.is_dir():
+        new_folder(folder.parent)
+    part_beside(folder).rmdir()  # whether it can be written there
+    if Path(os.path.realpath(folder)) in (Path.cwd(), *Path.cwd().parents):
+        raise UserError(f"{folder} is the folder that you are in, or above it: name a new folder")
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise UserError(f"{folder} is not a folder: name another --out")
+    if not folder.exists() or not any(folder.iterdir()):
+        return False
+    if not replace:
+        raise UserError(f"{folder} exists already: name a new folder, or add --replace")
+    return True
+
+
+def swap_folder(part: Path, folder: Path, replace: bool = True) -> None:
+    """Move a finished folder into place. The old folder is removed last, and restored on failure.
+
+    Args:
+        part: The finished folder, beside its place.
+        folder: Its place.
+        replace: Whether content there is replaced.
+
+    Raises:
+        UserError: If the move fails, or the place is taken; the old folder is then as it was.
+    """
+    old = part.with_name(f"{part.name}.old")
+    try:
+        if not replace:
+            move_folder(part, folder)
+            return
+        if folder.exists():
+            folder.rename(old)
+        try:
+            part.rename(folder)
+        except OSError:
+            if old.exists():
+                old.rename(folder)
+            raise
+    except FileExistsError as error:
+        raise UserError(f"{folder} exists already: name a new folder, or add --replace") from error
+    except OSError as error:
+        raise UserError(f"cannot make {folder}: {error.strerror}; choose another place") from error
+    shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,91 @@
+"""Files of the user, read so that no pipe blocks, no device runs on, and no size fills the memory.
+
+Every reader of the project opens its file here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from socialiq.errors import UserError
+
+_PIECE = 1 << 20
+
+
+@contextlib.contextmanager
+def open_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a regular file; what fails while it is read is raised as one line.
+
+    Raises:
+        UserError: If it is missing, is not a regular file (a pipe would block, a device never
+            ends), or can't be read.
+    """
+    try:
+        check_file(path)
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def check_file(path: Path) -> None:
+    """Refuse a path that is not a regular file.
+
+    Raises:
+        UserError: If it is missing or something else.
+        OSError: If the system refuses the path.
+    """
+    if path.is_file():
+        return
+    if path.is_dir():
+        raise UserError(f"{path} is a folder: name a file")
+    if path.exists():
+        raise UserError(f"{path} is not a regular file: name one")
+    raise UserError(f"no such file: {path}")
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Read a regular file of bounded size.
+
+    Args:
+        path: The file.
+        most: Largest number of bytes.
+
+    Raises:
+        UserError: If it is missing, not a regular file, unreadable or larger.
+    """
+    with open_file(path) as file:
+        # Not more than the file's size: the buffer is allocated at once.
+        content = file.read(min(path.stat().st_size, most) + 1)
+    if len(content) > most:
+        raise UserError(f"{path} is larger than {most:,} bytes: name a smaller file")
+    return content
+
+
+def read_text(path: Path, most: int) -> str:
+    """Read a file of UTF-8 text of bounded size.
+
+    Raises:
+        UserError: As `read_bytes`, and if it is not UTF-8.
+    """
+    try:
+        return read_bytes(path, most).decode()
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path} is not UTF-8 text: name a text file") from error
+
+
+def sha256_of_file(path: Path) -> str:
+    """Return the SHA-256 of a file, as `sha256sum` prints it.
+
+    Raises:
+        UserError: If it can't be read.
+    """
+    digest = hashlib.sha256()
+    with open_file(path) as file:
+        while piece := file.read(_PIECE):
+            digest.update(piece)
+    return digest.hexdigest()

@@ -1,0 +1,346 @@
+"""Bad calls of every command: a call that would work, with one thing wrong in it.
+
+Each value is wrong for the kind of its option. A call that must be refused has exit status 2 and
+one line on standard error; one that is merely odd may also do its work. No call ends in a
+traceback, hangs, or leaves anything but what it was asked to write.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import random
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
+
+from socialiq.cli.commands import COMMANDS, OF_A_STUDY, command_class
+
+POLICY, DATA, PROFILE = "{ok}/policy.safetensors", "{ok}/steps.safetensors", "{ok}/profile.toml"
+RECORDING, DIAL, OUT = "{ok}/recording.safetensors", "{ok}/dial.safetensors", "{out}/new"
+
+BASES: dict[str, list[str]] = {
+    "demo": ["--seeds", "0", "--out", OUT],
+    "solve": ["crossing5"],
+    "front": ["crossing5"],
+    "predict-lambda": ["crossing5"],
+    "render": ["crossing5", "--out", f"{OUT}.png"],
+    "collect": ["crossing5", "--episodes", "2", "--out", OUT],
+    "train": [DATA, "--world", "crossing5", "--updates", "2", "--hidden", "4", "--out", OUT],
+    "train-dial": ["crossing5", "--preset", "online-alone", "--updates", "2", "--out", OUT],
+    "sweep": ["{ok}/sweep.toml", "--processes", "1", "--out", OUT],
+    "dial": ["crossing5", "--policy", DIAL],
+    "turn": [DIAL, "--angle", "30", "--out", OUT],
+    "evaluate": [POLICY, "--world", "crossing5"],
+    "export": [POLICY, "--format", "onnx", "--out", OUT],
+    "reproduce": ["worlds", "--out", OUT],
+    "compare": ["priors", "--seeds", "1", "--out", OUT],
+    "claims": [],
+    "conformance": ["--episodes", "1"],
+    "bench": ["recordings", "--repeats", "1"],
+    "profile new": ["--world", "crossing5", "--angle", "0", "--out", OUT],
+    "profile check": [PROFILE],
+    "audit": [POLICY, "--profile", PROFILE, "--episodes", "4", "--out", OUT],
+    "audit verify": ["{ok}/report"],
+    "data from-arrays": ["{ok}/steps.npz", "--out", OUT],
+    "data to-arrays": [DATA, "--out", f"{OUT}.npz"],
+    "data from-trajectories": [
+        "{ok}/rollouts.npz",
+        "--n-actions",
+        "2",
+        "--social=none",
+        "--out",
+        OUT,
+    ],
+    "data from-minari": ["{ok}/minari", "--out", OUT],
+    "data to-minari": [DATA, "--out", f"{OUT}-v0"],
+    "data import": ["commonroad", "{ok}/recording.xml", "--out", OUT],
+    "data demonstrations": [RECORDING, "--out", OUT],
+    "data census": [RECORDING, "--out", OUT],
+    "data agreement": [RECORDING, RECORDING, "--updates", "2", "--out", OUT],
+    "data audit": [RECORDING, "--track", "0", "--profile", PROFILE],
+}
+"""By command, words of a call that would work, or nearly: {ok} has samples, {out} is empty."""
+
+LONG = ("demo", "reproduce", "compare", "bench", "conformance", "sweep", "data agreement")
+"""Commands that take long: only calls that must be refused are made of them."""
+TRAINING = ("train", "train-dial")
+"""Commands that take seconds: calls that may do their work are left to a long run."""
+
+STUDIES = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world", "theory", "audit-power")
+"""Studies whose options are tried too."""
+
+WRITTEN = ("out", "work", "tensorboard", "log")
+"""Options of paths that are written, not read."""
+
+CODE = ("learner", "loss", "prior", "divergence", "driver", "policy", "reference", "policies")
+FREE = ("owner", "mode", "id", "date")
+"""Options of any text."""
+
+DIGITS = "1" * 24
+LONG_TEXT = "a" * 5000
+NOT_UTF8 = "caf\udce9"  # what Python makes of the bytes b"caf\xe9"
+
+
+class Call(NamedTuple):
+    """Words of a call, and whether it must be refused (exit status 2)."""
+
+    words: tuple[str, ...]
+    refused: bool
+
+    def at(self, ok: Path, bad: Path, out: Path) -> list[str]:
+        """Return the words with the folders of samples, of bad places and of outputs."""
+        places = {"{ok}": str(ok), "{bad}": str(bad), "{out}": str(out)}
+        found = []
+        for word in self.words:
+            for name, place in places.items():
+                word = word.replace(name, place)
+            found.append(word)
+        return found
+
+
+class Option(NamedTuple):
+    """An option or an argument without name of a command.
+
+    Attributes:
+        name: As it is written after `--`, or of the field of an argument.
+        kind: int, float, str, bool or Path.
+        positional: Whether it has no name on the command line.
+        choices: Valid words, if it is a choice.
+        many: Whether it takes any number of values, none included.
+    """
+
+    name: str
+    kind: type
+    positional: bool
+    choices: tuple[str, ...] = ()
+    many: bool = False
+
+
+def options(command: type, prefix: str = "") -> Iterator[Option]:
+    """Yield the options of a command's class."""
+    hints = typing.get_type_hints(command, include_extras=True)
+    for one in dataclasses.fields(command):
+        marks, kinds = _unfold(hints[one.name])
+        names = [getattr(mark, "name", None) for mark in marks]
+        given = next((name for name in names if isinstance(name, str)), one.name)
+        name = f"{prefix}{given.replace('_', '-')}"
+        for kind in kinds:
+            if dataclasses.is_dataclass(kind):
+                omitted = given == "" or any("OmitArgPrefixes" in repr(mark) for mark in marks)
+                yield from options(typing.cast(type, kind), prefix if omitted else f"{name}.")
+                break
+        else:
+            plain = [kind for kind in kinds if kind in (int, float, str, bool, Path)]
+            choices = tuple(kind for kind in kinds if isinstance(kind, str))
+            if plain or choices:
+                positional = any("Positional" in repr(mark) for mark in marks)
+                many = "Ellipsis" in repr(hints[one.name]) or ", ...]" in repr(hints[one.name])
+                yield Option(name, plain[0] if plain else str, positional, choices, many)
+
+
+def _unfold(hint: Any) -> tuple[list[Any], list[Any]]:
+    """Return the marks of an annotation, and the types in it without tuples and unions."""
+    if get_origin(hint) is Annotated:
+        inner, *marks = get_args(hint)
+        more, kinds = _unfold(inner)
+        return [*marks, *more], kinds
+    if get_origin(hint) is Literal:
+        return [], list(get_args(hint))
+    if get_origin(hint) in (typing.Union, types.UnionType, tuple, list):
+        marks, kinds = [], []
+        for part in get_args(hint):
+            if part not in (Ellipsis, type(None)):
+                more, found = _unfold(part)
+                marks, kinds = [*marks, *more], [*kinds, *found]
+        return marks, kinds
+    return [], [hint]
+
+
+ABSURD: dict[type, tuple[str, ...]] = {
+    int: ("", "nan", "1.5", "east", DIGITS, f"-{DIGITS}", "9" * 5000, "0x10", "∞", NOT_UTF8, "1e3"),
+    float: ("", "nan", "inf", "-inf", "1e400", "east", "1,5", "9" * 5000, NOT_UTF8, "-1e300"),
+    str: ("", NOT_UTF8, LONG_TEXT, "\x1b[2J", "no\nsuch"),
+    bool: (),
+    Path: ("", NOT_UTF8, LONG_TEXT, f"{{bad}}/{NOT_UTF8}"),
+}
+"""Values that no option of a kind may take."""
+
+ODD: dict[type, tuple[str, ...]] = {
+    int: ("-1", "0", "1_000", "٣", "4294967296", "-0"),
+    float: ("-1", "0", "1e-320", "1e300", "-0.0", "1e-9", "360", "1e9"),
+    str: ("xyzzy", "λ", "-", "..", "../../etc/passwd", "a=b", "python:os:getcwd", "process:true"),
+    bool: (),
+    Path: (),
+}
+"""Values that an option of a kind may take or refuse."""
+
+UNREADABLE = (
+    "{bad}/nowhere",
+    "{bad}/nowhere/below",
+    "{bad}/empty",
+    "{bad}/bytes",
+    "{bad}/zeros",
+    "{bad}/text",
+    "{bad}/object.json",
+    "{bad}/deep.json",
+    "{bad}/folder",
+    "{bad}/loop",
+    "{bad}/dangling",
+    "{bad}/zero",
+    "{bad}/fifo",
+    "{bad}/socket",
+    "{bad}/text/below",
+    "/dev/null",
+    "/dev/zero",
+    "/dev/urandom",
+    "/proc/self/mem",
+    "/",
+)
+"""Places that hold nothing that a command reads."""
+
+UNWRITABLE = (
+    "{bad}/full",
+    "{bad}/text",
+    "{bad}/text/below",
+    "{bad}/fifo",
+    "{bad}/socket",
+    "{bad}/loop",
+    "/dev/full",
+    "/dev/null/x",
+    "/proc/x",
+    "/proc/self/x",
+    "/",
+    ".",
+    "..",
+)
+"""Places that no command may write or replace."""
+
+MAY_BE_FREE = {("render", "out"), ("profile new", "out")}
+
+
+def bad_calls(long: bool = False) -> list[Call]:
+    """Return every bad call, without repetitions, in a fixed order.
+
+    Args:
+        long: Whether calls that may train are among them, which takes an hour.
+    """
+    found: dict[Call, None] = {}
+    for name in COMMANDS:
+        for one in _of_command(name, name.split(), BASES[name]):
+            if one.refused or long or name not in TRAINING:
+                found.setdefault(one)
+    for study in STUDIES:
+        for one in _of_command("reproduce", ["reproduce"], [study, "--out", OUT]):
+            found.setdefault(one)
+    for words in NO_COMMANDS:
+        found.setdefault(Call(words, True))
+    return list(found)
+
+
+NO_COMMANDS: tuple[tuple[str, ...], ...] = (
+    (),
+    ("",),
+    ("solv",),
+    ("audit", "verfy"),
+    ("data",),
+    ("data", ""),
+    ("profile", "--angle"),
+    ("--verbose",),
+    ("-x",),
+    (LONG_TEXT,),
+    (NOT_UTF8,),
+    ("\x1b[2J",),
+    ("solve", "crossing5", "crossing7"),
+    ("--", "solve", "crossing5"),
+    ("@file",),
+)
+
+
+def _of_command(name: str, start: list[str], base: list[str]) -> Iterator[Call]:
+    kind = command_class(name)
+    if name in OF_A_STUDY:
+        kind = kind.specific(base)
+    known = list(options(kind))
+    for option in known:
+        if option.positional:
+            yield from _positional(name, start, base, option)
+        else:
+            yield from _option(name, start, base, option)
+    for more in (["--no-such-option"], ["--no-such-option", "1"], ["-z"], ["--out"], [""]):
+        yield Call((*start, *base, *more), True)
+    if name not in LONG:
+        yield Call((*start, *base, "--"), False)
+    yield Call((*start, *base, NOT_UTF8), True)
+    yield Call((*start, *base, *["more"] * 3), True)
+
+
+@functools.cache
+def _pool(name: str) -> tuple[Call, ...]:
+    return tuple(one for one in bad_calls(long=True) if _is_of(one, name))
+
+
+def _is_of(call: Call, name: str) -> bool:
+    start = tuple(name.split())
+    return call.words[: len(start)] == start
+
+
+def mixed_call(generator: random.Random) -> Call:
+    """Return a call of a command with the wrong parts of two bad calls.
+
+    It must be refused if one of them must, unless that one was refused for what it lacks.
+    """
+    name = generator.choice([one for one in COMMANDS if one != "audit"])
+    base = (*name.split(), *BASES[name])
+    first, second = generator.choice(_pool(name)), generator.choice(_pool(name))
+    added = second.words[len(base) :] if second.words[: len(base)] == base else ()
+    refused = first.refused or (name in LONG and second.refused)
+    if name in LONG and not first.refused:
+        return second
+    return Call((*first.words, *added), refused and not added)
+
+
+def _values(name: str, option: Option) -> Iterator[tuple[str, bool]]:
+    """Yield bad values, and whether they must be refused."""
+    word = option.name.rpartition(".")[2]
+    if option.kind is Path:
+        places = UNWRITABLE if word in WRITTEN else UNREADABLE
+        for value in places:
+            if word != "tensorboard":  # which adds files to any folder
+                yield value, (word == "out" and value != ".") or places is UNREADABLE
+    for value in ABSURD[option.kind]:
+        text = option.kind is str and word in FREE
+        yield value, not (text and value in ("no\nsuch", "\x1b[2J", LONG_TEXT))
+    for value in ODD[option.kind]:
+        yield value, bool(option.choices)
+
+
+def _option(name: str, start: list[str], base: list[str], option: Option) -> Iterator[Call]:
+    flag = f"--{option.name}"
+    if option.kind is bool:
+        for value in ("maybe", "", "1"):
+            yield Call((*start, *base, f"{flag}={value}"), True)
+        return
+    kept = list(base)
+    if flag in kept:
+        at = kept.index(flag)
+        del kept[at : at + 2]
+    for value, refused in _values(name, option):
+        if refused or name not in LONG:
+            joined = [f"{flag}={value}"] if value.startswith("-") else [flag, value]
+            yield Call((*start, *kept, *joined), refused)
+    if not option.many or name not in (*LONG, *TRAINING):
+        yield Call((*start, *kept, flag), not option.many)
+
+
+def _positional(name: str, start: list[str], base: list[str], option: Option) -> Iterator[Call]:
+    if not base or base[0].startswith("-"):
+        return
+    for value, refused in _values(name, option):
+        if value.startswith("-"):
+            continue
+        if refused or name not in LONG:
+            yield Call((*start, value, *base[1:]), refused)
+    yield Call((*start, *base[1:]), True)

@@ -1,0 +1,164 @@
+"""A small valid file of every kind that the program reads, and places that hold no file."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import json
+import os
+import shutil
+import socket
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from socialiq.cli.main import main
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.policies.native import save_table
+from socialiq.recordings import files as recording_files
+from socialiq.recordings.export import write_csv
+from socialiq.storage import packaged_results
+from socialiq.worlds.enumerate import tabulate
+from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+WORLD = "crossing5"
+
+SWEEP = """data = "steps.safetensors"
+seeds = [0, 1]
+[static]
+updates = [2, 4]
+hidden = [4]
+value_term = "value_expert"
+[hyperparameters]
+angle = [0, 45.5]
+"""
+
+COLUMNS = """format = "mine"
+[time]
+rate = 10.0
+[columns]
+id = "who"
+frame = "frame"
+x = "x"
+y = "y"
+heading = "heading"
+vx = "vx"
+vy = "vy"
+length = "length"
+width = "width"
+class = "class"
+[classes]
+Car = "car"
+"""
+
+
+def call(*words: object) -> int:
+    """Run a command in this process, without its output."""
+    quiet = io.StringIO()
+    with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
+        status = main([str(word) for word in words])
+    if status not in (0, 1, 3):
+        raise RuntimeError(f"{words}: {quiet.getvalue()}")
+    return status
+
+
+def make_samples(folder: Path) -> None:
+    """Fill a folder with a small valid file of every kind, by names that `calls` uses."""
+    grid = make_grid(WORLD)
+    table = tabulate(grid)
+    data = folder / "steps.safetensors"
+    call("collect", WORLD, "--episodes", "2", "--out", data)
+    for ending in ("npz", "csv"):
+        call("data", "to-arrays", data, "--out", folder / f"steps.{ending}")
+    _policies(folder, grid.n_features, grid.n_actions)
+    save_table(folder / "table.safetensors", TabularPolicy(grid, expert_policy(table, 0.0)))
+    new = ["profile", "new", "--world", WORLD, "--angle", "0", "--owner", "x"]
+    call(*new, "--out", folder / "profile.toml")
+    policy, profile = folder / "policy.safetensors", folder / "profile.toml"
+    audit = ["audit", policy, "--profile", profile, "--out", folder / "report"]
+    call(*audit, "--episodes", "20", "--seed", "1")
+    _recordings(folder)
+    _trajectories(folder / "rollouts.npz")
+    (folder / "sweep.toml").write_text(SWEEP)
+    (folder / "columns.toml").write_text(COLUMNS)
+    greeting = {"protocol": "socialiq-policy", "version": 1, "name": "x"}
+    greeting |= {"features": grid.n_features, "actions": grid.n_actions}
+    lines = [json.dumps(greeting), json.dumps({"id": 1, "actions": [0, 1]})]
+    (folder / "answers.jsonl").write_text("\n".join(lines) + "\n")
+    (folder / "evaluation.json").write_text('{"r_env": 1.0, "r_social": 0.5, "angle": 20.0}\n')
+    shutil.copytree(packaged_results() / "poc", folder / "results")
+
+
+def _policies(folder: Path, features: int, actions: int) -> None:
+    random = np.random.default_rng(0)
+    shapes = [(4, features), (actions, 4)]
+    weights = tuple(random.normal(size=shape).astype(np.float32) for shape in shapes)
+    biases = tuple(np.zeros(shape[0], np.float32) for shape in shapes)
+    QPolicy(weights, biases, "relu", 1.0).save(folder / "policy.safetensors")
+    network = DialNetwork.initialise(jax.random.key(0), features, (4,), actions)
+    DialPolicy.of(network, 1.0, 0.0, 90.0, {}).save(folder / "dial.safetensors")
+    for name in ("dqn_intersection.zip", "dqn_intersection.onnx"):
+        shutil.copy(EXAMPLES / "policies" / name, folder / name)
+
+
+def _recordings(folder: Path) -> None:
+    xml = EXAMPLES / "recordings" / "ZAM_Crossing-1_1_T-1.xml"
+    shutil.copy(xml, folder / "recording.xml")
+    call("data", "import", "commonroad", xml, "--out", folder / "imported")
+    (imported,) = (folder / "imported").glob("*.safetensors")
+    shutil.copy(imported, folder / "recording.safetensors")
+    tracks = recording_files.load(imported).tracks
+    (folder / "ind").mkdir()
+    write_csv(dataclasses.replace(tracks, recording="0"), "ind", folder / "ind")
+    rows = [
+        f"{who},{f},{f / 2},{4 * who},0.0,5.0,0.0,4.5,1.8,Car" for who in (1, 2) for f in range(9)
+    ]
+    head = "who,frame,x,y,heading,vx,vy,length,width,class"
+    (folder / "mine.csv").write_text("\n".join([head, *rows]) + "\n")
+
+
+def _trajectories(path: Path) -> None:
+    """The arrays of the imitation library: two episodes of two steps and one."""
+    np.savez(
+        path,
+        allow_pickle=False,
+        obs=np.arange(10, dtype=np.float32).reshape(5, 2),
+        acts=np.array([0, 1, 1]),
+        rews=np.array([1.0, 0.0, 2.0]),
+        terminal=np.array([True, False]),
+        indices=np.array([2]),
+    )
+    rows = ["obs_0,obs_1,acts,next_obs_0,next_obs_1,rews,terminal,trajectory"]
+    rows += ["0,1,0,2,3,1.0,false,0", "2,3,1,4,5,0.0,true,0", "6,7,1,8,9,2.0,false,1"]
+    path.with_suffix(".csv").write_text("\n".join(rows) + "\n")
+
+
+def make_bad_places(folder: Path) -> None:
+    """Fill a folder with things that no reader can read."""
+    (folder / "empty").write_bytes(b"")
+    (folder / "bytes").write_bytes(np.random.default_rng(0).bytes(4096))
+    (folder / "zeros").write_bytes(bytes(4096))
+    (folder / "text").write_text("not what you expect\n")
+    (folder / "object.json").write_text("{}\n")
+    (folder / "deep.json").write_text("[" * 100_000)
+    (folder / "folder").mkdir()
+    (folder / "full").mkdir()
+    (folder / "full" / "mine.txt").write_text("keep me\n")
+    (folder / "loop").symlink_to(folder / "loop")
+    (folder / "dangling").symlink_to(folder / "nowhere")
+    (folder / "zero").symlink_to("/dev/zero")
+    os.mkfifo(folder / "fifo")
+    with socket.socket(socket.AF_UNIX) as one:
+        here = Path.cwd()
+        os.chdir(folder)  # a socket's path has at most 107 characters
+        try:
+            one.bind("socket")
+        finally:
+            os.chdir(here)
