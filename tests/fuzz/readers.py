@@ -137,8 +137,14 @@ def _report(path: Path) -> None:
     read_report(path)
 
 
+_WHOLE: dict[Path, bytes] = {}
+"""Content of the sample that a damaged file was made of."""
+
+
 def _report_folder(path: Path) -> None:
-    faults(path.parent)
+    found = faults(path.parent)
+    if not found and path.read_bytes() != _WHOLE[path]:
+        raise AssertionError("the damage was not noticed")
 
 
 def _results(path: Path) -> None:
@@ -225,7 +231,9 @@ def place_of(reader: Reader, ok: Path, work: Path) -> Path:
             folder.mkdir(parents=True)
             if reader.name == "sweep":
                 shutil.copy(ok / "steps.safetensors", folder)
-    return folder / sample.name
+    place = folder / sample.name
+    _WHOLE[place] = sample.read_bytes()
+    return place
 
 
 def content_of(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any], str, int]:

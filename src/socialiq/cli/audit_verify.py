@@ -20,6 +20,7 @@ from socialiq.audit.report.log_check import faults_by_log
 from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.verify import check_folder, content_of, read_report
 from socialiq.audit.resolve_policy import Trust
+from socialiq.cli.checks import refuse_unused
 from socialiq.cli.output import complain, print_json, say
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
@@ -71,6 +72,8 @@ class Verify:
 
     def run(self) -> int:
         """Check, optionally rerun, and print what was checked and what differs."""
+        if not self.rerun:
+            refuse_unused(self, _OF_RERUN, "--rerun")
         found = check_folder(self.folder)
         faults, checked = found.faults, list(found.checked)
         if self.log is not None and not faults:
@@ -177,6 +180,15 @@ def _shortened(lines: list[str]) -> list[str]:
     return [*lines[:_MOST_LINES], f"and {more} more"] if more > 0 else lines
 
 
+_OF_RERUN = (
+    "policy",
+    "world",
+    "reference",
+    "allow_code",
+    "step_seconds",
+    "memory_gib",
+    "threads",
+)
 _RUNS = ("process:", "python:")
 
 

@@ -83,6 +83,23 @@ def check_options(command: Any) -> None:
             raise UserError(f"{option} {_shown(value)}: give at most {LARGEST_COUNT:,}")
 
 
+def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:
+    """Refuse options that were given and have no use: their user expects something else.
+
+    Args:
+        command: A command's object.
+        names: Names of its fields that need another option.
+        owner: That option, as it is written on the command line.
+
+    Raises:
+        UserError: If one differs from its default.
+    """
+    defaults = {one.name: one.default for one in dataclasses.fields(command)}
+    for name in names:
+        if getattr(command, name) != defaults[name]:
+            raise UserError(f"--{name.replace('_', '-')} is of {owner}: add that, or leave it out")
+
+
 def _values(options: Any) -> Iterator[tuple[str, float | None]]:
     """Yield the name and value of each number in the fields of a dataclass, and in those below.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from socialiq.cli.checks import refuse_unused
 from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
@@ -26,11 +26,9 @@ from socialiq.worlds.registry import make_grid
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
 
 _OF_MIXTURE = {
-    "transitions": "equal_transitions",
-    "weights": "weighted",
-    "base": "contaminated",
-    "contaminant": "contaminated",
-    "share": "contaminated",
+    "equal_transitions": ("transitions",),
+    "weighted": ("weights",),
+    "contaminated": ("base", "contaminant", "share"),
 }
 """Options that one mixture alone uses."""
 
@@ -94,11 +92,10 @@ class Collect:
         return 0
 
     def _refuse_unused(self) -> None:
-        """Refuse options that the mixture doesn't use: their user expects something else."""
-        for one in dataclasses.fields(self):
-            mixture_of = _OF_MIXTURE.get(one.name, self.mixture)
-            if mixture_of != self.mixture and getattr(self, one.name) != one.default:
-                raise UserError(f"--{one.name} is of --mixture {mixture_of}: leave it out")
+        """Refuse options that the mixture doesn't use."""
+        for mixture_, names in _OF_MIXTURE.items():
+            if mixture_ != self.mixture:
+                refuse_unused(self, names, f"--mixture {mixture_}")
 
     def mix(self) -> Demonstrations:
         """Return the demonstrations that the options describe."""
