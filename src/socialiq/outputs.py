@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import shutil
 import tempfile
@@ -42,11 +43,13 @@ def claimed(out: Path) -> Iterator[None]:
     Raises:
         UserError: If another process has the claim, or the path has no name.
     """
-    if out.name in ("", ".."):
+    if out.name in ("", ".", ".."):
         raise UserError(f"{out} is no new place: name another --out")
     out = out.absolute()
     folder = next((one for one in out.parents if one.is_dir()), Path(out.anchor))
-    lock = filelock.FileLock(folder / f".{out.name}.claim", blocking=False)
+    below = out.relative_to(folder).as_posix()  # of parents that don't exist yet
+    name = hashlib.sha256(below.encode()).hexdigest()[:16] if "/" in below else out.name
+    lock = filelock.FileLock(folder / f".{name}.claim", blocking=False)
     try:
         lock.acquire()
     except filelock.Timeout as error:

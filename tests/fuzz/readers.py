@@ -113,20 +113,28 @@ def _recording(path: Path) -> None:
 
 
 def _commonroad(path: Path) -> None:
-    for one in import_file(path, "commonroad"):
+    _saved(import_file(path, "commonroad"), path)
+
+
+def _saved(imported: list[Any], path: Path) -> None:
+    """Save what was imported, and read it back."""
+    for one in imported:
         if not np.isfinite(one.recording.tracks.x).all():
             raise AssertionError("a position that is not finite")
+        made = path.with_suffix(".imported")
+        recording_files.save(made, one.recording)
+        recording_files.load(made)
 
 
 def _ind(path: Path) -> None:
-    import_file(path.with_name("0_tracks.csv"), "csv", read_map("ind"))
+    _saved(import_file(path.with_name("0_tracks.csv"), "csv", read_map("ind")), path)
 
 
 def _mine(path: Path) -> None:
     columns = path.with_name("columns.toml")
     if not columns.exists():
         columns.write_text(COLUMNS)
-    import_file(path, "csv", read_map(str(columns)))
+    _saved(import_file(path, "csv", read_map(str(columns))), path)
 
 
 def _columns(path: Path) -> None:

@@ -127,7 +127,7 @@ def test_what_is_not_json_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_missing_json_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such file"):
         storage.read_json(tmp_path / "file.json")
-    with pytest.raises(UserError, match="cannot read"):
+    with pytest.raises(UserError, match="is a folder"):
         storage.read_json(tmp_path)
 
 
@@ -229,7 +229,7 @@ def test_every_truncated_or_prolonged_file_is_refused(small: Path) -> None:
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     assert "no such file" in refusal(tmp_path / "missing")
-    assert "no such file" in refusal(tmp_path)
+    assert "is a folder: name a file" in refusal(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def refuse_unused(command: Any, names: Sequence[str], owner: str) -> None:
             raise UserError(f"--{name.replace('_', '-')} is of {owner}: add that, or leave it out")
 
 
-def _values(options: Any) -> Iterator[tuple[str, float | None]]:
+def _values(options: Any) -> Iterator[tuple[str, int | float | None]]:
     """Yield the name and value of each number in the fields of a dataclass, and in those below.
 
     None stands for the missing value of a list that is not empty by default.
@@ -116,7 +116,7 @@ def _values(options: Any) -> Iterator[tuple[str, float | None]]:
                 yield one.name, number
 
 
-def _shown(value: float) -> str:
+def _shown(value: int) -> str:
     return (
         f"{value}"
         if abs(value) < 10**20

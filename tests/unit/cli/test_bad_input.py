@@ -1,6 +1,7 @@
 """Every mistake: one line on standard error with the remedy, status 2, nothing half-written."""
 
 import json
+import os
 import sys
 
 import jax
@@ -14,6 +15,7 @@ from socialiq.demonstrations import files
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.outputs import claimed
 from socialiq.storage import packaged_results
 
 
@@ -47,7 +49,7 @@ def refused(capsys, *arguments):
         (["solve", "crossing9"], "choose one of crossing5, crossing7"),
         (["solve", "crossing7", "--angle", "400"], "outside [0, 360) degrees"),
         (["solve", "crossing7", "--angle", "-1"], "outside [0, 360) degrees"),
-        (["solve", "crossing7", "--angle", "nan"], "outside [0, 360) degrees"),
+        (["solve", "crossing7", "--angle", "nan"], "give 0, or a number of size 1e-100 to 1e+100"),
         (["solve", "crossing7", "--angle", "east"], "could not convert string to float"),
         (["solve"], "socialiq solve --help"),
         (["sovle", "crossing7"], "socialiq --help lists the commands"),
@@ -98,7 +100,7 @@ def test_unknown_names_and_numbers(capsys, tmp_path, monkeypatch, arguments, men
         (["--world", "crossing7", "--prior", "social"], "choose one of none, reward"),
         (["--world", "crossing7", "--divergence", "tv"], "choose one of chi2, kl"),
         (["--world", "crossing7", "--strength", "-1"], "strength must be 0 or more"),
-        (["--world", "crossing7", "--strength", "nan"], "strength must be 0 or more"),
+        (["--world", "crossing7", "--strength", "nan"], "--strength nan: give 0, or a number"),
         (["--world", "crossing7", "--angle", "361"], "outside [0, 360) degrees"),
         (["--world", "crossing7", "--timeout", "never"], "choose one of zero, bootstrap"),
         (["--world", "crossing7", "--temperature", "0"], "temperature must be above 0"),
@@ -266,7 +268,7 @@ def test_dials_that_are_asked_for_the_impossible(capsys, tmp_path):
         "no such file": ("dial", "crossing7", "--policy", tmp_path / "none"),
         "choose one of crossing5, crossing7": ("dial", "mars", "--policy", dial),
         "the intersection has 70 and 3": ("dial", "intersection", "--policy", dial),
-        "seed must lie in": ("dial", "intersection", "--policy", dial, "--seed", -1),
+        "seed must be at least 0": ("dial", "intersection", "--policy", dial, "--seed", -1),
         "name a policy file": ("evaluate", dial, "--world", "crossing7"),
     }
     for mend, arguments in mends.items():
@@ -289,7 +291,8 @@ def test_dials_that_are_asked_for_the_impossible(capsys, tmp_path):
 def test_training_seeds_that_make_no_run(capsys, tmp_path, data, command):
     places = {"DATA": str(data), "OUT": str(tmp_path / "out")}
     given = [places.get(word, word) for word in command]
-    assert "seed must lie in [0, 2^32), got -1" in refused(capsys, *given, "-1")
+    assert "seed must be at least 0, got -1" in refused(capsys, *given, "-1")
+    assert "seed must lie in [0, 2^32)" in refused(capsys, *given, str(2**32))
     assert "a seed is named twice: name each once" in refused(capsys, *given, "20", "20")
     assert [path for path in tmp_path.iterdir() if path != data] == []
 
@@ -310,3 +313,79 @@ def test_dials_that_cannot_be_trained(capsys, tmp_path, data):
     for mend, options in mends.items():
         assert mend in refused(capsys, "train-dial", "crossing7", "--out", out, *options)
         assert not out.exists()
+
+
+DIGITS = "1" * 24
+
+
+@pytest.mark.parametrize(
+    ("arguments", "mend"),
+    [
+        (["collect", "crossing5", "--seed=-1", "--out", "OUT"], "seed must be at least 0, got -1"),
+        (["collect", "crossing5", f"--seed={DIGITS}", "--out", "OUT"], "seed must be below 2^63"),
+        (["collect", "crossing5", "--episodes", DIGITS, "--out", "OUT"], "at most 1,000,000,000"),
+        (["collect", "crossing5", "--share=nan", "--out", "OUT"], "--share nan: give 0, or a"),
+        (["collect", "crossing5", "--base", "x", "--out", "OUT"], "is of --mixture contaminated"),
+        (["evaluate", "POLICY", "--seed=-1"], "seed must be at least 0, got -1"),
+        (["evaluate", "POLICY", "--episodes", DIGITS], "at most 1,000,000,000"),
+        (["evaluate", "a" * 5000], "File name too long"),
+        (["evaluate", "caf\udce9"], "'caf?' is not UTF-8 text"),
+        (["evaluate", "PIPE"], "not a regular file"),
+        (["render", "crossing5", "--seed", DIGITS, "--out", "x.png"], "seed must be below 2^63"),
+        (["claims", "--verdict", ""], "an empty word of --verdict"),
+        (["claims", "--verdict="], "--verdict is empty"),
+        (["data", "import", "commonroad", "PIPE", "--out", "OUT"], "not a regular file"),
+        (["data", "import", "csv", "PIPE", "--columns", "ngsim", "--out", "OUT"], "not a regular"),
+        (["data", "import", "csv", "x", "--columns", "PIPE.toml", "--out", "OUT"], "not a regular"),
+        (["data", "from-arrays", "PIPE.csv", "--out", "OUT"], "not a regular file"),
+        (["data", "from-arrays", "PIPE.npz", "--out", "OUT"], "not a regular file"),
+        (["data", "demonstrations", "x", "--policy-rate", "0", "--out", "OUT"], "policy rate must"),
+        (["sweep", "PIPE", "--out", "OUT"], "not a regular file"),
+        (["sweep", "PIPE", "--out", "/"], "is no new place"),
+        (["export", "POLICY", "--format=card", "--evaluation=PIPE", "--out", "OUT"], "not a regul"),
+        (["audit", "POLICY", "--profile", "PIPE", "--out", "OUT"], "not a regular file"),
+        (["audit", "verify", "x", "--policy", "x"], "--policy is of --rerun"),
+        (["profile", "check", "PIPE"], "not a regular file"),
+        (["reproduce", "grid", "--target-kinds", "x", "--out", "OUT"], "unknown target kind 'x'"),
+        (["reproduce", "grid", "--strengths", "--out", "OUT"], "--strengths has no value"),
+        (["reproduce", "theory", "--random-worlds=-1", "--out", "OUT"], "must be at least 0"),
+        (["reproduce", "worlds", "--out", "."], "is no new place"),
+    ],
+    ids=lambda given: " ".join(word[:20] for word in given[:2]) if isinstance(given, list) else "",
+)
+def test_what_was_a_traceback_a_hang_or_accepted(capsys, tmp_path, monkeypatch, arguments, mend):
+    places = {"OUT": tmp_path / "out", "POLICY": tmp_path / "policy.safetensors"}
+    some_policy(places["POLICY"])
+    for name in ("PIPE", "PIPE.toml", "PIPE.csv", "PIPE.npz"):
+        places[name] = tmp_path / name
+        os.mkfifo(places[name])
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    given = [str(places.get(word, word)) for word in arguments]
+    given = [word.replace("=PIPE", f"={places['PIPE']}") for word in given]
+    assert mend in refused(capsys, *given)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_seconds_that_no_clock_measures(capsys, tmp_path):
+    policy = tmp_path / "policy.safetensors"
+    some_policy(policy)
+    call = ("audit", policy, "--profile", "x", "--out", tmp_path / "out", "--step-seconds")
+    assert "--step-seconds 9.99989e-321: give 0, or a number" in refused(capsys, *call, "1e-320")
+    assert "seconds for an answer must be" in refused(capsys, *call, "1e-9")
+
+
+def test_an_output_that_another_process_writes(capsys, tmp_path):
+    out = tmp_path / "out"
+    with claimed(out):
+        line = refused(capsys, "collect", "crossing5", "--episodes", 1, "--out", out)
+    assert "another process is writing" in line
+    assert main(["collect", "crossing5", "--episodes", "1", "--out", str(out)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def some_policy(path):
+    shapes = [(3, 5), (3, 3)]
+    weights = tuple(np.zeros(shape, np.float32) for shape in shapes)
+    biases = tuple(np.zeros(shape[0], np.float32) for shape in shapes)
+    QPolicy(weights, biases, "relu", 1.0).save(path)

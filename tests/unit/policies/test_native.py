@@ -148,7 +148,7 @@ def test_dial_tells_its_range(tmp_path):
     refused(tmp_path, "no range of angles", kind="dial", version=1, changed=wide, low=0.0)
     refused(
         tmp_path,
-        "takes -1 features",
+        "don't follow",
         kind="dial",
         version=1,
         changed={"weight_0": np.zeros((8, 1))},

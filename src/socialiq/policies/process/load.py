@@ -20,6 +20,7 @@ PROTOCOL = "socialiq-policy"
 VERSION = 1
 
 _GREETING = 4_096  # bytes of an answer to the first line
+_SHORTEST = 0.001
 _LONGEST = 3_600.0  # seconds
 _MOST_MEMORY = 2**20 * 1024**3  # bytes
 _ANSWER, _PER_ROW = 4_096, 32  # bytes of any other: for all, and for each observation
@@ -50,8 +51,10 @@ class Limits(NamedTuple):
         Raises:
             UserError: If a number is out of range.
         """
-        if not (0.0 < self.start <= _LONGEST and 0.0 < self.step <= _LONGEST):
-            raise UserError(f"seconds for an answer must be above 0 and at most {_LONGEST:g}")
+        if not all(_SHORTEST <= one <= _LONGEST for one in (self.start, self.step)):
+            raise UserError(
+                f"seconds for an answer must be at least {_SHORTEST:g} and at most {_LONGEST:g}"
+            )
         if self.memory and not LEAST_MEMORY <= self.memory <= _MOST_MEMORY:
             raise UserError(
                 f"memory must be from {LEAST_MEMORY / GIB:g} to {_MOST_MEMORY // GIB} GiB, or 0 "

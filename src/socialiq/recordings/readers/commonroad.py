@@ -93,7 +93,7 @@ class _Draft:
                 raise ValueError(f"the position is a {state['region']}, not a point")
             row = [float(state[name]) for name in ("x", "y")]  # type: ignore[arg-type]
             row += [self._value(state, name) for name in ("orientation", "velocity", "slipAngle")]
-            self._frames.append(int(state["time"]))  # type: ignore[arg-type]
+            self._frames.append(words.whole_number(state["time"]))  # type: ignore[arg-type]
             self._values.extend(row)
         except (KeyError, TypeError, ValueError) as error:
             self._fault = self._fault or _what_is_wrong(state, error)
@@ -148,11 +148,11 @@ class _Draft:
 
     def _identity(self, thing: Element) -> int:
         try:
-            identity = int(thing.get("id", ""))
+            identity = words.whole_number(thing.get("id", ""))
         except ValueError as error:
             raise UserError(
                 f"{self._path}: an obstacle's id is '{one_line(thing.get('id', ''), 40)}', not a "
-                "whole number"
+                "whole number of 64 bits"
             ) from error
         if identity in self._seen:
             raise UserError(

@@ -11,7 +11,13 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.recordings import files
-from socialiq.recordings.readers.commonroad_xml import SIGNS, SPEED_LIMITS, State, read
+from socialiq.recordings.readers.commonroad_xml import (
+    SIGNS,
+    SPEED_LIMITS,
+    State,
+    read,
+    whole_number,
+)
 from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
 from socialiq.storage import kind_of
 
@@ -41,11 +47,11 @@ class RoadDraft:
             if thing.tag == "lanelet":
                 self._lanelet(thing)
             elif thing.tag == "trafficSign":
-                self._signs[int(thing.attrib["id"])] = _sign(thing)
+                self._signs[whole_number(thing.attrib["id"])] = _sign(thing)
             elif thing.tag == "trafficLight":
                 dark = (thing.findtext("active") or "").strip() == "false"
                 signs = Sign.NONE if dark else Sign.LIGHT
-                self._signs[int(thing.attrib["id"])] = signs, np.inf
+                self._signs[whole_number(thing.attrib["id"])] = signs, np.inf
             else:
                 return thing.tag in _IGNORED
         except (KeyError, ValueError, TypeError, UserError) as error:
@@ -70,7 +76,7 @@ class RoadDraft:
         return replace(lanelet, sign=sign, speed_limit=limit)
 
     def _lanelet(self, thing: Element) -> None:
-        identity = int(thing.attrib["id"])
+        identity = whole_number(thing.attrib["id"])
         if identity in self._lanelets:
             raise ValueError("two lanelets have this id: give each its own")
         left, right = (_points(thing.find(name)) for name in ("leftBound", "rightBound"))
@@ -91,7 +97,7 @@ class RoadDraft:
 
 
 def _references(thing: Element, name: str) -> tuple[int, ...]:
-    return tuple(int(one.attrib["ref"]) for one in thing.findall(name))
+    return tuple(whole_number(one.attrib["ref"]) for one in thing.findall(name))
 
 
 def _points(bound: Element | None) -> np.ndarray:
@@ -107,7 +113,7 @@ def _points(bound: Element | None) -> np.ndarray:
 def _beside(element: Element | None) -> tuple[int, bool] | None:
     if element is None:
         return None
-    return int(element.attrib["ref"]), element.attrib["drivingDir"] == "same"
+    return whole_number(element.attrib["ref"]), element.attrib["drivingDir"] == "same"
 
 
 def _stop_line(element: Element | None, left: np.ndarray, right: np.ndarray) -> np.ndarray | None:

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from socialiq.errors import UserError
+from socialiq.foreign import one_line
 from socialiq.reading import open_file
 from socialiq.recordings.road.network import Sign
 from socialiq.recordings.tracks import RoadUser
@@ -105,6 +106,18 @@ def read(path: Path, consumer: Consumer) -> str:
         stream.feed(chunk)
     stream.end()
     return digest.hexdigest()
+
+
+def whole_number(text: str) -> int:
+    """Return a whole number of at most 64 bits.
+
+    Raises:
+        ValueError: If the text is none, or the number is larger.
+    """
+    number = int(text)
+    if not -(2**63) <= number < 2**63:
+        raise ValueError(f"{one_line(text, 20)} has more than 64 bits")
+    return number
 
 
 def _chunks(path: Path) -> Iterator[bytes]:
