@@ -15,7 +15,7 @@ from socialiq.cli.main import main
 
 
 def run_without_reader(*words: str) -> subprocess.CompletedProcess[str]:
-    """Run the program as `socialiq ... | true` does: nobody reads what it writes."""
+    """Run the program as `socialiq ... | true` does: no one reads what it writes."""
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as closed:

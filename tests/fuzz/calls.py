@@ -244,7 +244,7 @@ NO_COMMANDS: tuple[tuple[str, ...], ...] = (
     (),
     ("",),
     ("solv",),
-    ("audit", "verfy"),
+    ("audit", "verifies"),
     ("data",),
     ("data", ""),
     ("profile", "--angle"),

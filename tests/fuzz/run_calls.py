@@ -30,7 +30,7 @@ class TooLong(BaseException):
 
 
 class Outcome(NamedTuple):
-    """How a call ended.
+    """End of a call.
 
     Attributes:
         words: The call.

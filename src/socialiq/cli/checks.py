@@ -1,4 +1,4 @@
-"""What no option of any command may be: empty, not text, not a number that a run could take.
+"""Checks of all options of all commands: none is empty, not text, or a number that no run takes.
 
 The commands' own checks say what a value means; these keep out what nothing could mean.
 """

@@ -55,7 +55,7 @@ class Sweep:
 
     @property
     def output(self) -> Path | None:
-        """What the command writes beside its work folder, which many tasks share."""
+        """The folder that the command writes; tasks write to a work folder that they share."""
         return self.out if self.task is None and not self.slurm else None
 
     def run(self) -> int:

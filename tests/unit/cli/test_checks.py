@@ -1,4 +1,4 @@
-"""What no option may be, checked for all commands in one place."""
+"""Values that no option may have, checked for all commands in one place."""
 
 import dataclasses
 
