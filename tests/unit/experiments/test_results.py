@@ -47,7 +47,7 @@ def test_an_existing_folder_is_kept_unless_replaced(tmp_path):
         (b"a,b\n1,2\n3\n", "line 3 has 1 cells, the first 2"),
         (b"a,b\n1,2,3\n", "line 2 has 3 cells, the first 2"),
         (b"", "is damaged"),
-        (b"a,b\n\xff\xfe,2\n", "is damaged"),
+        (b"a,b\n\xff\xfe,2\n", "is not UTF-8 text"),
     ],
 )
 def test_a_damaged_table_is_named(tmp_path, content, line):

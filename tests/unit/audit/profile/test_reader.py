@@ -215,8 +215,9 @@ def test_a_large_file_is_refused_unread(tmp_path, text):
 
 
 def test_a_file_that_is_none_is_refused(tmp_path):
-    for path in (tmp_path, tmp_path / "missing.toml"):
-        with pytest.raises(UserError, match="no such file"):
+    places = {tmp_path: "is a folder", tmp_path / "missing.toml": "no such file"}
+    for path, fault in places.items():
+        with pytest.raises(UserError, match=fault):
             load(path)
 
 
