@@ -187,6 +187,8 @@ _OF_RERUN = (
     "allow_code",
     "step_seconds",
     "memory_gib",
+    "isolation",
+    "files",
     "threads",
 )
 _RUNS = ("process:", "python:")
