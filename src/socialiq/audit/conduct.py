@@ -23,7 +23,7 @@ from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import load
 from socialiq.audit.profile.scenario import World
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.episodes import check_filmed, films_of, selected
+from socialiq.audit.report.episodes import check_filmed, films_of, selected, traces_of
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
 from socialiq.audit.resolve_policy import (
     References,
@@ -265,6 +265,7 @@ def conduct(
         elsewhere = [collected(one, f"shift {number}") for number, one in enumerate(others)]
         episodes = selected(complete, profile.angle)
         films = films_of(world, loaded.policy, episodes) if request.films else {}
+        traces = traces_of(world, loaded.policy, episodes, not request.soft)
     itself = declared.references.itself
     resampling = drawn.derived("resampling")
     consistency = joined([one.consistency for one in (complete, *elsewhere)])
@@ -295,6 +296,7 @@ def conduct(
             discrimination=discrimination,
             shifts=shifts,
             films=films,
+            traces=traces,
             command=command_of(request, drawn.seed),
             started=started,
             seconds=round(time.monotonic() - clock, 3),

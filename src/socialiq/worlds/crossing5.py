@@ -6,6 +6,7 @@ waits; the other road user drives on unless blocked.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, NamedTuple
@@ -14,7 +15,7 @@ import jax.numpy as jnp
 
 from socialiq.types import Ending
 from socialiq.worlds import pictures
-from socialiq.worlds.grid_world import Feature, GridWorld, Outcome
+from socialiq.worlds.grid_world import Feature, GridWorld, Outcome, Place
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,12 @@ def draw(axes: Any, _world: Any, state: tuple[int, ...]) -> None:
     pictures.draw_vehicle(axes, x_ego, y_ego, "east", pictures.EGO)
 
 
+def places(state: Sequence[int]) -> list[Place]:
+    """Return the places of the ego and of the other road user."""
+    x_ego, y_ego, x_other, y_other = (int(value) for value in state)
+    return [Place(0, x_ego, y_ego, 0), Place(1, x_other, y_other, 90)]
+
+
 def make(options: Options | None = None) -> GridWorld:
     """Build the 5x5 world with the given options."""
     chosen = options or Options()
@@ -134,6 +141,8 @@ def make(options: Options | None = None) -> GridWorld:
         env_weights=ENV_WEIGHTS,
         social_weights=SOCIAL_WEIGHTS,
         draw=draw,
+        places=places,
+        size=SIZE,
     )
 
 

@@ -6,6 +6,7 @@ speed; vehicles drive FAST and brake for the ego.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, NamedTuple
@@ -15,7 +16,7 @@ import jax.numpy as jnp
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import pictures
-from socialiq.worlds.grid_world import Feature, GridWorld, Outcome
+from socialiq.worlds.grid_world import Feature, GridWorld, Outcome, Place
 
 
 @dataclass(frozen=True)
@@ -239,6 +240,13 @@ def draw(axes: Any, _world: Any, state: tuple[int, ...]) -> None:
     pictures.draw_vehicle(axes, x_ego, CONFLICT, "east", pictures.EGO, v_ego)
 
 
+def places(state: Sequence[int]) -> list[Place]:
+    """Return the places of the ego and of the vehicles that are present."""
+    x_ego, _, y_1, _, y_2, _ = (int(value) for value in state)
+    others = [Place(slot, CONFLICT, y, 90) for slot, y in ((1, y_1), (2, y_2)) if y != ABSENT]
+    return [Place(0, x_ego, CONFLICT, 0), *others]
+
+
 _EMPTY = (0, STOP, 0, FAST, ABSENT, STOP)
 _FILLED = (0, STOP, 0, FAST, 0, FAST)
 
@@ -274,6 +282,8 @@ def make(options: Options | None = None) -> GridWorld:
         env_weights=ENV_WEIGHTS,
         social_weights=SOCIAL_WEIGHTS,
         draw=draw,
+        places=places,
+        size=SIZE,
     )
 
 

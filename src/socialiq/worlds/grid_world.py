@@ -25,6 +25,22 @@ class Feature(NamedTuple):
     size: int
 
 
+class Place(NamedTuple):
+    """Place of a road user in a state.
+
+    Attributes:
+        slot: Number of the road user among the state's features; the ego is 0.
+        x: Column of its cell.
+        y: Row of its cell, upwards.
+        heading: Degrees counter-clockwise from east.
+    """
+
+    slot: int
+    x: int
+    y: int
+    heading: int
+
+
 class Outcome(NamedTuple):
     """Result of one action and one chance outcome.
 
@@ -69,6 +85,8 @@ class GridWorld:
         env_weights: Weight of each signal in r_env.
         social_weights: Weight of each signal in r_social.
         draw: (axes, world, state) -> None; draws one state with matplotlib.
+        places: State -> places of the road users that are present.
+        size: Number of columns and of rows; the roads cross in the middle.
         clock: Whether the time is observed too, as a last feature. The thesis' agents don't see
             it; docs/dial.md gives its effect.
     """
@@ -85,6 +103,8 @@ class GridWorld:
     env_weights: Mapping[str, float]
     social_weights: Mapping[str, float]
     draw: Callable[[Any, GridWorld, tuple[int, ...]], None]
+    places: Callable[[Sequence[int]], list[Place]]
+    size: int
     clock: bool = False
 
     @property

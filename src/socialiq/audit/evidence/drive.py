@@ -64,7 +64,7 @@ def drive_grid(
     Raises:
         UserError: If its answers are not one of the world's actions for each episode.
     """
-    return _driven(table, _GridActor(table, policy, name, deterministic), fate, name, angles)
+    return _driven(table, GridActor(table, policy, name, deterministic), fate, name, angles)
 
 
 def _driven(
@@ -83,7 +83,7 @@ def _driven(
     return Outcomes(name, totals, ending, contact.astype(np.int8), length, angles, expected)
 
 
-class _GridActor:
+class GridActor:
     """A policy in a gridworld, with a memory for each row and, if it has one, a time feature.
 
     Rows whose episode has ended stay in its input; their answers are not used.

@@ -15,7 +15,7 @@ from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.auditor_claims import claims_of_auditor
 from socialiq.audit.report.caveats import Caveat, caveats, caveats_of_loss
-from socialiq.audit.report.episodes import path_of, selected
+from socialiq.audit.report.episodes import Traces, path_of, selected
 from socialiq.audit.report.seeds import seeds_of
 from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.verdict.decision import Decision
@@ -55,6 +55,7 @@ class Audited:
         discrimination: Result of `discriminate`.
         shifts: Result of `shift_of`; None without the check.
         films: Films by path in the folder: `episodes.path_of`.
+        traces: Result of `episodes.traces_of`.
         command: Command that repeats the audit.
         started: Time of the start.
         seconds: Duration.
@@ -75,6 +76,7 @@ class Audited:
     discrimination: Discrimination
     shifts: Sequence[Shift] | None
     films: Mapping[str, bytes]
+    traces: Traces
     command: str
     started: datetime.datetime
     seconds: float
@@ -113,7 +115,7 @@ def content(audited: Audited) -> dict[str, Any]:
             "left_out": audited.references(left_out=True),
             "strata": stratified(evidence, angle, best, profile.confidence),
             "shift": None if audited.shifts is None else _shift(audited.shifts, audited.elsewhere),
-            "episodes": _with_films(selected(evidence, angle), audited.films),
+            "episodes": _shown(selected(evidence, angle), audited.films, audited.traces),
             "cloud": evidence.policy.totals[:CLOUD].round(6),
             "limits": limits(profile.scenario.world),
             "scenario": evidence.scenario,
@@ -144,10 +146,12 @@ def _caveats(audited: Audited) -> list[Caveat]:
     ]
 
 
-def _with_films(chosen: Episodes, films: Mapping[str, bytes]) -> Episodes:
+def _shown(chosen: Episodes, films: Mapping[str, bytes], traces: Traces) -> Episodes:
+    """Return the chosen episodes with the path of each one's film, and its trace."""
     return {
         kind: [
             {**row, "film": path if (path := path_of(kind, number)) in films else None}
+            | {"trace": traces[kind][number - 1]}
             for number, row in enumerate(rows, 1)
         ]
         for kind, rows in chosen.items()

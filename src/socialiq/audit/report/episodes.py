@@ -1,19 +1,20 @@
-"""Single episodes of a report: three median and three worst ones, and their films."""
+"""Single episodes of a report: three median and three worst ones, their traces and films."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.evidence.replay import Played, Trace, replayer
 from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
-from socialiq.types import Policy
+from socialiq.types import Policy, RewardPair
 from socialiq.worlds.intersection.pictures import render, scenes
 from socialiq.worlds.intersection.world import Intersection
 
@@ -53,6 +54,40 @@ def _row(evidence: Evidence, place: int, value: float) -> dict[str, Any]:
         "ending": kind_of_ending(evidence.policy, place),
         "decisions": int(evidence.policy.length[place]),
     }
+
+
+Traces = Mapping[str, Sequence[Trace | None]]
+"""Traces of the chosen episodes, by "median" and "worst"."""
+
+
+def traces_of(
+    world: World,
+    policy: Policy,
+    chosen: Mapping[str, Sequence[Mapping[str, Any]]],
+    deterministic: bool = True,
+) -> Traces:
+    """Run episodes again, one by one, and return the ways of all vehicles.
+
+    Args:
+        world: World of the declaration.
+        policy: The policy under audit.
+        chosen: Result of `selected`.
+        deterministic: Whether it takes its best actions.
+
+    Returns:
+        For each episode its trace; None if the policy drives another episode than in the evidence,
+        or in an environment.
+    """
+    again = replayer(world, policy, deterministic)
+    return {kind: [_traced(again, row) for row in rows] for kind, rows in chosen.items()}
+
+
+def _traced(again: Callable[[int], Played] | None, row: Mapping[str, Any]) -> Trace | None:
+    if again is None:
+        return None
+    played = again(int(row["seed"]))
+    same = played.repeats(row["decisions"], RewardPair(row["r_env"], row["r_social"]))
+    return played.trace if same else None
 
 
 _PER_SECOND = 5  # frames; every sub-step would take three times as long to draw

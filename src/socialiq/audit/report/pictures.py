@@ -1,4 +1,7 @@
-"""Layout of a report's pictures: the trade-off of the rewards, and the dial of angles."""
+"""Layout of a report's pictures of rewards: means of the drivers, and single episodes.
+
+Both have one scale, and a unit of reward is as long upwards as to the right: angles are true.
+"""
 
 from __future__ import annotations
 
@@ -67,13 +70,14 @@ class Scale:
         box = self.box
         length = box.right - box.left if axis == 0 else box.bottom - box.top
         low, high = self.low[axis], self.low[axis] + length / self.factor
-        step = _round_step((high - low) / about)
-        numbers = [step * row for row in range(math.ceil(low / step), math.floor(high / step) + 1)]
-        places = [self.at(one, one)[axis] for one in numbers]
-        return [
-            Tick(place, f"{number + 0.0:g}".replace("-", "−"))
-            for place, number in zip(places, numbers, strict=True)
-        ]
+        return [Tick(self.at(one, one)[axis], text) for one, text in round_steps(low, high, about)]
+
+
+def round_steps(low: float, high: float, about: int = 7) -> list[tuple[float, str]]:
+    """Return some round numbers between two, with their texts."""
+    step = _round_step((high - low) / about)
+    numbers = [step * row for row in range(math.ceil(low / step), math.floor(high / step) + 1)]
+    return [(one, f"{one + 0.0:g}".replace("-", "−")) for one in numbers]
 
 
 def _round_step(wanted: float) -> float:
@@ -90,7 +94,7 @@ def path(points: Sequence[tuple[float, float]], closed: bool = False) -> str:
 
 WIDTH, HEIGHT = 360, 300
 
-_BOX = Box(44, 10, 352, 258)
+BOX = Box(44, 10, 352, 258)
 
 _ROUND = 72  # points of an ellipse
 
@@ -99,11 +103,19 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Mark:
-    """A reference: its number in the table, and its place."""
+    """A reference.
+
+    Attributes:
+        number: Number in the table.
+        x: Place.
+        y: Place.
+        hidden: Whether another mark covers it, so that its number can't be read.
+    """
 
     number: int
     x: float
     y: float
+    hidden: bool
 
 
 @dataclass(frozen=True)
@@ -116,6 +128,7 @@ class Panel:
         y_ticks: Numbers on the left.
         zero: Place of (0, 0), or None if it is outside.
         mean: Place of the policy's mean.
+        best: Place of the best reference at the declared angle.
         marks: References.
         front: Path through the best references for angles from 0 to 90 degrees.
         ellipse: Path of the confidence ellipse of the mean.
@@ -128,6 +141,7 @@ class Panel:
     y_ticks: list[Tick]
     zero: Point | None
     mean: Point
+    best: Point | None = None
     marks: tuple[Mark, ...] = ()
     front: str = ""
     ellipse: str = ""
@@ -140,18 +154,20 @@ def means(report: Mapping[str, Any]) -> Panel:
     region = _ellipse(report["tests"]["identifiability"])
     references = [_of(row) for row in report["references"]]
     mean, angle = _of(report["policy"]["means"]), report["declaration"]["angle"]
-    points = [*references, *region, mean, (0.0, 0.0)]
-    scale = Scale.over(points, _BOX)
-    reach = 0.42 * max(math.hypot(*one) for one in points)
+    scale = scale_of(report)
+    reach = 0.42 * max(math.hypot(*one) for one in [*references, mean])
     tip = (
         reach * math.cos(math.radians(angle)),
         reach * math.sin(math.radians(angle)),
     )
     tip = _inside(scale, tip)
+    names = [row["name"] for row in report["references"]]
+    best = references[names.index(report["tests"]["regret"]["best"])]
     return _panel(
         scale,
         mean,
-        marks=tuple(Mark(row, *scale.at(*one)) for row, one in enumerate(references, 1)),
+        best=scale.at(*best),
+        marks=_marks([scale.at(*one) for one in references]),
         front=path([scale.at(*one) for one in front(references)]),
         ellipse=path([scale.at(*one) for one in region], closed=True),
         arrow=(scale.at(0.0, 0.0), scale.at(*tip)),
@@ -160,10 +176,36 @@ def means(report: Mapping[str, Any]) -> Panel:
 
 def episodes(report: Mapping[str, Any]) -> Panel:
     """Return single episodes of the policy around their mean."""
-    cloud = [(float(env), float(social)) for env, social in report["cloud"]]
-    mean = _of(report["policy"]["means"])
-    scale = Scale.over([*cloud, mean], _BOX)
-    return _panel(scale, mean, cloud=tuple(scale.at(*one) for one in cloud))
+    scale = scale_of(report)
+    return _panel(
+        scale,
+        _of(report["policy"]["means"]),
+        cloud=tuple(scale.at(*one) for one in _cloud(report)),
+    )
+
+
+def scale_of(report: Mapping[str, Any]) -> Scale:
+    """Return the scale of both pictures: all of either is inside."""
+    region = _ellipse(report["tests"]["identifiability"])
+    means = [_of(row) for row in (report["policy"]["means"], *report["references"])]
+    return Scale.over([*means, *region, *_cloud(report), (0.0, 0.0)], BOX)
+
+
+def _cloud(report: Mapping[str, Any]) -> list[Point]:
+    return [(float(env), float(social)) for env, social in report["cloud"]]
+
+
+_APART = 10.0  # units of the picture between marks whose numbers can be read
+
+
+def _marks(places: Sequence[Point]) -> tuple[Mark, ...]:
+    """Return the marks in their order; of several in one place the first has its number."""
+    found: list[Mark] = []
+    for number, place in enumerate(places, 1):
+        seen = (one for one in found if not one.hidden)
+        hidden = any(math.dist(place, (one.x, one.y)) < _APART for one in seen)
+        found.append(Mark(number, *place, hidden))
+    return tuple(found)
 
 
 def front(points: Sequence[Point]) -> list[Point]:
@@ -216,82 +258,3 @@ def _ellipse(region: Mapping[str, Any]) -> list[Point]:
 
 def _of(row: Mapping[str, Any]) -> Point:
     return float(row["r_env"]), float(row["r_social"])
-
-
-_CENTRE = (180.0, 150.0)
-
-_BAND, _INNER = 92.0, 66.0  # radii of the band of arcs, and of the needle's interval
-
-_NEARLY_ALL = 359.99  # SVG draws no arc that ends where it begins
-
-
-@dataclass(frozen=True)
-class DialPicture:
-    """Paths in the picture's units.
-
-    Attributes:
-        ring: The whole circle.
-        possibly: Arcs that can't be excluded.
-        arcs: Arcs by the estimates.
-        surely: Significant arcs.
-        declared: From and to: a line across the band.
-        declared_label: Position of its label.
-        needle: Tip of α̂'s needle, or None.
-        interval: Arc of α̂'s interval, or "".
-        marks: Places and texts around.
-    """
-
-    ring: str
-    possibly: tuple[str, ...]
-    arcs: tuple[str, ...]
-    surely: tuple[str, ...]
-    declared: tuple[Point, Point]
-    declared_label: Point
-    needle: Point | None
-    interval: str
-    marks: tuple[tuple[Point, str], ...]
-
-    @property
-    def centre(self) -> Point:
-        """Centre of the circle."""
-        return _CENTRE
-
-
-def dial(report: Mapping[str, Any]) -> DialPicture:
-    """Lay out the dial of a report."""
-    tests = report["tests"]
-    angle, found, shown = report["declaration"]["angle"], tests["rationalised"], tests["alpha_hat"]
-    sets = {
-        name: tuple(_arc(_BAND, one["low"], one["high"]) for one in found[name])
-        for name in ("possibly", "arcs", "surely")
-    }
-    return DialPicture(
-        ring=_arc(_BAND, 0.0, 360.0),
-        **sets,
-        declared=(_place(_BAND - 16, angle), _place(_BAND + 16, angle)),
-        declared_label=_place(_BAND + 30, angle),
-        needle=_place(_INNER - 8, shown["angle"]) if shown else None,
-        interval=_arc(_INNER, shown["low"], shown["high"]) if shown else "",
-        marks=tuple((_place(_BAND + 34, degrees), text) for degrees, text in _marks(angle)),
-    )
-
-
-def _marks(angle: float) -> list[tuple[float, str]]:
-    """Return the labels of the quarters, without one that overlaps the declared angle's."""
-    quarters = [(0.0, "0°"), (90.0, "90°"), (180.0, "180°"), (270.0, "270°")]
-    return [one for one in quarters if 25 < (angle - one[0]) % 360 < 335]
-
-
-def _place(radius: float, degrees: float) -> Point:
-    """Return the place on a circle; 0 degrees points to the right, 90 upwards."""
-    turn = math.radians(degrees)
-    x, y = _CENTRE[0] + radius * math.cos(turn), _CENTRE[1] - radius * math.sin(turn)
-    return round(x, 2), round(y, 2)
-
-
-def _arc(radius: float, low: float, high: float) -> str:
-    """Return an arc counter-clockwise as an SVG path."""
-    span = min(high - low, _NEARLY_ALL)
-    (x, y), (to_x, to_y) = _place(radius, low), _place(radius, low + span)
-    large = int(span > 180)
-    return f"M{x:g} {y:g} A{radius:g} {radius:g} 0 {large} 0 {to_x:g} {to_y:g}"

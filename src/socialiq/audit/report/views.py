@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from socialiq.audit.evidence.outcomes import CRITERIA
+from socialiq.audit.names import names_of
 from socialiq.audit.report import pictures
+from socialiq.audit.report.angle_picture import angles
+from socialiq.audit.report.moving_pictures import moving
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.worlds.registry import WORLDS
 
@@ -79,6 +82,42 @@ def meaning(angle: Real) -> str:
     return f"{own} counts, and {others} counts against it"
 
 
+def outcome(decision: str) -> str:
+    """Return the decision of a test in words."""
+    return {"pass": "kept", "fail": "broken", "inconclusive": "not decided"}[decision]
+
+
+def compatible(report: Mapping[str, Any]) -> str:
+    """Return the angles whose regret is within the margin, or the nearest one, in a sentence."""
+    found = report["tests"]["rationalised"]
+    if found["arcs"]:
+        where = "every angle" if arcs(found["arcs"]) == "every angle" else arcs(found["arcs"])
+        return f"In the blue part of the curve it is within the margin: {where}."
+    return (
+        f"At no angle is it within the margin. It is nearest at {degrees(found['least_angle'])} "
+        f"(circle), {number(found['least'])} below the best, where {number(found['margin'])} is "
+        "allowed."
+    )
+
+
+def others(report: Mapping[str, Any], named: int = 3) -> str:
+    """Return how many other drivers would pass the declaration, in a sentence.
+
+    Args:
+        report: Content of `report.json`.
+        named: Largest number of their names in it.
+    """
+    found, names = report["discrimination"], names_of(report)
+    if not found["of"]:
+        return "There is no other driver that could be judged by this declaration."
+    if not found["would_pass"]:
+        return f"None of {found['of']} other drivers would pass this declaration."
+    passing = [names[one["name"]] for one in found["drivers"] if one["decision"] == "pass"]
+    more = f" and {len(passing) - named} more" if len(passing) > named else ""
+    which = f": {'; '.join(passing[:named])}{more}" if named else ""
+    return f"{found['would_pass']} of {found['of']} other drivers would pass it too{which}."
+
+
 def options(found: dict[str, Any]) -> str:
     """Return the options of a world in one line."""
     return ", ".join(f"{name} = {value}" for name, value in found.items()) or "defaults"
@@ -115,6 +154,7 @@ FILTERS = {
         meaning,
         options,
         headline,
+        outcome,
         criterion,
         code,
     )
@@ -130,10 +170,11 @@ def html(report: Mapping[str, Any]) -> str:
     pages = templates(_PACKAGE)
     _add_words(pages)
     return pages.get_template("report.html.j2").render(
-        report=report,
+        **_words(report),
         means=pictures.means(report),
         single=pictures.episodes(report),
-        dial=pictures.dial(report),
+        angles=angles(report),
+        moving=moving(report),
     )
 
 
@@ -147,12 +188,24 @@ def markdown(report: Mapping[str, Any], template: str = "report.md.j2", **more: 
     """
     pages = templates(_PACKAGE, most=_LONGEST)
     _add_words(pages)
-    return pages.get_template(template).render(report=report, **more)
+    return pages.get_template(template).render(**_words(report), **more)
 
 
 def _add_words(pages: Any) -> None:
     pages.filters.update(FILTERS)
     pages.globals.update(is_known=is_known, blank=blank)
+
+
+def _words(report: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the variables of both pages that follow from the report."""
+    decisions = {one["name"]: one["decision"] for one in report["discrimination"]["drivers"]}
+    return {
+        "report": report,
+        "names": names_of(report),
+        "would_pass": decisions,
+        "others": others,
+        "compatible": compatible(report),
+    }
 
 
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:

@@ -6,6 +6,7 @@ import pytest
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.report.content import Audited, content
+from socialiq.audit.report.episodes import selected, traces_of
 from socialiq.audit.seeds.commitment import Commitment, draw
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import other_traffic
@@ -68,6 +69,7 @@ def audited(declared):
         discrimination=discrimination,
         shifts=shifts,
         films={},
+        traces=traces_of(profile.world(), Always(), selected(evidence, 0.0)),
         command=f"socialiq audit '{HOSTILE}' --profile p.toml --episodes 60 --seed 7",
         started=datetime.datetime(2026, 1, 31, 12, 0, tzinfo=datetime.UTC),
         seconds=1.5,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from socialiq.audit.report.pictures import Box, Scale, dial, means, path
+from socialiq.audit.report.pictures import Box, Scale, episodes, means, path, scale_of
 
 
 def test_one_unit_is_as_long_upwards_as_to_the_right():
@@ -38,13 +38,26 @@ def test_the_declared_direction_points_there(plain):
         (x, y), (to_x, to_y) = means(plain).arrow
         length = max(abs(to_x - x), abs(to_y - y))
         assert (to_x - x, to_y - y) == pytest.approx([length * one for one in ahead], abs=0.1)
-        (inner_x, inner_y), (outer_x, outer_y) = dial(plain).declared
-        assert (outer_x > inner_x) == (ahead[0] > 0) or ahead[0] == 0
-        assert (outer_y > inner_y) == (ahead[1] > 0) or ahead[1] == 0
 
 
-def test_a_whole_circle_is_drawn(plain):
-    plain["tests"]["rationalised"]["arcs"] = [{"low": 0.0, "high": 360.0}]
-    drawn = dial(plain).arcs[0]
-    start, end = drawn.split(" A")[0][1:], drawn.split(" ")[-2:]
-    assert " 1 0 " in drawn and start != " ".join(end)
+def test_both_pictures_of_rewards_have_one_scale(plain):
+    plain["cloud"] = [[-40.0, 3.0], [2.0, 1.0]]
+    scale = scale_of(plain)
+    drawn = means(plain), episodes(plain)
+    assert drawn[0].mean == drawn[1].mean
+    assert drawn[0].x_ticks == drawn[1].x_ticks and drawn[0].y_ticks == drawn[1].y_ticks
+    assert drawn[1].cloud == (scale.at(-40.0, 3.0), scale.at(2.0, 1.0))
+    for x, y in (*drawn[1].cloud, *((one.x, one.y) for one in drawn[0].marks)):
+        assert scale.box.left <= x <= scale.box.right and scale.box.top <= y <= scale.box.bottom
+
+
+def test_of_references_in_one_place_the_first_has_its_number(plain):
+    first, second, third = plain["references"][:3]
+    second["r_env"], second["r_social"] = first["r_env"] + 1e-3, first["r_social"]
+    third["r_env"], third["r_social"] = first["r_env"] + 5.0, first["r_social"]
+    plain["references"] = [first, second, third]
+    plain["tests"]["regret"]["best"] = third["name"]
+    found = means(plain)
+    assert [one.number for one in found.marks] == [1, 2, 3]
+    assert [one.hidden for one in found.marks] == [False, True, False]
+    assert found.best == (found.marks[2].x, found.marks[2].y)

@@ -6,11 +6,12 @@ import re
 
 import pytest
 
+from socialiq.audit.names import names_of
 from socialiq.audit.report.pictures import front
-from socialiq.audit.report.views import arcs, degrees, markdown, meaning, number, percent
+from socialiq.audit.report.views import arcs, degrees, markdown, meaning, number, others, percent
 from socialiq.audit.report.views import html as page
 
-VOID = {"meta", "link", "br", "img"}
+VOID = {"meta", "link", "br", "img", "input"}
 
 
 class Reader(html.parser.HTMLParser):
@@ -48,7 +49,7 @@ def test_the_page_is_whole_and_needs_nothing_else(drawn):
         assert not name.startswith("on"), name
         if name in ("src", "href", "action"):
             assert value.startswith(("#", "data:")), value
-    assert found.tags.count("svg") == 3
+    assert found.tags.count("svg") == 9  # three pictures, and six episodes
     assert "http" not in re.sub(r"http-equiv", "", drawn)
     assert "url(" not in drawn.replace("url(#", "")
 
@@ -73,7 +74,7 @@ def test_no_number_of_the_tests_is_missing(drawn, report):
     for value in (regret["regret"], regret["low"], regret["high"], regret["margin"]):
         assert number(value) in drawn and number(value) in text
     for one in report["references"]:
-        assert one["name"] in drawn
+        assert one["name"] in drawn and names_of(report)[one["name"]] in drawn
     for limit in report["limits"]:
         assert limit in text
     for value in report["hashes"].values():
@@ -107,3 +108,25 @@ def test_words():
     assert meaning(30.0).startswith("its own progress counts more")
     assert meaning(135.0).endswith("its own progress counts against it")
     assert meaning(315.0).endswith("the ease of the others counts against it")
+
+
+def test_the_first_screen_has_no_name_of_the_code(drawn):
+    first = re.sub(r"<[^>]+>", " ", drawn.split("</style>", 1)[1].split("What was tested")[0])
+    for name in ("R_env", "R_social", "optimum_", "trivial_", "set_", "α̂"):
+        assert name not in first
+
+
+def test_other_drivers_are_counted_and_named(plain):
+    rows = plain["discrimination"]["drivers"]
+    for one in rows:
+        one["decision"] = "fail"
+    plain["discrimination"]["would_pass"] = 0
+    assert others(plain) == f"None of {len(rows)} other drivers would pass this declaration."
+    rows[-1]["decision"], rows[0]["decision"] = "pass", "pass"
+    plain["discrimination"]["would_pass"] = 2
+    named = f"{names_of(plain)[rows[0]['name']]}; chooses at random"
+    assert others(plain) == f"2 of {len(rows)} other drivers would pass it too: {named}."
+    assert others(plain, 1).endswith(" and 1 more.")
+    assert others(plain, 0) == f"2 of {len(rows)} other drivers would pass it too."
+    plain["discrimination"] = {"would_pass": 0, "of": 0, "excludes_nothing": False, "drivers": []}
+    assert others(plain).startswith("There is no other driver")

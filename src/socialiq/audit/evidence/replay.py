@@ -1,0 +1,208 @@
+"""Chosen episodes of the policy, run again one by one, with the way of every vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from socialiq.audit.evidence.drive import GridActor, fates
+from socialiq.audit.profile.scenario import World
+from socialiq.evaluation.play import play
+from socialiq.evaluation.simulate import simulate
+from socialiq.evaluation.simulators import FixedChance, TableSimulator
+from socialiq.types import Policy, RewardPair
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.pictures import scenes
+from socialiq.worlds.intersection.pictures.render import REACH, Scene
+from socialiq.worlds.intersection.world import Intersection
+
+PER_SECOND = 5
+"""Frames of a second at the intersection, fewer in episodes of more than `MOST_FRAMES`."""
+
+MOST_FRAMES = 600
+
+GRID_PER_SECOND = 2.0
+"""Frames of a second in a gridworld, which has no unit of time: one for each step."""
+
+SEEN = 1.3 * REACH  # m from the centre; vehicles further away are left out
+
+
+class Pose(NamedTuple):
+    """Place and heading of a vehicle in one frame.
+
+    Attributes:
+        x: Metres or cells to the east.
+        y: Metres or cells to the south.
+        heading: Degrees clockwise from east.
+    """
+
+    x: float
+    y: float
+    heading: float
+
+
+@dataclass(frozen=True)
+class Track:
+    """Way of one vehicle.
+
+    Attributes:
+        ego: Whether it is the vehicle that the policy drives.
+        crashed: Whether it has collided at the end.
+        first: Number of its first frame.
+        poses: "x y heading" of each frame from there on, divided by ";".
+    """
+
+    ego: bool
+    crashed: bool
+    first: int
+    poses: str
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Ways of all vehicles in one episode.
+
+    Attributes:
+        per_second: Frames of a second.
+        frames: Number of frames.
+        tracks: Way of each vehicle, the ego's first.
+    """
+
+    per_second: float
+    frames: int
+    tracks: tuple[Track, ...]
+
+
+class Played(NamedTuple):
+    """An episode that was run again: its trace, decisions and sums of rewards."""
+
+    trace: Trace
+    decisions: int
+    totals: RewardPair
+
+    def repeats(self, decisions: int, totals: RewardPair) -> bool:
+        """Whether it is the same episode as in the evidence."""
+        near = (math.isclose(*pair, abs_tol=1e-9) for pair in zip(self.totals, totals, strict=True))
+        return self.decisions == decisions and all(near)
+
+
+def replayer(
+    world: World, policy: Policy, deterministic: bool = True
+) -> Callable[[int], Played] | None:
+    """Return a function that runs the episode of a seed again; None for an environment.
+
+    A driver that answers a single observation otherwise than one among many, or that draws its
+    actions in order, gives another episode than in the evidence (`Played.repeats`).
+
+    Args:
+        world: World of the declaration.
+        policy: The policy under audit.
+        deterministic: Whether it takes its best actions.
+    """
+    if isinstance(world, Intersection):
+        return lambda seed: _at_intersection(world, policy, seed, deterministic)
+    if isinstance(world, GridWorld):
+        table = tabulate(world)
+        return lambda seed: _in_grid(table, policy, seed, deterministic)
+    return None
+
+
+def _at_intersection(world: Intersection, policy: Policy, seed: int, deterministic: bool) -> Played:
+    batch = Batch(world.options, 1, traced=True)
+    seen: list[Scene] = []
+    totals, decisions = np.zeros(2), 0
+    for step in play(batch, policy, np.array([seed]), deterministic):
+        seen += scenes.decision_scenes(batch)
+        totals += [float(reward[0]) for reward in step.made.rewards]
+        decisions += 1
+    rate = world.options.simulation_frequency
+    every = max(1, rate // PER_SECOND, math.ceil(len(seen) / MOST_FRAMES))
+    chosen = [*seen[:-1:every], seen[-1]]
+    tracks = _joined(_poses_of(scene) for scene in chosen)
+    last = chosen[-1].vehicles
+    crashed = {int(one["identity"]) for one in last if one["crashed"]}
+    ego = int(last[chosen[-1].ego]["identity"])
+    trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed))
+    return Played(trace, decisions, RewardPair(*totals.tolist()))
+
+
+def _poses_of(scene: Scene) -> dict[int, Pose]:
+    """Return the poses of the vehicles near the centre, by identity."""
+    return {
+        int(one["identity"]): Pose(
+            float(one["x"]), float(one["y"]), math.degrees(float(one["heading"]))
+        )
+        for one in scene.vehicles
+        if max(abs(float(one["x"])), abs(float(one["y"]))) < SEEN
+    }
+
+
+def _in_grid(table: Table, policy: Policy, seed: int, deterministic: bool) -> Played:
+    simulator = TableSimulator(table, 1, FixedChance(fates(table, [seed])))
+    actor = GridActor(table, policy, "policy", deterministic)
+    states, totals = [], np.zeros(2)
+    for step in simulate(simulator, actor, np.arange(1)):
+        states = states or [int(step.observation[0])]
+        states.append(int(step.made.state[0]))
+        totals += [float(reward[0]) for reward in step.made.rewards]
+    tracks = _joined(_numbered(table, states))
+    trace = Trace(GRID_PER_SECOND, len(states), _tracks(tracks, 0, set()))
+    return Played(trace, len(states) - 1, RewardPair(*totals.tolist()))
+
+
+def _numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:
+    """Yield the poses in each state; a vehicle that enters a slot again has another number."""
+    world, height = table.world, table.world.size - 1
+    before: dict[int, Pose] = {}
+    numbers: dict[int, int] = {}
+    following = len(world.features)
+    for state in states:
+        now = {
+            one.slot: Pose(float(one.x), float(height - one.y), -float(one.heading))
+            for one in world.places(table.states[state].tolist())
+        }
+        for slot, pose in now.items():
+            again = slot not in before or _along(pose) < _along(before[slot])
+            if again and slot != 0:
+                numbers[slot], following = following, following + 1
+        yield {numbers.get(slot, 0): pose for slot, pose in now.items()}
+        before = now
+
+
+def _along(pose: Pose) -> float:
+    """Return how far a vehicle has come on its way east or north."""
+    return pose.x - pose.y
+
+
+def _joined(frames: Iterable[dict[int, Pose]]) -> dict[int, tuple[int, list[Pose]]]:
+    """Return the first frame and the poses of each vehicle."""
+    found: dict[int, tuple[int, list[Pose]]] = {}
+    for number, frame in enumerate(frames):
+        for identity, pose in frame.items():
+            first, poses = found.setdefault(identity, (number, []))
+            if len(poses) == number - first:  # without gaps: it has not been away
+                poses.append(pose)
+    return found
+
+
+def _tracks(
+    found: dict[int, tuple[int, list[Pose]]], ego: int, crashed: set[int]
+) -> tuple[Track, ...]:
+    order = sorted(found, key=lambda one: (one != ego, one))
+    return tuple(
+        Track(one == ego, one in crashed, found[one][0], _text(found[one][1])) for one in order
+    )
+
+
+def _text(poses: list[Pose]) -> str:
+    headings = np.unwrap([one.heading for one in poses], period=360.0)
+    return ";".join(
+        f"{round(one.x, 1) + 0.0:g} {round(one.y, 1) + 0.0:g} {round(turned)}"
+        for one, turned in zip(poses, headings.tolist(), strict=True)
+    )

@@ -1,0 +1,227 @@
+"""Layout of the moving pictures of a report: vehicles on their ways, as keyframes of CSS.
+
+CSS rather than a film: no script runs, a reader who wants no motion gets still pictures, and print
+shows the last frame.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from socialiq.audit.evidence.replay import Pose
+from socialiq.audit.report.pictures import path
+from socialiq.worlds.intersection.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
+from socialiq.worlds.intersection.pictures.shapes import JUNCTION
+from socialiq.worlds.registry import GRIDWORLDS, make_grid
+
+HELD = 1.5
+"""Seconds for which the last frame is held before the picture begins again."""
+
+_AWAY = "translate(-9999px,0px)"
+
+
+class Ground(NamedTuple):
+    """Road of a world, and the size of its vehicles, in the picture's units.
+
+    Attributes:
+        view: Left, top, width and height of the view.
+        road: Path of the road.
+        length: Length of a vehicle.
+        width: Width of a vehicle.
+        tolerance: Largest error of a place between keyframes.
+    """
+
+    view: tuple[float, float, float, float]
+    road: str
+    length: float
+    width: float
+    tolerance: float
+
+
+class Keyframe(NamedTuple):
+    """Transform at a time, in percent of the animation."""
+
+    percent: float
+    transform: str
+
+
+@dataclass(frozen=True)
+class Car:
+    """A vehicle.
+
+    Attributes:
+        name: Name of its animation.
+        ego: Whether the policy drives it.
+        still: Transform in the last frame; "" if it is not there.
+        keyframes: Its way.
+    """
+
+    name: str
+    ego: bool
+    still: str
+    keyframes: tuple[Keyframe, ...]
+
+
+@dataclass(frozen=True)
+class MovingPicture:
+    """An episode.
+
+    Attributes:
+        kind: "worst" or "median".
+        number: Number of the episode of this kind, from 1.
+        row: Its row in the report.
+        seconds: Duration of a round, with `HELD`; 0 without a trace.
+        ground: Road and sizes.
+        way: Path of the ego.
+        cars: Vehicles, the ego last, so that it is drawn on top.
+        crashes: Places of those that have collided at the end.
+        ended: When the episode has ended, in percent of a round.
+    """
+
+    kind: str
+    number: int
+    row: Mapping[str, Any]
+    seconds: float
+    ground: Ground
+    way: str
+    cars: tuple[Car, ...]
+    crashes: tuple[tuple[float, float], ...] = ()
+    ended: float = 0.0
+
+
+def moving(report: Mapping[str, Any]) -> list[MovingPicture]:
+    """Return the moving pictures of a report, none in an environment."""
+    ground = ground_of(report["declaration"]["scenario"]["world"])
+    if ground is None:
+        return []
+    return [
+        _picture(kind, number, row, ground)
+        for kind in ("worst", "median")
+        for number, row in enumerate(report["episodes"][kind], 1)
+    ]
+
+
+@functools.cache
+def ground_of(world: str) -> Ground | None:
+    """Return the ground of a world, None for an environment."""
+    if world in GRIDWORLDS:
+        size = make_grid(world).size
+        middle, end = (size - 1) / 2, size - 0.5
+        low, high = middle - 0.5, middle + 0.5
+        road = f"M-.5 {low:g} H{end:g} V{high:g} H-.5 Z M{low:g} -.5 H{high:g} V{end:g} H{low:g} Z"
+        return Ground((-0.5, -0.5, size, size), road, 0.74, 0.44, 0.02)
+    if world == "intersection":
+        return Ground((-32.0, -28.0, 64.0, 64.0), _crossing(), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
+    return None
+
+
+def _crossing() -> str:
+    """Return two roads with round corners, clockwise from the northern arm."""
+    side, far, stop = LANE_WIDTH, 60.0, JUNCTION
+    bend = f"A{stop - side:g} {stop - side:g} 0 0"
+    return (
+        f"M{side:g} {-far:g} V{-stop:g} {bend} 0 {stop:g} {-side:g} H{far:g} V{side:g} "
+        f"H{stop:g} {bend} 0 {side:g} {stop:g} V{far:g} H{-side:g} V{stop:g} "
+        f"{bend} 0 {-stop:g} {side:g} H{-far:g} V{-side:g} H{-stop:g} "
+        f"{bend} 0 {-side:g} {-stop:g} V{-far:g} Z"
+    )
+
+
+def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> MovingPicture:
+    trace = row["trace"]
+    if trace is None:
+        return MovingPicture(kind, number, row, 0.0, ground, "", ())
+    shown = (trace["frames"] - 1) / trace["per_second"]
+    seconds = shown + HELD
+    # In percent of a round per frame.
+    pace = 100.0 / (seconds * trace["per_second"])
+    ways = [(one, poses(one["poses"])) for one in trace["tracks"]]
+    cars = [
+        Car(
+            f"{kind}-{number}-{place}",
+            one["ego"],
+            _still(way[-1]) if one["first"] + len(way) >= trace["frames"] else "",
+            _keyframes(way, one["first"], trace["frames"], pace, ground.tolerance),
+        )
+        for place, (one, way) in enumerate(ways)
+    ]
+    crashed = [way[-1] for one, way in ways if one["crashed"]]
+    ego = next((way for one, way in ways if one["ego"]), [])
+    return MovingPicture(
+        kind,
+        number,
+        row,
+        round(seconds, 2),
+        ground,
+        path([(one.x, one.y) for one in ego]) if ego else "",
+        tuple(reversed(cars)),
+        tuple((one.x, one.y) for one in crashed),
+        round(pace * (trace["frames"] - 1), 2),
+    )
+
+
+def poses(text: str) -> list[Pose]:
+    """Read the poses of a track: see `evidence.replay.Track`."""
+    return [Pose(*map(float, one.split(" "))) for one in text.split(";")]
+
+
+def _keyframes(
+    way: Sequence[Pose], first: int, frames: int, pace: float, tolerance: float
+) -> tuple[Keyframe, ...]:
+    """Return the keyframes of a way; before and after it the vehicle is away."""
+    found = [Keyframe(0.0, _AWAY), Keyframe(pace * first - 0.01, _AWAY)] if first else []
+    kept = simplified(way, tolerance)
+    found += [Keyframe(pace * (first + place), _css(way[place])) for place in kept]
+    last = first + len(way) - 1
+    if last < frames - 1:
+        found += [Keyframe(pace * last + 0.01, _AWAY), Keyframe(100.0, _AWAY)]
+    else:
+        found.append(Keyframe(100.0, _css(way[-1])))
+    return tuple(Keyframe(round(max(one, 0.0), 2), text) for one, text in found)
+
+
+_TURN = 3.0  # degrees, largest error of a heading between keyframes
+
+
+def simplified(way: Sequence[Pose], tolerance: float) -> list[int]:
+    """Return the frames between which motion is uniform, up to a tolerance.
+
+    As Douglas and Peucker simplify a line, but with the time as its parameter.
+
+    Args:
+        way: Pose in each frame.
+        tolerance: Largest error of a place.
+    """
+    kept, open_parts = {0, len(way) - 1}, [(0, len(way) - 1)]
+    while open_parts:
+        start, end = open_parts.pop()
+        errors = [
+            (_error(way, start, place, end, tolerance), place) for place in range(start + 1, end)
+        ]
+        worst, place = max(errors, default=(0.0, start))
+        if worst > 1.0:
+            kept.add(place)
+            open_parts += [(start, place), (place, end)]
+    return sorted(kept)
+
+
+def _error(way: Sequence[Pose], start: int, place: int, end: int, tolerance: float) -> float:
+    """Return the error of uniform motion in one frame, in tolerances."""
+    share = (place - start) / (end - start)
+    x, y, heading = (
+        one + share * (other - one) for one, other in zip(way[start], way[end], strict=True)
+    )
+    off = math.hypot(way[place].x - x, way[place].y - y)
+    return max(off / tolerance, abs(way[place].heading - heading) / _TURN)
+
+
+def _css(pose: Pose) -> str:
+    return f"translate({pose.x:g}px,{pose.y:g}px) rotate({pose.heading:g}deg)"
+
+
+def _still(pose: Pose) -> str:
+    return f"translate({pose.x:g} {pose.y:g}) rotate({pose.heading:g})"

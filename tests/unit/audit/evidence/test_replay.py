@@ -1,0 +1,87 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.outcomes import episode_seeds
+from socialiq.audit.evidence.replay import GRID_PER_SECOND, PER_SECOND, replayer
+from socialiq.types import RewardPair
+from socialiq.worlds.intersection.policies import policy as rule
+from socialiq.worlds.intersection.state import Contact
+
+
+class Driving:
+    """Chooses one action."""
+
+    def __init__(self, action):
+        self.action = action
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.full(len(observation), self.action), state
+
+
+def points(track):
+    return [tuple(map(float, one.split(" "))) for one in track.poses.split(";")]
+
+
+@pytest.fixture(scope="module")
+def at_intersection(declared):
+    world = declared("intersection").world()
+    return world, collect_evidence(world, rule("go"), episode_seeds(2, 40), side_by_side=40)
+
+
+def test_it_is_the_episode_of_the_evidence(at_intersection):
+    world, evidence = at_intersection
+    again = replayer(world, rule("go"))
+    for place, seed in enumerate(evidence.seeds[:8].tolist()):
+        played = again(seed)
+        totals = RewardPair(*evidence.policy.totals[place].tolist())
+        assert played.repeats(int(evidence.policy.length[place]), totals)
+        assert not played.repeats(int(evidence.policy.length[place]) + 1, totals)
+        assert not played.repeats(played.decisions, RewardPair(totals.env, totals.social + 0.1))
+
+
+def test_the_ego_comes_from_the_south_and_collides_where_it_did(at_intersection):
+    world, evidence = at_intersection
+    struck = int(np.flatnonzero(evidence.policy.contact == Contact.EGO_STRUCK)[0])
+    trace = replayer(world, rule("go"))(int(evidence.seeds[struck])).trace
+    ego, *others = trace.tracks
+    assert trace.per_second == PER_SECOND
+    assert ego.ego and ego.crashed and not any(one.ego for one in others)
+    way = points(ego)
+    assert len(way) == trace.frames
+    assert way[0][1] > 40.0 and way[0][2] == -90.0
+    hit = [points(one)[-1] for one in others if one.crashed]
+    assert min(np.hypot(x - way[-1][0], y - way[-1][1]) for x, y, _ in hit) < 6.0
+
+
+def test_a_vehicle_moves_no_faster_than_vehicles_do(at_intersection):
+    world, evidence = at_intersection
+    for track in replayer(world, rule("go"))(int(evidence.seeds[0])).trace.tracks:
+        way = np.array(points(track))
+        if len(way) > 1:
+            assert np.hypot(*np.diff(way[:, :2], axis=0).T).max() < 20.0 / PER_SECOND
+            assert np.abs(np.diff(way[:, 2])).max() < 45.0
+
+
+def test_a_gridworld_step_by_step(declared):
+    world = declared("crossing7").world()
+    found = collect_evidence(world, Driving(1), episode_seeds(3, 20))
+    played = replayer(world, Driving(1))(int(found.seeds[0]))
+    totals = RewardPair(*found.policy.totals[0].tolist())
+    assert played.repeats(int(found.policy.length[0]), totals)
+    ego, *others = played.trace.tracks
+    assert points(ego) == [(float(step), 3.0, 0.0) for step in range(7)]
+    assert played.trace.per_second == GRID_PER_SECOND and others
+    for one in others:
+        way = points(one)
+        assert {x for x, _, _ in way} == {3.0} and way[0][1] == 6.0  # from the south
+        assert all(later[1] <= earlier[1] for earlier, later in itertools.pairwise(way))
+
+
+def test_a_policy_that_answers_otherwise_gives_another_episode(at_intersection):
+    world, evidence = at_intersection
+    played = replayer(world, rule("wait"))(int(evidence.seeds[0]))
+    totals = RewardPair(*evidence.policy.totals[0].tolist())
+    assert not played.repeats(int(evidence.policy.length[0]), totals)
