@@ -161,12 +161,12 @@ def means(report: Mapping[str, Any]) -> Panel:
         reach * math.sin(math.radians(angle)),
     )
     tip = _inside(scale, tip)
-    names = [row["name"] for row in report["references"]]
-    best = references[names.index(report["tests"]["regret"]["best"])]
+    named = report["tests"]["regret"]["best"]
+    best = [scale.at(*_of(row)) for row in report["references"] if row["name"] == named]
     return _panel(
         scale,
         mean,
-        best=scale.at(*best),
+        best=best[0] if best else None,
         marks=_marks([scale.at(*one) for one in references]),
         front=path([scale.at(*one) for one in front(references)]),
         ellipse=path([scale.at(*one) for one in region], closed=True),

@@ -112,9 +112,9 @@ def others(report: Mapping[str, Any], named: int = 3) -> str:
         return "There is no other driver that could be judged by this declaration."
     if not found["would_pass"]:
         return f"None of {found['of']} other drivers would pass this declaration."
-    passing = [names[one["name"]] for one in found["drivers"] if one["decision"] == "pass"]
+    passing = [one["name"] for one in found["drivers"] if one["decision"] == "pass"]
     more = f" and {len(passing) - named} more" if len(passing) > named else ""
-    which = f": {'; '.join(passing[:named])}{more}" if named else ""
+    which = f": {'; '.join(names.get(one, one) for one in passing[:named])}{more}" if named else ""
     return f"{found['would_pass']} of {found['of']} other drivers would pass it too{which}."
 
 
@@ -199,9 +199,10 @@ def _add_words(pages: Any) -> None:
 def _words(report: Mapping[str, Any]) -> dict[str, Any]:
     """Return the variables of both pages that follow from the report."""
     decisions = {one["name"]: one["decision"] for one in report["discrimination"]["drivers"]}
+    names = names_of(report)
     return {
         "report": report,
-        "names": names_of(report),
+        "name_of": lambda name: names.get(name, name),
         "would_pass": decisions,
         "others": others,
         "compatible": compatible(report),

@@ -130,3 +130,11 @@ def test_other_drivers_are_counted_and_named(plain):
     assert others(plain, 0) == f"2 of {len(rows)} other drivers would pass it too."
     plain["discrimination"] = {"would_pass": 0, "of": 0, "excludes_nothing": False, "drivers": []}
     assert others(plain).startswith("There is no other driver")
+
+
+def test_a_report_that_names_unknown_drivers_has_pages_too(plain):
+    plain["tests"]["regret"]["best"] = "nobody"
+    plain["discrimination"]["drivers"][0] |= {"name": "somebody", "decision": "pass"}
+    plain["discrimination"]["would_pass"] = 1
+    assert "nobody" in page(plain) and "somebody" in page(plain)
+    assert "nobody" in markdown(plain)
