@@ -112,7 +112,7 @@ def others(report: Mapping[str, Any], named: int = 3) -> str:
         return "There is no other driver that could be judged by this declaration."
     if not found["would_pass"]:
         return f"None of {found['of']} other drivers would pass this declaration."
-    passing = [one["name"] for one in found["drivers"] if one["decision"] == "pass"]
+    passing: list[str] = [one["name"] for one in found["drivers"] if one["decision"] == "pass"]
     more = f" and {len(passing) - named} more" if len(passing) > named else ""
     which = f": {'; '.join(names.get(one, one) for one in passing[:named])}{more}" if named else ""
     return f"{found['would_pass']} of {found['of']} other drivers would pass it too{which}."
