@@ -19,6 +19,7 @@ from socialiq.audit.seeds.beacon import address_of, round_after, time_of
 from socialiq.audit.seeds.nonce import write_nonce
 from socialiq.cli.output import print_json, say
 from socialiq.errors import UserError
+from socialiq.policies.process.isolation import Asked
 from socialiq.policies.process.load import limits_of
 
 _AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
@@ -71,7 +72,12 @@ class Commit:
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
     allow_code: bool = False
-    """Import the Python modules of policy, references and the declaration's environment."""
+    """Import the Python module of the declaration's environment, and run policies and references
+    in Python that can't be isolated."""
+    isolation: Asked = "auto"
+    """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
+    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """A further file or folder of a process or a Python module, as for `socialiq audit`."""
     step_seconds: float = 5.0
     """Seconds within which a process must answer."""
     memory_gib: float = 8.0
@@ -114,6 +120,11 @@ class Commit:
             episodes=self.episodes,
             references=tuple(self.reference),
             soft=self.soft,
-            trust=Trust(self.allow_code, limits_of(self.step_seconds, self.memory_gib)),
+            trust=Trust(
+                self.allow_code,
+                limits_of(self.step_seconds, self.memory_gib),
+                self.isolation,
+                tuple(self.files),
+            ),
             log=self.log,
         )

@@ -133,7 +133,7 @@ def sandboxed(
     user = 2_000_000_000 + secrets.randbelow(100_000_000) if root else -1
     return [
         program,
-        *(_AS_ROOT if root else ("--unshare-all",)),
+        *(_AS_ROOT if root else ("--unshare-all", "--cap-drop", "ALL")),
         *("--die-with-parent", "--new-session", "--clearenv"),
         *(word for pair in _ENVIRONMENT.items() for word in ("--setenv", *pair)),
         *_system(),

@@ -1,0 +1,236 @@
+"""Policies in real sandboxes (needs bubblewrap): what they see, what they may use, and their end.
+
+Both ways of isolation are run where the tests run as root: as a user without rights, and in a
+namespace of users, as for any other user.
+"""
+
+import os
+import shlex
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.policies.load import load_policy
+from socialiq.policies.process import isolation
+from socialiq.policies.process.isolation import DISK, isolation_of
+from socialiq.policies.process.load import GIB, Limits
+
+OBSERVATIONS = np.random.default_rng(0).normal(size=(40, 2)).astype(np.float32)
+REQUIRED = {"limits": Limits(start=30.0, step=10.0)}
+
+# It tells what a line of Python finds by ending with it.
+POLICY = """
+import json, os, pathlib, resource, subprocess, sys, time
+for line in sys.stdin:
+    message = json.loads(line)
+    if "protocol" in message:
+        answer = dict(message)
+    else:
+        try:
+            found = WHAT
+        except OSError as error:
+            found = type(error).__name__
+        sys.exit(f"found {found}")
+    print(json.dumps(answer), flush=True)
+"""
+
+
+@pytest.fixture(autouse=True, params=["as this user", "as another user"])
+def user(request, monkeypatch):
+    isolation._tried.cache_clear()
+    if request.param == "as another user":
+        monkeypatch.setattr(isolation.os, "geteuid", lambda: 1000)
+    yield request.param
+    isolation._tried.cache_clear()
+
+
+def started(tmp_path, what, words=(), **more):
+    policy = tmp_path / "policy.py"
+    policy.write_text(POLICY.replace("WHAT", what))
+    command = shlex.join([sys.executable, "-I", "-S", str(policy), *map(str, words)])
+    more = REQUIRED | {"isolation": isolation_of("required")} | more
+    return load_policy(f"process:{command}", 2, 3, **more)
+
+
+def found(tmp_path, what, words=(), **more):
+    with (
+        started(tmp_path, what, words, **more) as loaded,
+        pytest.raises(UserError, match="last error line: found") as caught,
+    ):
+        loaded.policy.predict(OBSERVATIONS)
+    return str(caught.value).partition("found ")[2]
+
+
+def test_it_sees_what_its_hash_covers(tmp_path):
+    model, folder, hidden = (tmp_path / name for name in ("model", "folder", "hidden"))
+    folder.mkdir(mode=0o755)
+    for one in (model, folder / "weights", hidden):
+        one.write_text("9")
+    reads = "[one for one in sys.argv[1:] if os.access(one.partition('=')[2] or one, os.R_OK)]"
+    words = [f"--model={model}", folder]
+    assert found(tmp_path, reads, words) == str([f"--model={model}", str(folder)])
+    assert found(tmp_path, f"pathlib.Path({str(hidden)!r}).read_text()") == "FileNotFoundError"
+    named = {"files": [str(hidden)]}
+    assert found(tmp_path, f"pathlib.Path({str(hidden)!r}).read_text()", **named) == "9"
+    assert found(tmp_path, "sorted(os.listdir('.'))", [model]).startswith("[")
+
+
+def test_relative_words_are_found(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("model").write_text("9")
+    Path("other").write_text("8")
+    assert found(tmp_path, "(open('model').read(), sorted(os.listdir()))", ["model"]) == (
+        "('9', ['model', 'policy.py'])"
+    )
+
+
+@pytest.mark.parametrize(
+    "place", ["/written", "/usr/written", "/dev/written", "/run/written", "/proc/sys/kernel/panic"]
+)
+def test_it_writes_nowhere(tmp_path, place, user):
+    if os.getuid() == 0 and user == "as another user" and place.startswith("/proc"):
+        return  # these files are root's
+    told = found(tmp_path, f"open({place!r}, 'w').write('x')")
+    assert told in ("OSError", "PermissionError", "FileNotFoundError")
+
+
+def test_what_it_writes_in_its_folder_is_lost(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert found(tmp_path, "open('written', 'w').write('x')") in ("1", "PermissionError")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["policy.py"]
+
+
+def test_its_model_is_read_only(tmp_path):
+    model = tmp_path / "model"
+    model.write_text("9")
+    model.chmod(0o666)
+    assert found(tmp_path, "open(sys.argv[1], 'w')", [model]) in ("OSError", "PermissionError")
+    assert model.read_text() == "9"
+
+
+@pytest.mark.parametrize("place", ["/tmp", "/dev/shm"])
+def test_its_disk_is_small_and_its_own(tmp_path, place):
+    half = f"pathlib.Path('{place}', str(number)).write_bytes(bytes({DISK} // 2))"
+    assert found(tmp_path, f"[{half} for number in range(3)]") == "OSError"
+    assert found(tmp_path, f"open('{place}/large', 'wb').truncate({DISK} + 1)") == "OSError"
+    assert found(tmp_path, f"open('{place}/small', 'w').write('x')") == "1"
+    assert not Path(place, "small").exists()
+
+
+def test_its_environment_is_empty(tmp_path, monkeypatch):
+    monkeypatch.setenv("SECRET_OF_THE_AUDITOR", "1")
+    names = "sorted(set(os.environ) - {'LC_CTYPE', 'PWD'})"
+    assert found(tmp_path, names) == "['HOME', 'LANG', 'PATH', 'USER']"
+
+
+def test_it_has_no_rights(tmp_path, user):
+    rights = "[one.split()[1] for one in open('/proc/self/status') if one.startswith('CapEff')]"
+    assert found(tmp_path, rights) == "['0000000000000000']"
+    if os.getuid() == 0 and user == "as this user":
+        assert int(found(tmp_path, "os.getuid()")) >= 2_000_000_000
+
+
+def test_it_has_limits(tmp_path):
+    limits = "[resource.getrlimit(one)[1] for one in (resource.RLIMIT_AS, resource.RLIMIT_CORE)]"
+    more = {"limits": Limits(30.0, 10.0, GIB)}
+    assert found(tmp_path, limits, **more) == str([GIB, 0])
+
+
+def test_its_processes_are_few(tmp_path, monkeypatch, user):
+    """With a limit of 20, of which the sandbox has some; root in a namespace has no limit."""
+    if os.getuid() == 0 and user == "as another user":
+        return
+    monkeypatch.setattr(isolation, "PROCESSES", 20)
+    forks = "[os.fork() or time.sleep(60) for _ in range(40)]"
+    assert found(tmp_path, forks) == "BlockingIOError"
+
+
+def running(marker):
+    """Processes of the machine with a word in their command."""
+    lines = [one / "cmdline" for one in Path("/proc").iterdir() if one.name.isdigit()]
+    return [one for one in lines if one.exists() and marker in one.read_bytes().decode()]
+
+
+def test_nothing_that_it_starts_survives(tmp_path):
+    marker = f"31.{os.getpid()}"
+    daemon = f"subprocess.Popen(['sleep', '{marker}'], start_new_session=True)"
+    what = f"({daemon}, time.sleep(60))"
+    late = pytest.raises(UserError, match="did not answer within 1 s")
+    with started(tmp_path, what, limits=Limits(30.0, 1.0)) as loaded, late:
+        loaded.policy.predict(OBSERVATIONS)
+    until = time.monotonic() + 10
+    while running(marker) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not running(marker)
+
+
+CODE = """
+import numpy as np
+from pathlib import Path
+
+WEIGHTS = np.load(Path(__file__).with_name("weights.npy"))
+
+
+def policy(observations):
+    return (observations @ WEIGHTS).argmax(axis=1)
+
+
+def looks(observations):
+    raise ValueError(sorted(one.name for one in Path(__file__).parent.iterdir()))
+
+
+def imports(observations):
+    import socialiq.nn.q_policy
+
+    return [1 for _ in observations]
+"""
+
+
+def test_python_needs_no_permission(tmp_path):
+    np.save(tmp_path / "weights.npy", np.float32([[1, 2, 3], [3, 1, 2]]))
+    (tmp_path / "theirs.py").write_text(CODE)
+    (tmp_path / "hidden").write_text("9")
+    name, more = f"python:{tmp_path / 'theirs.py'}", {"files": [str(tmp_path / "weights.npy")]}
+    isolated = {"isolation": isolation_of("required"), **more}
+    with (
+        load_policy(f"{name}:policy", 2, 3, **isolated) as there,
+        load_policy(f"{name}:policy", 2, 3, allow_code=True) as here,
+    ):
+        expected = here.policy.predict(OBSERVATIONS)[0]
+        np.testing.assert_array_equal(there.policy.predict(OBSERVATIONS)[0], expected)
+        assert there.record.isolation.kind.startswith("bubblewrap")
+    sees = pytest.raises(UserError, match=r"\['theirs.py', 'weights.npy'\]")
+    with load_policy(f"{name}:looks", 2, 3, **isolated) as loaded, sees:
+        loaded.policy.predict(OBSERVATIONS)
+    with load_policy(f"{name}:imports", 2, 3, **isolated) as loaded:
+        assert loaded.policy.predict(OBSERVATIONS[:2])[0].tolist() == [1, 1]
+    with pytest.raises(UserError, match=r"FileNotFoundError.*weights\.npy"):
+        load_policy(f"{name}:policy", 2, 3, isolation=isolation_of("required"))
+
+
+def test_compiled_files_of_a_package_are_not_seen(tmp_path, monkeypatch):
+    folder = tmp_path / "package_of_theirs"
+    (folder / "__pycache__").mkdir(parents=True)
+    (folder / "__pycache__" / "weights").write_text("not hashed")
+    (folder / "__init__.py").write_text(
+        "import pathlib\n\n\ndef policy(observations):\n"
+        "    cache = pathlib.Path(__file__).with_name('__pycache__')\n"
+        "    return [len(list(cache.iterdir())) for _ in observations]\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    more = {"isolation": isolation_of("required")}
+    with load_policy("python:package_of_theirs:policy", 2, 3, **more) as loaded:
+        assert loaded.policy.predict(OBSERVATIONS[:1])[0].tolist() == [0]
+        loaded.check_unchanged()
+
+
+def test_a_program_that_fails_says_why(tmp_path):
+    script = tmp_path / "policy.sh"
+    script.write_text("#!/no/such/interpreter\n")
+    script.chmod(0o755)
+    with pytest.raises(UserError, match=r"ended before it answered; last error line: .*No such"):
+        load_policy(f"process:{script}", 2, 3, isolation=isolation_of("required"))

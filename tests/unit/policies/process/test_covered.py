@@ -1,0 +1,113 @@
+"""What a policy's hash covers."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.policies.process import covered
+from socialiq.policies.process.covered import cover, named_by
+
+
+def test_a_command_names_its_program_files_folders_and_options(tmp_path):
+    (tmp_path / "model").write_text("m")
+    (tmp_path / "folder").mkdir()
+    model, folder = str(tmp_path / "model"), str(tmp_path / "folder")
+    words = [
+        "sh",
+        "-c",
+        "exit",
+        model,
+        f"--weights={model}",
+        f"in={folder}",
+        "--no=file",
+        "x" * 5000,
+    ]
+    found = named_by(words, [folder])
+    program = Path(str(shutil.which("sh")))
+    assert found == [
+        ("sh", program),
+        (model, Path(model)),
+        (f"--weights={model}", Path(model)),
+        (f"in={folder}", Path(folder)),
+        (folder, Path(folder)),
+    ]
+    # An empty word, or nothing after "=", does not name the present folder.
+    assert [one.word for one in named_by(["sh", "", "--model="])] == ["sh"]
+
+
+def test_a_file_that_is_named_must_exist(tmp_path):
+    for missing in (str(tmp_path / "missing"), ""):
+        with pytest.raises(UserError, match="no such file"):
+            named_by(["sh"], [missing])
+
+
+def test_words_are_told_apart():
+    texts = (["ab", "c"], ["a", "bc"], ["abc"], ["ab", "c", ""])
+    assert len({cover(words, []).sha256 for words in texts}) == len(texts)
+
+
+def test_everything_below_a_folder_counts(tmp_path):
+    folder = tmp_path / "policy"
+    (folder / "deep").mkdir(parents=True)
+    (folder / "deep" / "weights").write_bytes(b"1")
+    (folder / "link").symlink_to("deep/weights")
+
+    def hashed():
+        return cover([], named_by(["sh"], [str(folder)])).sha256
+
+    seen = [hashed()]
+    (folder / "empty").mkdir()
+    seen.append(hashed())
+    (folder / "link").unlink()
+    (folder / "link").symlink_to("deep")
+    seen.append(hashed())
+    (folder / "deep" / "weights").write_bytes(b"2")
+    seen.append(hashed())
+    assert len(set(seen)) == len(seen)
+
+
+def test_compiled_files_are_left_out_and_named(tmp_path):
+    folder = tmp_path / "policy"
+    (folder / "__pycache__").mkdir(parents=True)
+    named = named_by(["sh"], [str(folder)])
+    before = cover([], named)
+    (folder / "__pycache__" / "policy.pyc").write_bytes(b"compiled")
+    assert cover([], named).sha256 == before.sha256
+    assert before.caches == (folder / "__pycache__",)
+
+
+def test_a_link_that_leaves_its_folder_is_refused(tmp_path):
+    folder = tmp_path / "policy"
+    folder.mkdir()
+    (tmp_path / "outside").write_text("x")
+    (folder / "link").symlink_to("../outside")
+    with pytest.raises(UserError, match="link is a link that leaves the policy's folder"):
+        cover([], named_by(["sh"], [str(folder)]))
+
+
+def test_what_is_no_plain_file_is_refused(tmp_path):
+    import os
+
+    folder = tmp_path / "policy"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe")
+    with pytest.raises(UserError, match="pipe is not a plain file"):
+        cover([], named_by(["sh"], [str(folder)]))
+
+
+def test_a_folder_with_too_many_files_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(covered, "MOST_FILES", 3)
+    for number in range(3):
+        (tmp_path / str(number)).touch()
+    assert "3 files (0 bytes)" in cover([], named_by(["no such"], [str(tmp_path)])).covers
+    (tmp_path / "3").touch()
+    with pytest.raises(UserError, match="has more than 3 files: name the policy's own folder"):
+        cover([], named_by(["no such"], [str(tmp_path)]))
+
+
+def test_what_it_covers_is_told_in_words():
+    text = cover([sys.executable], named_by([sys.executable])).covers
+    assert text.startswith("the words, and whole the 1 files") and "shared libraries" in text
