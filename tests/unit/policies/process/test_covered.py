@@ -1,4 +1,4 @@
-"""What a policy's hash covers."""
+"""Hash of a policy that is code, and the files that it covers."""
 
 import shutil
 import sys
