@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import Regrets, regret_test
-from socialiq.audit.verdict.verdict import join_tests
+from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.regrets import Regrets
+from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from socialiq.studies.audit_power import grinding
-from socialiq.studies.audit_power.grinding import WAYS, draw_of, first_passes, grinding_rows, passes
+from socialiq.studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, grinding_rows
 from socialiq.studies.audit_power.population import Truth, draw_evidence
 from socialiq.studies.audit_power.power import CASES, FLOOR, MARGIN, coverage_rows, verdict_rows
 
@@ -94,24 +95,24 @@ def test_a_way_passes_first_where_its_audits_do():
     assert any(found.values())
     for name, way in WAYS.items():
         tries = range(1, (found[name] or grinding.TRIES) + 1)
-        by_hand = []
-        for number in tries:
-            drawn = draw_of(way.varied, 3, number)
-            evidence = draw_evidence(EASY, 100, drawn.derived("episodes"))
-            seed, error = drawn.derived("resampling"), way.error(number)
-            by_hand.append(passes(EASY, evidence, seed, error, 100))
+        by_hand = [
+            Audit(EASY, draw_of(way.varied, 3, number), 100, 100).passes(way.error(number))
+            for number in tries
+        ]
         assert by_hand == [number == found[name] for number in tries]
 
 
-def test_the_quick_rule_leaves_out_no_pass():
-    """With an estimate closer to the margin than a standard error, no bound at 5 % passes."""
+@pytest.mark.parametrize("error", [0.05, 0.05 / 6])
+def test_the_quick_rules_leave_out_no_pass(error):
+    """A mean close to the margin, or no pass at a larger error: no pass at this one."""
     decided = []
-    for seed in range(60):
-        evidence = draw_evidence(EASY, 250, seed)
-        regrets = Regrets(evidence, seed + 1, 400)
-        test = regret_test(regrets, evidence, EASY.declared, MARGIN, 0.05, 0.025)
-        whole = join_tests(test, evidence.policy, FLOOR, 0.05).decision is Decision.PASS
-        decided.append((passes(EASY, evidence, seed + 1, 0.05, 400), whole))
+    for number in range(1, 31):
+        drawn = draw_of("rerun", 3, number)
+        evidence = draw_evidence(EASY, 250, drawn.derived("episodes"))
+        regrets = Regrets(evidence, drawn.derived("resampling"), enough_resamples(error, 400))
+        test = regret_test(regrets, evidence, EASY.declared, MARGIN, error, error / 2)
+        whole = join_tests(test, evidence.policy, FLOOR, error).decision is Decision.PASS
+        decided.append((Audit(EASY, drawn, 250, 400).passes(error), whole))
     assert all(quick == whole for quick, whole in decided)
     assert 0 < sum(whole for _, whole in decided) < len(decided)
 

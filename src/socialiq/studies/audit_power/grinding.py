@@ -12,12 +12,12 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.looks.spending import spend
 from socialiq.audit.seeds.commitment import LARGEST_SEED, Commitment, Draw, draw, reveal
 from socialiq.audit.seeds.nonce import Nonce
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regret import Regrets, regret_test
+from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
 from socialiq.social.angle import exact_weights
 from socialiq.statistics.intervals import wilson
@@ -128,10 +128,8 @@ def first_passes(truth: Truth, episodes: int, owner: int, resamples: int) -> dic
             if not waiting:
                 break
             drawn = draw_of(varied, owner, number)
-            evidence = draw_evidence(truth, episodes, drawn.derived("episodes"))
-            for name, error in waiting.items():
-                if passes(truth, evidence, drawn.derived("resampling"), error, resamples):
-                    found[name] = number
+            audit = Audit(truth, drawn, episodes, resamples)
+            found |= {name: number for name, error in waiting.items() if audit.passes(error)}
     return found
 
 
@@ -154,27 +152,50 @@ def draw_of(varied: Varied, owner: int, number: int) -> Draw:
     return draw(commitment, number if varied == "seed" else 7)
 
 
-def passes(truth: Truth, evidence: Evidence, seed: int, error: float, resamples: int) -> bool:
-    """Whether an audit with this evidence passes at an error.
+_LEVELS = (ERROR, 0.02, 0.005, 0.001)
+"""Errors at which an audit is tested before it is tested at a smaller one."""
+
+_CLOSEST = 1.2
+"""Standard errors by which the mean is below the margin in any audit that passes at 5 %."""
+
+
+class Audit:
+    """A simulated audit, which may be tested at several errors.
 
     Args:
         truth: True values of the policy.
-        evidence: Evidence of the audit.
-        seed: Seed of the resampling.
-        error: Error of the look, at most 0.05.
-        resamples: Smallest number of resamples.
+        drawn: Commitment and seed.
+        episodes: Number of episodes.
+        resamples: Smallest number of resamples; a small error takes more.
     """
-    gains = evidence.gains() @ np.array(exact_weights(truth.declared))
-    least = gains.mean(axis=1) + gains.std(axis=1, ddof=1) / evidence.episodes**0.5
-    if (least > MARGIN).any():  # a bound at 5 % lies more than one standard error above the mean
-        return False
-    # Few resamples first: an audit that does not pass at 5 % passes at no smaller error.
-    for level in dict.fromkeys((ERROR, error)):
-        regrets = Regrets(evidence, seed, enough_resamples(level, resamples))
-        test = regret_test(regrets, evidence, truth.declared, MARGIN, level, level / 2)
-        if join_tests(test, evidence.policy, FLOOR, level).decision is not Decision.PASS:
-            return False
-    return True
+
+    def __init__(self, truth: Truth, drawn: Draw, episodes: int, resamples: int) -> None:
+        self._truth, self._least = truth, resamples
+        self._seed = drawn.derived("resampling")
+        self._evidence = draw_evidence(truth, episodes, drawn.derived("episodes"))
+        gains = self._evidence.gains() @ np.array(exact_weights(truth.declared))
+        errors = gains.std(axis=1, ddof=1) / episodes**0.5
+        self._hopeless = bool((gains.mean(axis=1) + _CLOSEST * errors > MARGIN).any())
+        self._tested: dict[float, bool] = {}
+
+    def passes(self, error: float) -> bool:
+        """Whether it passes at an error of at most 5 %.
+
+        An audit that doesn't pass at a larger error, which few resamples show, passes at no smaller
+        one, so that few audits need the many resamples of a small error.
+        """
+        larger = [level for level in _LEVELS if level > error]
+        return not self._hopeless and all(self._passes(level) for level in (*larger, error))
+
+    def _passes(self, error: float) -> bool:
+        if error not in self._tested:
+            count = enough_resamples(error, self._least)
+            regrets = Regrets(self._evidence, self._seed, count)
+            angle = self._truth.declared
+            test = regret_test(regrets, self._evidence, angle, MARGIN, error, error / 2)
+            joined = join_tests(test, self._evidence.policy, FLOOR, error)
+            self._tested[error] = joined.decision is Decision.PASS
+        return self._tested[error]
 
 
 def _sha256(text: str) -> str:
