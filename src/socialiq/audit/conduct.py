@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime
 import hashlib
@@ -131,10 +132,19 @@ class Collection(NamedTuple):
 
     @staticmethod
     def of(
-        request: Request, profile: Profile, traffic: int | None, world: World, loaded: Loaded
+        request: Request,
+        profile: Profile,
+        traffic: int | None,
+        world: World,
+        loaded: Loaded,
+        closing: contextlib.ExitStack,
     ) -> Collection:
-        """Resolve the references in the world of the episodes; there are no episodes yet."""
+        """Resolve the references in the world of the episodes; there are no episodes yet.
+
+        Processes of references end with `closing`.
+        """
         found = resolve_references(world, request.references, loaded.record, request.trust)
+        closing.callback(found.close)
         none = np.zeros(0, np.int64)
         return Collection(request, profile, traffic, world, loaded, found, none)
 
@@ -215,8 +225,10 @@ def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
     request.check()
     profile = load(request.profile)
     world = profile.world(request.trust.allow_code)
-    with resolve_policy(request.policy, world, profile.angle, request.trust) as loaded:
-        collection = Collection.of(request, profile, None, world, loaded)
+    with contextlib.ExitStack() as closing:
+        loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
+        closing.enter_context(loaded)
+        collection = Collection.of(request, profile, None, world, loaded, closing)
         plan = plan_of(request, profile, loaded.record.sha256, collection.references)
     return commit(request.log, plan, source)
 
@@ -245,10 +257,11 @@ def conduct(
     if request.films:
         check_filmed(world)
     traffic = other_traffic(profile) if request.shift else ()
-    with resolve_policy(request.policy, world, profile.angle, request.trust) as loaded:
-        policy = loaded.record
+    with contextlib.ExitStack() as closing:
+        loaded = resolve_policy(request.policy, world, profile.angle, request.trust)
+        policy = closing.enter_context(loaded).record
         declared, *others = (
-            Collection.of(request, profile, number, place, loaded)
+            Collection.of(request, profile, number, place, loaded, closing)
             for number, place in ((None, world), *enumerate(one.world for one in traffic))
         )
         plan = plan_of(request, profile, policy.sha256, declared.references)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -93,11 +94,13 @@ class References(NamedTuple):
         drivers: The drivers.
         records: Their records by name.
         itself: Names of all references that are the policy under audit itself.
+        close: Ends the processes of those in Python.
     """
 
     drivers: list[Reference]
     records: dict[str, dict[str, Any]]
     itself: list[str]
+    close: Callable[[], None]
 
 
 def resolve_references(
@@ -114,12 +117,14 @@ def resolve_references(
     """
     found = _shipped(world) if isinstance(world, Intersection) else []
     rules = RULES if isinstance(world, Intersection) else ()
-    for spec in named:
-        found += _named(str(spec), world, trust)
+    with contextlib.ExitStack() as started:
+        for spec in named:
+            found += _named(str(spec), world, trust, started)
+        close = started.pop_all().close
     records = {one.name: record for one, record in found}
     audited, names = policy.as_json(), (*rules, *records)
     itself = [name for name in names if is_itself(name, records.get(name), audited)]
-    return References([one for one, _ in found], records, itself)
+    return References([one for one, _ in found], records, itself, close)
 
 
 def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[str, Any]) -> bool:
@@ -159,9 +164,11 @@ def _fits(name: str, world: World) -> bool:
     return (policy.n_features, policy.n_actions) == (world.n_features, world.n_actions)
 
 
-def _named(spec: str, world: World, trust: Trust) -> list[tuple[Reference, dict[str, Any]]]:
+def _named(
+    spec: str, world: World, trust: Trust, started: contextlib.ExitStack
+) -> list[tuple[Reference, dict[str, Any]]]:
     if spec.startswith("python:"):
-        one = _file(spec, world, 0.0, trust)
+        one = started.enter_context(_file(spec, world, 0.0, trust))
         return [(Reference(spec.rpartition(":")[2], one.policy), one.record.as_json())]
     path = Path(spec)
     if ":" in spec:

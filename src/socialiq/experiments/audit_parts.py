@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -159,12 +160,13 @@ def play_part(
         soft=config.soft,
         trust=trust,
     )
-    with resolve_policy(config.policy, world, profile.angle, trust) as loaded:
+    with contextlib.ExitStack() as closing:
+        loaded = closing.enter_context(resolve_policy(config.policy, world, profile.angle, trust))
         found = (loaded.record.sha256, profile.sha256)
         if found != (config.sha256, config.profile_sha256):
             raise UserError("policy or declaration have changed since the audit began")
         seeds = np.array(config.seeds, np.int64)
-        collection = Collection.of(request, profile, config.traffic, place, loaded)
+        collection = Collection.of(request, profile, config.traffic, place, loaded, closing)
         evidence = collection.on(seeds).collect(config.side_by_side)
     _write(evidence, folder)
 

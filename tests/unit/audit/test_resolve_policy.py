@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from socialiq.audit import resolve_policy as resolve
 from socialiq.audit.resolve_policy import (
     Trust,
     resolve_policy,
@@ -14,6 +15,7 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
+from socialiq.policies.load import load_policy
 from socialiq.policies.record import Record
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
@@ -36,7 +38,7 @@ def named(references):
 
 
 def test_the_junction_has_gap_rules_and_experts():
-    found, records, itself = resolve_references(JUNCTION, [], OTHER, Trust())
+    found, records, itself, _ = resolve_references(JUNCTION, [], OTHER, Trust())
     gaps, modes = ["gap_2s", "gap_3s", "gap_4s"], ["egoistic", "prosocial", "altruistic"]
     experts = [f"{family}_{mode}" for family in ("expert", "set") for mode in modes]
     assert named(found) == gaps + experts
@@ -47,7 +49,7 @@ def test_the_junction_has_gap_rules_and_experts():
 def test_an_expert_of_the_atlas_knows_its_twin():
     one = resolve_policy("atlas:expert_egoistic", JUNCTION, 0.0, Trust())
     assert one.record.source == "atlas:expert_egoistic"
-    _, _, itself = resolve_references(JUNCTION, [], one.record, Trust())
+    itself = resolve_references(JUNCTION, [], one.record, Trust()).itself
     assert itself == ["expert_egoistic"]
 
 
@@ -62,7 +64,7 @@ def test_a_rule_knows_its_twin():
 @pytest.mark.parametrize("clock", [0, 1])
 def test_a_dial_is_a_family_of_references(tmp_path, clock):
     path = dial(tmp_path, CROSSING.n_features + clock, high=60.0)
-    found, records, _ = resolve_references(CROSSING, [path], OTHER, Trust())
+    found, records, *_ = resolve_references(CROSSING, [path], OTHER, Trust())
     assert [one.angle for one in found] == [0.0, 15.0, 30.0, 45.0, 60.0]
     assert named(found)[1] == "dial at 15"
     assert len({record["sha256"] for record in records.values()}) == 5
@@ -96,3 +98,38 @@ def test_references_are_files(tmp_path):
 
     with pytest.raises(UserError, match="a reference is a policy's file"):
         resolve_references(CROSSING, [Path("process:touch x")], OTHER, Trust())
+
+
+CODE = """
+def never(observations):
+    return [0 for _ in observations]
+"""
+
+
+def test_references_in_python_end_when_they_are_closed(tmp_path):
+    (tmp_path / "theirs.py").write_text(CODE)
+    specs = [f"python:{tmp_path / 'theirs.py'}:never"]
+    found = resolve_references(CROSSING, specs, OTHER, Trust(allow_code=True))
+    seen = np.zeros((1, CROSSING.n_features), np.float32)
+    assert named(found.drivers) == ["never"]
+    assert found.drivers[0].policy.predict(seen)[0].tolist() == [0]
+    found.close()
+    with pytest.raises(UserError, match="was ended"):
+        found.drivers[0].policy.predict(seen)
+
+
+def test_references_end_if_a_later_one_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "theirs.py").write_text(CODE)
+    started = []
+
+    def load(*arguments, **more):
+        started.append(load_policy(*arguments, **more))
+        return started[-1]
+
+    monkeypatch.setattr(resolve, "load_policy", load)
+    specs = [f"python:{tmp_path / 'theirs.py'}:never", "python:no/such.py:f"]
+    with pytest.raises(UserError, match="no such file"):
+        resolve_references(CROSSING, specs, OTHER, Trust(allow_code=True))
+    (only,) = started
+    with pytest.raises(UserError, match="was ended"):
+        only.policy.predict(np.zeros((1, CROSSING.n_features), np.float32))
