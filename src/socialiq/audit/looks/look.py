@@ -142,7 +142,30 @@ def of_nonce(sha256: str) -> dict[str, Any]:
         UserError: If it is not a hash.
     """
     check_sha256(sha256)
+    return _nonce_origin(sha256)
+
+
+def origin_of(given: int | Nonce | Round | None) -> dict[str, Any]:
+    """Return the origin of a seed as a commitment names it.
+
+    Args:
+        given: As for `open_look`.
+    """
+    if given is None:
+        return {"source": "system entropy"}
+    if isinstance(given, Nonce):
+        return _nonce_origin(given.sha256)
+    if isinstance(given, Round):
+        return _beacon_origin(given.number)
+    return {"source": "auditor's seed", "seed": given}
+
+
+def _nonce_origin(sha256: str) -> dict[str, Any]:
     return {"source": "auditor's nonce", "nonce_sha256": sha256}
+
+
+def _beacon_origin(number: int) -> dict[str, Any]:
+    return {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": number}
 
 
 def of_beacon(number: int) -> dict[str, Any]:
@@ -157,7 +180,7 @@ def of_beacon(number: int) -> dict[str, Any]:
             f"round {number} of drand {beacon.NETWORK} was published at {time:%Y-%m-%d %H:%M:%S} "
             f"UTC: name one after {beacon.round_after(now())}"
         )
-    return {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": number}
+    return _beacon_origin(number)
 
 
 def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None = None) -> Opened:
@@ -183,27 +206,19 @@ def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None
             look = _look(log, plan, entry)
             drawn = reveal(plan.commitment, look.entry, given)
         else:
-            origin = {"source": "system entropy"} if given is None else _of_seed(given)
-            look = _commit(log, plan, origin)
+            look = _commit(log, plan, origin_of(given))
             drawn = draw(plan.commitment, given)
         log.append(SEED, {"commitment": look.entry, "seed": drawn.seed})
     return Opened(drawn, look)
 
 
-def _of_seed(seed: int) -> dict[str, Any]:
-    return {"source": "auditor's seed", "seed": seed}
-
-
 def _committed(log: AuditLog, plan: Plan, given: Nonce | Round) -> Entry:
     """Return the open commitment that names a nonce or a round, if it is of this plan."""
-    if isinstance(given, Nonce):
-        named, option = of_nonce(given.sha256), f"--nonce-sha256 {given.sha256}"
-    else:
-        named = {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": given.number}
-        option = f"--beacon-round {given.number}"
     commitments = (one for one in log.entries if one["kind"] == COMMITMENT)
-    naming = [one for one in commitments if one["seed"] == named]
+    naming = [one for one in commitments if one["seed"] == origin_of(given)]
     if not naming:
+        nonce = isinstance(given, Nonce)
+        option = f"--nonce-sha256 {given.sha256}" if nonce else f"--beacon-round {given.number}"
         raise UserError(
             f"no commitment in {log.path} names it: the owner runs `socialiq audit commit ... "
             f"{option}` first"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.audit.looks.log import RESULT, SEED, AuditLog, Subject, read
-from socialiq.audit.looks.look import Look
+from socialiq.audit.looks.look import Look, origin_of
 from socialiq.audit.report.folder import REPORT
 from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.verify import read_report
@@ -59,7 +59,7 @@ def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]
         "selection of actions": (entry["soft"], not report["policy"]["deterministic"]),
         "time of the commitment": (entry["time"], look.committed),
         "line before it": (entry["previous"], look.before),
-        "source of the seed": (entry["seed"].get("source"), report["seeds"]["source"]),
+        "source of the seed": (entry["seed"], _origin(report)),
         "seed": (seed and seed["seed"], report["seeds"]["seed"]),
     }
     return [
@@ -67,3 +67,10 @@ def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]
         for what, (logged, told) in claims.items()
         if logged != told
     ]
+
+
+def _origin(report: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the origin of the seed as the commitment names it."""
+    drawn = opened_of(report).drawn
+    seed = drawn.seed if drawn.source == "auditor's seed" else None
+    return origin_of(seed if drawn.revealed is None else drawn.revealed)
