@@ -62,7 +62,7 @@ def test_without_a_log_the_error_is_the_whole():
         ("seed", "look", {"error": 0.05}, "the error of look 2 is not its share"),
         ("seed", "look", {"number": 1}, "the error of look 1 is not its share"),
         ("seed", "verdict", {"error": 0.05}, "the error of the verdict is not that of the look"),
-        ("seed", "seeds", {"worth": "Nobody could choose it."}, "are not those of its source"),
+        ("seed", "seeds", {"worth": "Chosen by chance."}, "are not those of its source"),
         ("entropy", "seeds", {"source": "beacon"}, "there is no beacon"),
         ("nonce", "seeds", {"source": "system entropy"}, "does not follow from commitment"),
         ("nonce", "seeds", {"seed": 8}, "does not follow from commitment and auditor's nonce"),
