@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
 import tempfile
@@ -15,15 +16,17 @@ from socialiq.audit.conduct import Request, conduct
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.auditor_claims import OF_A_LOG
 from socialiq.audit.report.differences import differences
-from socialiq.audit.report.folder import PROFILE, REPORT, tables_of
+from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, tables_of
 from socialiq.audit.report.log_check import faults_by_log
 from socialiq.audit.report.seeds import opened_of
+from socialiq.audit.report.signature import faults_of_signature, key_id, read_public_key
 from socialiq.audit.report.verify import check_folder, content_of, read_report
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.checks import refuse_unused
 from socialiq.cli.output import complain, print_json, say
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.policies.model_signature import fault_of_model, path_of_signature
 from socialiq.policies.process.isolation import Asked
 from socialiq.policies.process.load import limits_of
 from socialiq.provenance import package_sha256
@@ -67,15 +70,27 @@ class Verify:
     log: Path | None = None
     """The file of the audit log that you hold, to check that the report is one of its looks, and
     which."""
+    key: Path | None = None
+    """The signer's public key, a PEM file, to check that the report is signed by it; with --policy
+    also the signature FILE.sig of the policy, if there is one."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
         """Check, optionally rerun, and print what was checked and what differs."""
         if not self.rerun:
-            refuse_unused(self, _OF_RERUN, "--rerun")
+            signed = () if self.key is None else ("policy",)
+            unused = tuple(one for one in _OF_RERUN if one not in signed)
+            refuse_unused(self, unused, "--rerun")
+        key = None if self.key is None else read_public_key(self.key)
         found = check_folder(self.folder)
         faults, checked = found.faults, list(found.checked)
+        if key is not None and not faults:
+            faults = faults_of_signature(content_of(self.folder), key)
+            checked.append(f"signature by the key {key_id(key)}")
+            if not faults and self._policy_signature() is not None:
+                faults = self._fault_of_policy()
+                checked.append("signature of the policy")
         if self.log is not None and not faults:
             faults = faults_by_log(self.folder, self.log)
             checked.append("audit log")
@@ -99,9 +114,9 @@ class Verify:
         """Print what was checked, and what was not."""
         if unknown:
             sys.stdout.write(
-                f"{self.folder} is not checked as a whole: another version of socialiq wrote "
-                f"{', '.join(_shortened(unknown))}, which may say anything; verify with that "
-                "version\n"
+                f"{self.folder} is not checked as a whole: this version of socialiq would not "
+                f"write {', '.join(_shortened(unknown))}, which may say anything; verify with the "
+                "version that did\n"
             )
         else:
             again = ", and so does a rerun of the episodes" if self.rerun else ""
@@ -110,8 +125,28 @@ class Verify:
             )
         sys.stdout.write(f"checked: {'; '.join(checked)}\n")
         left = [] if self.rerun else ["whether the episodes were run (--rerun runs them again)"]
-        left += ["who wrote it", f"claims of the auditor ({', '.join(claims)})"]
+        signature = "--key checks its signatures" if self._is_signed() else "it is not signed"
+        left += [f"who wrote it ({signature})"] if self.key is None else []
+        left.append(f"claims of the auditor ({', '.join(claims)})")
         sys.stdout.write(f"not checked: {'; '.join(left)}\n")
+
+    def _policy_signature(self) -> Path | None:
+        """Return the signature beside the policy's file, if both are there."""
+        path = Path(self.policy)
+        signature = path_of_signature(path) if self.policy and path.is_file() else None
+        return signature if signature is not None and signature.is_file() else None
+
+    def _fault_of_policy(self) -> list[str]:
+        path, signature = Path(self.policy), self._policy_signature()
+        assert signature is not None and self.key is not None
+        audited = read_report(self.folder / REPORT)["hashes"]["policy"]
+        if hashlib.sha256(path.read_bytes()).hexdigest() != audited:
+            return [f"{path} is not the policy that was audited: its hash differs"]
+        fault = fault_of_model(path, signature, self.key)
+        return [fault] if fault else []
+
+    def _is_signed(self) -> bool:
+        return (self.folder / SIGNATURES).is_file()
 
     def _claims(self) -> list[str]:
         """Return the auditor's claims that nothing has confirmed."""

@@ -35,6 +35,7 @@ COMMANDS = {
     "audit nonce": "audit_seed:WriteNonce",
     "audit commit": "audit_seed:Commit",
     "audit verify": "audit_verify:Verify",
+    "audit sign": "audit_sign:Sign",
     "data from-arrays": "data:FromArrays",
     "data to-arrays": "data:ToArrays",
     "data from-trajectories": "data:FromTrajectories",

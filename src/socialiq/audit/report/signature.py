@@ -1,0 +1,210 @@
+"""Signatures of an audit: the in-toto statement in an envelope of DSSE 1.0.
+
+The statement has the hash of every file, `report.json` with all claims of its auditor among them,
+so one signature covers the folder. DSSE: https://github.com/secure-systems-lab/dsse.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    PublicFormat,
+    load_pem_private_key,
+    load_pem_public_key,
+)
+
+from socialiq.audit.report.folder import SIGNATURES, STATEMENT
+from socialiq.errors import UserError
+from socialiq.policies.model_signature import PASSPHRASE
+
+PAYLOAD_TYPE = "application/vnd.in-toto+json"
+
+PrivateKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
+
+PublicKey = Ed25519PublicKey | ec.EllipticCurvePublicKey
+
+MOST_SIGNATURES = 16
+
+_KINDS = "Ed25519 or ECDSA on the curve P-256"
+
+
+def encoded(payload_type: str, payload: bytes) -> bytes:
+    """Return the bytes that are signed: DSSE's PAE("DSSEv1", payload type, payload)."""
+    kind = payload_type.encode()
+    return b"DSSEv1 %d %b %d %b" % (len(kind), kind, len(payload), payload)
+
+
+def key_id(key: PublicKey) -> str:
+    """Return the SHA-256 of a public key's SubjectPublicKeyInfo in DER, as hexadecimal digits."""
+    info = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    return hashlib.sha256(info).hexdigest()
+
+
+def read_private_key(path: Path) -> PrivateKey:
+    """Read a private key from a PEM file; `PASSPHRASE` opens an encrypted one.
+
+    Raises:
+        UserError: If the file is missing, is not such a key, or the passphrase is missing or wrong.
+    """
+    passphrase = os.environ.get(PASSPHRASE)
+    try:
+        key = load_pem_private_key(_content(path), passphrase.encode() if passphrase else None)
+    except TypeError as error:
+        if passphrase is None:
+            raise UserError(f"{path} is encrypted: put its passphrase into {PASSPHRASE}") from error
+        raise UserError(f"{path} is not encrypted: unset {PASSPHRASE}") from error
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise UserError(
+            f"{path} is not a private key in PEM, or {PASSPHRASE} is not its passphrase"
+        ) from error
+    if isinstance(key, Ed25519PrivateKey) or _is_p256(key):
+        return key  # pyright: ignore[reportReturnType]
+    raise UserError(f"{path} is a key of another kind: use {_KINDS}")
+
+
+def read_public_key(path: Path) -> PublicKey:
+    """Read a public key from a PEM file.
+
+    Raises:
+        UserError: If the file is missing or is not such a key.
+    """
+    try:
+        key = load_pem_public_key(_content(path))
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise UserError(
+            f"{path} is not a public key in PEM: `openssl pkey -in PRIVATE -pubout` writes it"
+        ) from error
+    if isinstance(key, Ed25519PublicKey) or _is_p256(key):
+        return key  # pyright: ignore[reportReturnType]
+    raise UserError(f"{path} is a key of another kind: use {_KINDS}")
+
+
+_LARGEST_KEY = 64 * 1024  # bytes
+
+
+def _content(path: Path) -> bytes:
+    if not path.is_file():
+        raise UserError(f"no such file: {path}")
+    try:
+        with path.open("rb") as file:
+            return file.read(_LARGEST_KEY)
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
+
+
+def _is_p256(key: object) -> bool:
+    if not isinstance(key, ec.EllipticCurvePrivateKey | ec.EllipticCurvePublicKey):
+        return False
+    return isinstance(key.curve, ec.SECP256R1)
+
+
+def signed(statement: bytes, key: PrivateKey, envelope: bytes | None = None) -> bytes:
+    """Return an envelope with a statement, its earlier signatures and one more.
+
+    A second signature by the same key replaces the first.
+
+    Args:
+        statement: Content of `statement.intoto.json`.
+        key: The signer's key.
+        envelope: Content of an earlier `statement.dsse.json`; if it is of another statement, its
+            signatures are dropped.
+
+    Raises:
+        UserError: If the earlier envelope is damaged, or has too many signatures.
+    """
+    body = encoded(PAYLOAD_TYPE, statement)
+    if isinstance(key, Ed25519PrivateKey):
+        signature = key.sign(body)
+    else:
+        signature = key.sign(body, ec.ECDSA(hashes.SHA256()))  # in DER, as sigstore and TUF
+    own = key_id(key.public_key())
+    others: list[dict[str, str]] = []
+    if envelope is not None:
+        payload, others = _opened(envelope)
+        kept = others if payload == statement else []
+        others = [one for one in kept if one["keyid"] != own]
+    if len(others) >= MOST_SIGNATURES:
+        raise UserError(f"{SIGNATURES} has {MOST_SIGNATURES} signatures already")
+    content = {
+        "payload": base64.b64encode(statement).decode(),
+        "payloadType": PAYLOAD_TYPE,
+        "signatures": [*others, {"keyid": own, "sig": base64.b64encode(signature).decode()}],
+    }
+    return (json.dumps(content, indent=2) + "\n").encode()
+
+
+def faults_of_signature(files: Mapping[str, bytes], key: PublicKey) -> list[str]:
+    """Return why a folder is not signed by a key, nothing if it is.
+
+    Args:
+        files: Content of the folder's files, by path.
+        key: The key of the supposed signer.
+    """
+    if SIGNATURES not in files:
+        return [f"{SIGNATURES} is missing: nobody has signed this folder"]
+    try:
+        payload, signatures = _opened(files[SIGNATURES])
+    except UserError as error:
+        return [str(error)]
+    if payload != files.get(STATEMENT):
+        return [f"the signature in {SIGNATURES} is of another statement than {STATEMENT}"]
+    # The key's id is a hint that anyone can write: what counts is the signature.
+    body = encoded(PAYLOAD_TYPE, payload)
+    if any(_is_valid(one["sig"], body, key) for one in signatures):
+        return []
+    return [f"no signature in {SIGNATURES} is by the key {key_id(key)}"]
+
+
+def _is_valid(signature: str, body: bytes, key: PublicKey) -> bool:
+    try:
+        content = _from_base64(signature)
+        if isinstance(key, Ed25519PublicKey):
+            key.verify(content, body)
+        else:
+            key.verify(content, body, ec.ECDSA(hashes.SHA256()))
+    except (InvalidSignature, ValueError):
+        return False
+    return True
+
+
+def _opened(envelope: bytes) -> tuple[bytes, list[dict[str, str]]]:
+    """Return the payload of an envelope, and its signatures with their keys' ids."""
+    try:
+        content = json.loads(envelope)
+        if content["payloadType"] != PAYLOAD_TYPE:
+            raise ValueError("payload type")
+        signatures = [_signature(one) for one in content["signatures"]]
+        payload = _from_base64(content["payload"])
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise UserError(f"{SIGNATURES} is not an envelope of a statement: sign again") from error
+    if len(signatures) > MOST_SIGNATURES:
+        raise UserError(f"{SIGNATURES} has more than {MOST_SIGNATURES} signatures")
+    return payload, signatures
+
+
+def _signature(one: Any) -> dict[str, str]:
+    found = {"keyid": one.get("keyid", "") if isinstance(one, dict) else None, "sig": one["sig"]}
+    if not all(isinstance(text, str) for text in found.values()):
+        raise ValueError("signature")
+    return found
+
+
+def _from_base64(text: str) -> bytes:
+    """Decode base64 in the standard or the URL-safe alphabet; DSSE demands both of a verifier."""
+    try:
+        return base64.b64decode(text.replace("-", "+").replace("_", "/"), validate=True)
+    except (binascii.Error, AttributeError) as error:
+        raise ValueError("base64") from error
