@@ -154,7 +154,7 @@ def faults_of_signature(files: Mapping[str, bytes], key: PublicKey) -> list[str]
         key: The key of the supposed signer.
     """
     if SIGNATURES not in files:
-        return [f"{SIGNATURES} is missing: nobody has signed this folder"]
+        return [f"{SIGNATURES} is missing: no one has signed this folder"]
     try:
         payload, signatures = _opened(files[SIGNATURES])
     except UserError as error:

@@ -121,7 +121,7 @@ def test_either_alphabet_of_base64_is_read():
 
 def test_a_folder_that_is_not_signed_is_said_to_be(tmp_path):
     found = faults_of_signature({STATEMENT: TEXT}, made()[0].public_key())
-    assert found == [f"{SIGNATURES} is missing: nobody has signed this folder"]
+    assert found == [f"{SIGNATURES} is missing: no one has signed this folder"]
 
 
 @pytest.mark.parametrize(
