@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.audit.evidence.outcomes import FEWEST_EPISODES
@@ -15,6 +16,14 @@ from socialiq.experiments.study import Context, Findings, Study, counter, view_o
 from socialiq.experiments.tables import column
 from socialiq.plotting.style import figure, head, plain
 from socialiq.studies.audit_power.grinding import POLICIES, TRIES, grinding_rows
+from socialiq.studies.audit_power.heavy_tails import (
+    SIZES,
+    TAILS,
+    TIMES,
+    error_rows,
+    false_bound_rows,
+    price_rows,
+)
 from socialiq.studies.audit_power.power import ERROR, coverage_rows, verdict_rows
 from socialiq.types import Row
 
@@ -52,6 +61,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "coverage": coverage_rows(*sizes, on_progress=count("coverage")),
         "verdicts": verdict_rows(*sizes, on_progress=count("error rates")),
         "grinding": _grinding(config, context),
+        **_heavy_tails(config, context),
     }
     return Findings(tables, _summary(tables))
 
@@ -61,6 +71,22 @@ def _grinding(config: Config, context: Context) -> list[Row]:
     on_progress = counter(context.on_stage, "grinding", config.owners, "owners")
     sizes = config.episodes, config.owners, config.first_seed, config.resamples
     return grinding_rows(*sizes, on_progress=on_progress)
+
+
+def _heavy_tails(config: Config, context: Context) -> dict[str, list[Row]]:
+    """Count wrong passes of policies with rare large losses, and passes of good ones."""
+
+    def cases(stage: str, total: int) -> Any:
+        return counter(context.on_stage, stage, total=total, unit="cases")
+
+    sizes = config.episodes, config.replications, config.first_seed
+    audits = max(1, config.replications // 4)
+    wrong, price = len(TAILS) * len(TIMES), len(TAILS) * len(SIZES)
+    return {
+        "heavy_tails": error_rows(*sizes, config.resamples, cases("heavy tails", wrong)),
+        "false_bounds": false_bound_rows(*sizes),
+        "price": price_rows(audits, config.first_seed, config.resamples, cases("price", price)),
+    }
 
 
 def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
@@ -75,6 +101,9 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
             for row in tables["grinding"]
             if row["tries"] == TRIES
         },
+        "heavy_tails": {f"{row['losses']}, {row['regret']}": row for row in tables["heavy_tails"]},
+        "false_bounds": {row["losses"]: row for row in tables["false_bounds"]},
+        "price": {f"{row['losses']}, {row['episodes']}": row for row in tables["price"]},
     }
 
 
@@ -84,6 +113,7 @@ def draw_figures(results: Results) -> dict[str, Figure]:
         "coverage": _coverage_figure(results),
         "verdicts": _verdict_figure(results),
         "grinding": _grinding_figure(results),
+        "heavy_tails": _tails_figure(results),
     }
 
 
@@ -167,6 +197,41 @@ _STYLES: dict[str, dict[str, Any]] = {
     )
 }
 """Lines of the ways: red where an owner can grind."""
+
+
+_BOUNDS = {"bootstrap": "#c23b22", "betting": "#2166ac"}
+
+
+def _tails_figure(results: Results) -> Figure:
+    """Draw wrong passes of both bounds, and the passes of good policies by number of episodes."""
+    drawn = figure(10.4, 4.0)
+    wrong, price = drawn.subplots(1, 2)
+    rows = [row for row in results.tables["heavy_tails"] if row["margins"] >= 1.0]
+    for shift, (kind, color) in zip((-0.15, 0.15), _BOUNDS.items(), strict=True):
+        for place, row in enumerate(rows):
+            ends = [100 * row[f"{kind}_low"], 100 * row[f"{kind}_high"]]
+            wrong.plot(ends, [place + shift] * 2, color=color, linewidth=1)
+        shares = [100 * row[kind] for row in rows]
+        wrong.plot(shares, np.arange(len(rows)) + shift, "o", color=color, label=kind)
+    wrong.axvline(5, color="#444444", linewidth=0.8)
+    wrong.set_yticks(range(len(rows)), [f"{row['losses']}, {row['regret']}" for row in rows])
+    wrong.set(xlabel="% of audits that pass wrongly (line: 5 %)")
+    wrong.invert_yaxis()
+    wrong.legend(loc="lower right", frameon=False)
+    styles = ("-", "--", "-.", ":")
+    for name, style in zip(dict.fromkeys(column(rows, "losses")), styles, strict=True):
+        good = [row for row in results.tables["price"] if row["losses"] == name]
+        for kind, color in _BOUNDS.items():
+            shares = [100 * row[kind] for row in good]
+            label = name if kind == "betting" else None
+            price.plot(column(good, "episodes"), shares, style, color=color, label=label)
+    price.set(xscale="log", xlabel="episodes", ylabel="% that pass, regret 0.2 margins")
+    price.set_xticks(SIZES, [f"{size:,}" for size in SIZES])
+    price.minorticks_off()
+    price.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    for axes in (wrong, price):
+        plain(axes)
+    return drawn
 
 
 STUDY = Study(
