@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 from socialiq.audit.evidence.consistency import Consistency
@@ -147,12 +148,13 @@ def _caveats(audited: Audited) -> list[Caveat]:
 
 
 def _shown(chosen: Episodes, films: Mapping[str, bytes], traces: Traces) -> Episodes:
-    """Return the chosen episodes with the path of each one's film, and its trace."""
+    """Return the chosen episodes with the path of each one's film, and its trace if there is one."""
     return {
         kind: [
             {**row, "film": path if (path := path_of(kind, number)) in films else None}
-            | {"trace": traces[kind][number - 1]}
-            for number, row in enumerate(rows, 1)
+            | {"trace": trace}
+            for number, (row, trace) in enumerate(zip_longest(rows, traces[kind]), 1)
+            if row is not None
         ]
         for kind, rows in chosen.items()
     }

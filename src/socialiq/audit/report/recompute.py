@@ -103,6 +103,10 @@ def recomputed(files: Mapping[str, bytes], report: Mapping[str, Any]) -> dict[st
             consistency=consistency,
             shifts=shifts,
             films=files,
+            # The ways of the vehicles are not in the tables; a rerun drives them again.
+            traces={
+                kind: [one["trace"] for one in rows] for kind, rows in report["episodes"].items()
+            },
             command=report["command"],
             started=datetime.datetime.now(datetime.UTC),
             seconds=0.0,
