@@ -148,7 +148,7 @@ def _caveats(audited: Audited) -> list[Caveat]:
 
 
 def _shown(chosen: Episodes, films: Mapping[str, bytes], traces: Traces) -> Episodes:
-    """Return the chosen episodes with the path of each one's film, and its trace if there is one."""
+    """Return the chosen episodes with the path of each one's film, and any trace."""
     return {
         kind: [
             {**row, "film": path if (path := path_of(kind, number)) in films else None}
