@@ -22,5 +22,6 @@ def one_of(what: str, value: str, known: tuple[str, ...] | list[str]) -> None:
         UserError: If `value` is not in `known`; the line lists the valid names.
     """
     if value not in known:
-        shown = value if len(value) <= 80 else f"{value[:79]}…"
+        text = str(value)  # of a file, it may be of any type
+        shown = text if len(text) <= 80 else f"{text[:79]}…"
         raise UserError(f"unknown {what} '{shown}': choose one of {', '.join(known)}")

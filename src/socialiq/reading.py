@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from socialiq.errors import UserError
+from socialiq.foreign import one_line
 
 _PIECE = 1 << 20
+_LARGEST_TOML = 1 << 20
 
 
 @contextlib.contextmanager
@@ -76,6 +79,28 @@ def read_text(path: Path, most: int) -> str:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
         raise UserError(f"{path} is not UTF-8 text: name a text file") from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file of at most 1 MiB.
+
+    Raises:
+        UserError: As `read_text`; if it is not TOML, or a whole number has more than 64 bits, which
+            TOML excludes and Python doesn't.
+    """
+    text = read_text(path, _LARGEST_TOML)
+    try:
+        found = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{path} is not TOML: {one_line(str(error))}") from error
+    waiting: list[Any] = [found]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict | list):
+            waiting += value.values() if isinstance(value, dict) else value
+        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+            raise UserError(f"{path} has a whole number of more than 64 bits: TOML has none")
+    return found
 
 
 def sha256_of_file(path: Path) -> str:

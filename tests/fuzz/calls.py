@@ -42,8 +42,11 @@ BASES: dict[str, list[str]] = {
     "bench": ["recordings", "--repeats", "1"],
     "profile new": ["--world", "crossing5", "--angle", "0", "--out", OUT],
     "profile check": [PROFILE],
-    "audit": [POLICY, "--profile", PROFILE, "--episodes", "4", "--out", OUT],
+    "audit": [POLICY, "--profile", PROFILE, "--episodes", "4", "--log", "{out}/log", "--out", OUT],
+    "audit nonce": ["--out", OUT],
+    "audit commit": [POLICY, "--profile", PROFILE, "--log", "{out}/log"],
     "audit verify": ["{ok}/report"],
+    "audit sign": ["{ok}/report", "--key", "{ok}/nowhere.pem"],
     "data from-arrays": ["{ok}/steps.npz", "--out", OUT],
     "data to-arrays": [DATA, "--out", f"{OUT}.npz"],
     "data from-trajectories": [

@@ -12,8 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from tests.fuzz.samples import COLUMNS, WORLD
 
+from socialiq.audit.looks import log
 from socialiq.audit.profile import reader as profiles
+from socialiq.audit.report.signature import (
+    faults_of_signature,
+    read_private_key,
+    read_public_key,
+)
 from socialiq.audit.report.verify import faults, read_report
+from socialiq.audit.seeds.beacon import read_round
+from socialiq.audit.seeds.nonce import read_nonce
 from socialiq.datasets.step_files import read_steps
 from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files as demonstration_files
@@ -155,6 +163,17 @@ def _report_folder(path: Path) -> None:
         raise AssertionError("the damage was not noticed")
 
 
+def _envelope(path: Path) -> None:
+    key = read_private_key(path.parents[2] / "ok" / "private.pem").public_key()
+    files = {one.name: one.read_bytes() for one in path.parent.iterdir()}
+    if not faults_of_signature(files, key) and faults(path.parent):
+        raise AssertionError("a signature of a folder that differs")
+
+
+def _log(path: Path) -> None:
+    log.read(path)
+
+
 def _results(path: Path) -> None:
     results.load(path.parent)
 
@@ -220,6 +239,12 @@ READERS = (
     Reader("report, episodes", "report/episodes.csv", _report_folder, beside=True),
     Reader("report, manifest", "report/MANIFEST.sha256", _report_folder, beside=True),
     Reader("report, statement", "report/statement.intoto.json", _report_folder, beside=True),
+    Reader("report, envelope", "signed/statement.dsse.json", _envelope, beside=True),
+    Reader("audit log", "log.jsonl", _log),
+    Reader("nonce", "nonce.json", read_nonce),
+    Reader("beacon's round", "round.json", read_round),
+    Reader("private key", "private.pem", read_private_key),
+    Reader("public key", "public.pem", read_public_key),
     Reader("results, config", "results/config.json", _results, beside=True),
     Reader("results, summary", "results/summary.json", _results, beside=True),
     Reader("results, table", "results/agreement.csv", _results, beside=True),

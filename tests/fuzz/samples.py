@@ -13,6 +13,13 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+)
 
 from socialiq.cli.main import main
 from socialiq.nn.dial_network import DialNetwork
@@ -29,6 +36,12 @@ from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 WORLD = "crossing5"
+
+ROUND_1000 = (
+    "b44679b9a59af2ec876b1a6b1ad52ea9b1615fc3982b19576350f93447cb1125"
+    "e342b73a8dd2bacbe47e4b6b63ed5e39"
+)
+"""Signature of round 1000 of drand's quicknet."""
 
 SWEEP = """data = "steps.safetensors"
 seeds = [0, 1]
@@ -83,7 +96,8 @@ def make_samples(folder: Path) -> None:
     call(*new, "--out", folder / "profile.toml")
     policy, profile = folder / "policy.safetensors", folder / "profile.toml"
     audit = ["audit", policy, "--profile", profile, "--out", folder / "report"]
-    call(*audit, "--episodes", "20", "--seed", "1")
+    call(*audit, "--episodes", "20", "--seed", "1", "--log", folder / "log")
+    _of_the_auditor(folder)
     _recordings(folder)
     _trajectories(folder / "rollouts.npz")
     (folder / "sweep.toml").write_text(SWEEP)
@@ -94,6 +108,21 @@ def make_samples(folder: Path) -> None:
     (folder / "answers.jsonl").write_text("\n".join(lines) + "\n")
     (folder / "evaluation.json").write_text('{"r_env": 1.0, "r_social": 0.5, "angle": 20.0}\n')
     shutil.copytree(packaged_results() / "poc", folder / "results")
+
+
+def _of_the_auditor(folder: Path) -> None:
+    """The audit's log, a nonce, a beacon's round, a key, and the signed report."""
+    (log,) = (folder / "log").glob("*.jsonl")
+    shutil.copy(log, folder / "log.jsonl")
+    call("audit", "nonce", "--out", folder / "nonce.json")
+    (folder / "round.json").write_text(json.dumps({"round": 1000, "signature": ROUND_1000}) + "\n")
+    key = Ed25519PrivateKey.from_private_bytes(bytes(32))
+    words = Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()
+    (folder / "private.pem").write_bytes(key.private_bytes(*words))
+    public = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    (folder / "public.pem").write_bytes(public)
+    shutil.copytree(folder / "report", folder / "signed")
+    call("audit", "sign", folder / "signed", "--key", folder / "private.pem")
 
 
 def _policies(folder: Path, features: int, actions: int) -> None:

@@ -23,6 +23,7 @@ import filelock
 
 from socialiq.audit.profile.profile import Profile
 from socialiq.errors import UserError
+from socialiq.reading import open_file
 
 Entry = Mapping[str, Any]
 """One line: number, kind, time, previous, sha256, and the fields of its kind."""
@@ -196,11 +197,8 @@ def read(path: Path, subject_sha256: str | None = None) -> list[Entry]:
 def _content(path: Path) -> bytes:
     if not path.is_file():
         raise UserError(f"no audit log {path}: `socialiq audit --log FOLDER` writes one")
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_LOG + 1)
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    with open_file(path) as file:
+        content = file.read(LARGEST_LOG + 1)
     if len(content) > LARGEST_LOG:
         raise UserError(f"{path} has more than {LARGEST_LOG:,} bytes: it is not an audit log")
     return content

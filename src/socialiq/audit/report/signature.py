@@ -29,6 +29,7 @@ from cryptography.hazmat.primitives.serialization import (
 from socialiq.audit.report.folder import SIGNATURES, STATEMENT
 from socialiq.errors import UserError
 from socialiq.policies.model_signature import PASSPHRASE
+from socialiq.reading import read_bytes
 
 PAYLOAD_TYPE = "application/vnd.in-toto+json"
 
@@ -96,13 +97,7 @@ _LARGEST_KEY = 64 * 1024  # bytes
 
 
 def _content(path: Path) -> bytes:
-    if not path.is_file():
-        raise UserError(f"no such file: {path}")
-    try:
-        with path.open("rb") as file:
-            return file.read(_LARGEST_KEY)
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
+    return read_bytes(path, _LARGEST_KEY)
 
 
 def _is_p256(key: object) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import tomllib
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,14 +17,13 @@ from socialiq.experiments.sweep.runs import RunsConfig, train_runs
 from socialiq.learners.extensions import LEARNERS, find_learner
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.iq_learn.presets import PRESETS
-from socialiq.reading import read_text, sha256_of_file
+from socialiq.reading import read_toml, sha256_of_file
 from socialiq.worlds.registry import GRIDWORLDS
 
 OFFLINE = "offline"
 IQ_LEARN = "iq_learn"
 KEYS = ("learner", "preset", "worlds", "data", "seeds", "runs_per_job", "static", "hyperparameters")
 RUNS_PER_JOB = 32
-_MOST_BYTES = 1 << 20
 MOST_RUNS = 100_000
 
 
@@ -66,15 +64,7 @@ def read_plan(file: Path, allow_code: bool = False) -> Plan:
     Raises:
         UserError: If the file can't be read, or a key or value is invalid; the line names both.
     """
-    return _Reader(file, _content(file), allow_code).plan()
-
-
-def _content(file: Path) -> dict[str, Any]:
-    text = read_text(file, _MOST_BYTES)
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"{file} is not TOML: {' '.join(str(error).split())}") from error
+    return _Reader(file, read_toml(file), allow_code).plan()
 
 
 class _Reader:

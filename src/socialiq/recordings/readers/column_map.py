@@ -7,14 +7,13 @@ sets, by name.
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.reading import read_text
+from socialiq.reading import read_toml
 from socialiq.recordings.tracks import RoadUser
 
 _FOOT = 0.3048
@@ -33,7 +32,6 @@ COLUMNS = (
     *("length", "width", "class"),
 )
 _PER_TRACK = ("length", "width", "class")
-_MOST_BYTES = 1 << 20
 _MAPS = Path(__file__).parent / "column_maps"
 
 
@@ -96,11 +94,7 @@ def read_map(name: str) -> ColumnMap:
     if not name.endswith(".toml"):
         one_of("column map (or a file that ends in .toml)", name, known_maps())
         path = _MAPS / f"{name}.toml"
-    text = read_text(path, _MOST_BYTES)
-    try:
-        said = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"cannot read {path}: {one_line(str(error))}") from error
+    said = read_toml(path)
     try:
         return _map_of(said, path.stem)
     except UserError as error:

@@ -42,5 +42,5 @@ def test_a_pipe_and_a_large_file_are_not_read(tmp_path):
     with pytest.raises(UserError, match="no such file"):
         read_nonce(tmp_path / "pipe")
     (tmp_path / "large").write_text(json.dumps({"nonce": "0" * 100_000}))
-    with pytest.raises(UserError, match="is this the right file"):
+    with pytest.raises(UserError, match="is larger than"):
         read_nonce(tmp_path / "large")
