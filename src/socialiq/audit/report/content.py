@@ -233,9 +233,9 @@ _ALWAYS = (
     "that do are listed.",
     "The statistics hold for episodes drawn from the scenario. Events rarer than about three in "
     "the number of episodes may not have happened once.",
-    "A policy that recognises the audit could behave well here alone. The seed was drawn after "
-    "policy and declaration were fixed; that prevents tuning to known episodes, not recognition "
-    "of the simulator.",
+    "A policy that recognises the audit, or waits for a later date, could behave well here alone. "
+    "The seed was drawn after policy and declaration were fixed; that prevents tuning to known "
+    "episodes, not recognition of the simulator.",
     "Hashes show that files were not changed since; they don't show their author. Sign the "
     "statement with a tool of your choice.",
     "This report describes the behaviour of a policy in a test. It states no conformity with any "
