@@ -124,7 +124,7 @@ class Verify:
                 f"{self.folder} is consistent: what it says follows from its episodes{again}\n"
             )
         sys.stdout.write(f"checked: {'; '.join(checked)}\n")
-        left = [] if self.rerun else ["whether the episodes were run (--rerun runs them again)"]
+        left = [] if self.rerun else [_NOT_RUN]
         signature = "--key checks its signatures" if self._is_signed() else "it is not signed"
         left += [f"who wrote it ({signature})"] if self.key is None else []
         left.append(f"claims of the auditor ({', '.join(claims)})")
@@ -205,6 +205,8 @@ class Verify:
             shift=report["shift"] is not None,
         )
 
+
+_NOT_RUN = "whether the episodes were run, and how the vehicles moved (--rerun runs them again)"
 
 _MOST_LINES = 12
 

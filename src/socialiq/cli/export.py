@@ -15,7 +15,7 @@ from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.outputs import refuse_existing
-from socialiq.policies.card import model_card
+from socialiq.policies.card import card_materials, model_card
 from socialiq.policies.export_torch import to_safetensors
 from socialiq.policies.native import read_dial, read_policy
 from socialiq.policies.onnx.export import to_onnx
@@ -24,15 +24,15 @@ from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 
-FORMATS = ("onnx", "torch", "card")
+FORMATS = ("onnx", "torch", "card", "bom")
 
 
 @dataclass(frozen=True)
 class Export:
-    """Write a policy as ONNX, as weights for PyTorch, or as a model card.
+    """Write a policy as ONNX, as weights for PyTorch, as a model card, or its bill of materials.
 
     ONNX has the values of all actions and the best action as outputs. The card is Markdown, with
-    blanks for missing information.
+    blanks for missing information. The bill of materials has the same facts as CycloneDX 1.7.
 
     Example: socialiq export prosocial --format onnx --out prosocial.onnx
     """
@@ -40,7 +40,7 @@ class Export:
     policy: Annotated[str, tyro.conf.Positional]
     """Policy or dial file, or the name of a policy of the atlas."""
     format: str
-    """onnx, torch (weights as safetensors, by the names of the torch module) or card."""
+    """onnx, torch (weights as safetensors, by the names of the torch module), card or bom."""
     out: Path
     """File to write; must not exist."""
     angle: float | None = None
@@ -53,8 +53,8 @@ class Export:
     def run(self) -> int:
         """Read the policy, write the file and print what was written."""
         one_of("format", self.format, FORMATS)
-        if self.evaluation and self.format != "card":
-            raise UserError("an evaluation goes into a card: add --format card")
+        if self.evaluation and self.format not in ("card", "bom"):
+            raise UserError("an evaluation goes into a card: add --format card, or bom")
         refuse_existing(self.out)
         policy, training = self.read()
         content = self.made(policy, training)
@@ -102,6 +102,12 @@ class Export:
             )
         name = Path(self.policy).stem if self.angle is None else f"{Path(self.policy).stem} at "
         name = name if self.angle is None else f"{name}{self.angle:g} degrees"
+        if self.format == "bom":
+            own = Path(self.policy) if self.angle is None else None  # a dial's file holds many
+            sha256 = sha256_of_file(own) if own is not None and own.is_file() else ""
+            return card_materials(
+                policy, name, file_sha256=sha256, training=training, evaluation=evaluation
+            )
         card = model_card(
             policy, name, training=training, evaluation=evaluation, evaluated_by=words
         )

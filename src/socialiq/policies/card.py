@@ -16,6 +16,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import Markdown, one_line, templates
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import OneHot
+from socialiq.policies.bill_of_materials import Metric, bill_of_materials
 
 BLANK = "**[ blank ]**"
 MOST_ROWS = 300
@@ -62,6 +63,45 @@ def model_card(
             evaluation=[(key, _text(value)) for key, value in measured.items()],
             evaluated=evaluated_by or "As given with this card.",
         )
+    )
+
+
+def card_materials(
+    policy: QPolicy,
+    name: str,
+    *,
+    file_sha256: str = "",
+    training: Mapping[str, Any] | None = None,
+    evaluation: Mapping[str, Any] | None = None,
+) -> bytes:
+    """Return the facts of a card as a bill of materials, CycloneDX 1.7.
+
+    Args:
+        policy: The policy.
+        name: Its name.
+        file_sha256: SHA-256 of its file, if it has one of its own.
+        training: As for `model_card`.
+        evaluation: As for `model_card`.
+
+    Raises:
+        UserError: If the evaluation is not one flat object.
+    """
+    known, measured = dict(training or {}), _measured(evaluation)
+    record = dict(policy.provenance)
+    data = [*_rows(known.get("data"), "data"), *_rows(known.get("inputs"), "inputs")]
+    facts = [(key, str(value)) for key, value in _details(policy, known) if value != BLANK]
+    facts += [(f"procedure.{key}", value) for key, value in _rows(record, "")]
+    widths = [policy.weights[0].shape[1], *(len(bias) for bias in policy.biases)]
+    return bill_of_materials(
+        name,
+        importlib.metadata.version("socialiq"),
+        file_sha256=file_sha256,
+        architecture=f"network {'-'.join(map(str, widths))}, {policy.activation}",
+        inputs=f"{policy.n_features} numbers, float32",
+        outputs=f"values of {policy.n_actions} actions; the best is taken",
+        data=dict(data),
+        metrics=[Metric(one_line(key, 60), _text(value)) for key, value in measured.items()],
+        properties={f"socialiq:{key}": value for key, value in facts},
     )
 
 

@@ -236,8 +236,8 @@ _ALWAYS = (
     "A policy that recognises the audit, or waits for a later date, could behave well here alone. "
     "The seed was drawn after policy and declaration were fixed; that prevents tuning to known "
     "episodes, not recognition of the simulator.",
-    "Hashes show that files were not changed since; they don't show their author. Sign the "
-    "statement with a tool of your choice.",
+    "Hashes show that files were not changed since; they don't show their author. A signature does "
+    "(socialiq audit sign), and only a rerun shows that the episodes were run.",
     "This report describes the behaviour of a policy in a test. It states no conformity with any "
     "law, regulation or standard.",
 )

@@ -15,6 +15,8 @@ from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.evidence.table import write_table
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
+from socialiq.audit.report.credibility import credibility
+from socialiq.audit.report.materials import materials
 from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown
@@ -136,6 +138,8 @@ def views_of(report: Mapping[str, Any]) -> dict[str, bytes]:
         "safety-case.md": markdown(
             report, "safety-case.md.j2", claims=tree, diagram=diagram
         ).encode(),
+        "credibility.md": markdown(report, "credibility.md.j2", facts=credibility(report)).encode(),
+        "ml-bom.cdx.json": materials(report),
         "claims.json": (json.dumps(as_objects(tree), indent=2) + "\n").encode(),
     }
 
