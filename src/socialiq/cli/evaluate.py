@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ import tyro
 from socialiq.cli.drivers import driver_of, gridworld_of
 from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts
 from socialiq.cli.output import print_json, print_table
+from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
@@ -25,7 +27,7 @@ from socialiq.experiments.intersection.rows import policy_row
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.load import load_policy
 from socialiq.recordings.recording import refuse_recording
-from socialiq.social.angle import angle_of, check_angle
+from socialiq.social.angle import check_angle
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
@@ -43,7 +45,7 @@ class Evaluate:
     """Measure saved policies: exactly in a gridworld, or by rollouts anywhere.
 
     Several policies, for instance one for each training seed, are also pooled: the angle is that of
-    the mean totals.
+    the mean totals, if all were trained for one angle.
 
     In an environment of your own (a Gymnasium id, MODULE:ID or MODULE:FUNCTION) a policy may also
     be a Stable-Baselines3 zip, an ONNX file, or python:MODULE:ATTRIBUTE; a dial is evaluated at
@@ -83,7 +85,9 @@ class Evaluate:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
         rows = self.measured()
         if self.json:
-            print_json(rows[0] if len(rows) == 1 else {"policies": rows, "pooled": pool(rows)})
+            print_json(
+                rows[0] if len(rows) == 1 else {"policies": rows, "pooled": self.pooled(rows)}
+            )
         elif len(rows) == 1:
             print_table([{"quantity": name, "value": value} for name, value in rows[0].items()])
         else:
@@ -92,9 +96,16 @@ class Evaluate:
             ]
             shown = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "length")
             print_table([{key: row[key] for key in shown} for row in named])
-            pooled = pool(rows).items()
-            print_table([{"pooled": name, "value": value} for name, value in pooled])
+            pooled = self.pooled(rows)
+            why = pooled.pop("angle_not_pooled", "")
+            print_table([{"pooled": name, "value": value} for name, value in pooled.items()])
+            if why:
+                sys.stdout.write(f"No pooled angle: {why}.\n")
         return 0
+
+    def pooled(self, rows: list[dict[str, Any]]) -> dict[str, Any]:
+        """Return the means over the policies."""
+        return pool(rows, [target_of(str(path)) for path in self.policies])
 
     def measured(self) -> list[dict[str, Any]]:
         """Return a row for each policy."""
@@ -205,12 +216,3 @@ class Evaluate:
             "angle_low": estimate.low,
             "angle_high": estimate.high,
         }
-
-
-def pool(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Return the means over policies of common numbers; the angle is that of the mean totals."""
-    names = [name for name in rows[0] if all(isinstance(row.get(name), float) for row in rows)]
-    # Intervals belong to one policy's episodes: they can't be averaged.
-    names = [name for name in names if not name.endswith(("_low", "_high"))]
-    means = {name: float(np.mean([row[name] for row in rows])) for name in names}
-    return means | {"angle": angle_of(means["r_env"], means["r_social"])}

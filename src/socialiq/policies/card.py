@@ -47,7 +47,7 @@ def model_card(
     """
     known, measured = dict(training or {}), _measured(evaluation)
     record = dict(policy.provenance)
-    angle = _angle(record)
+    angle = trained_angle(record)
     return (
         templates("socialiq.policies", most=200)
         .get_template("card.md.j2")
@@ -105,7 +105,7 @@ def card_materials(
     )
 
 
-def _angle(record: Mapping[str, Any]) -> float | None:
+def trained_angle(record: Mapping[str, Any]) -> float | None:
     """Return the angle that the policy was trained for, or that a dial was set to."""
     numbers = record.get("numbers")
     found = record.get("angle", numbers.get("angle") if isinstance(numbers, dict) else None)

@@ -227,6 +227,17 @@ def test_evaluate_pools_policies_by_their_mean_totals(run, capsys):
     )
 
 
+def test_evaluate_pools_no_angle_of_policies_of_different_angles(run, capsys):
+    files = [str(run / f"policy_{index}.safetensors") for index in (0, 2)]
+    pooled = json_of(capsys, "evaluate", *files)["pooled"]
+    assert "angle" not in pooled
+    assert pooled["angle_not_pooled"] == "the policies were trained for 0, 90 degrees"
+    assert main(["evaluate", *files]) == 0
+    assert (
+        "No pooled angle: the policies were trained for 0, 90 degrees." in capsys.readouterr().out
+    )
+
+
 def test_evaluate_soft_differs_from_greedy(run, capsys):
     policy = str(run / "policy_0.safetensors")
     greedy = json_of(capsys, "evaluate", policy)
