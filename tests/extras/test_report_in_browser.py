@@ -23,10 +23,11 @@ BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-c
 BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), "")
 MEASURE = """() => {
   const root = document.documentElement;
-  const drawn = [...document.querySelectorAll("svg")].map(svg => svg.getBoundingClientRect());
+  const pictures = [...document.querySelectorAll("svg:not(.moving)")];
+  const drawn = pictures.map(svg => svg.getBoundingClientRect());
   return {
     wide: root.scrollWidth, window: root.clientWidth,
-    verdict: document.querySelector(".verdict").getBoundingClientRect().bottom,
+    verdict: document.querySelector(".verdict > p").getBoundingClientRect().bottom,
     pictures: drawn.map(box => [box.width, box.height, box.right]),
   };
 }"""
@@ -75,6 +76,87 @@ def test_nothing_is_cut_off_and_the_verdict_is_on_the_first_screen(browser, page
     assert len(seen["pictures"]) == 3
     for wide, high, right in seen["pictures"]:
         assert wide > 250 and high > 200 and right <= width
+
+
+STACKED = """() => {
+  const cells = [...document.querySelectorAll(".stacked td")];
+  return cells.map(cell => {
+    const box = cell.getBoundingClientRect();
+    return {left: box.left, right: box.right, cut: cell.scrollWidth > cell.clientWidth + 1,
+            label: getComputedStyle(cell, "::before").content};
+  });
+}"""
+
+
+def test_the_tests_are_read_without_scrolling_sideways_on_a_phone(browser, page):
+    tab = browser.new_page(viewport={"width": 390, "height": 800})
+    tab.goto(page.as_uri())
+    cells = tab.evaluate(STACKED)
+    tab.close()
+    assert len(cells) == 25
+    for cell in cells:
+        assert 0 <= cell["left"] < cell["right"] <= 390 and not cell["cut"]
+    assert [one["label"] for one in cells[1:5]] == [
+        f'"{label}"' for label in ("result", "estimate", "bounds", "asked for")
+    ]
+
+
+PLACES = """() => [...document.querySelectorAll(".moving .ego")].map(one => {
+  const box = one.getBoundingClientRect();
+  return [box.left, box.top];
+})"""
+
+
+def places(tab, after):
+    tab.wait_for_timeout(after)
+    return tab.evaluate(PLACES)
+
+
+def test_its_vehicles_move_until_they_are_told_to_stand_still(browser, page):
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.goto(page.as_uri())
+    first, later = places(tab, 100), places(tab, 700)
+    assert len(first) == 6 and all(one != two for one, two in zip(first, later, strict=True))
+    tab.check("#pause")
+    standing = places(tab, 100)
+    assert places(tab, 500) == standing
+    tab.close()
+
+
+@pytest.mark.parametrize("choice", [{"reduced_motion": "reduce"}, {"media": "print"}])
+def test_nothing_moves_for_those_who_want_no_motion_and_in_print(browser, page, choice):
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.emulate_media(**choice)
+    tab.goto(page.as_uri())
+    first = places(tab, 100)
+    assert len(first) == 6 and places(tab, 700) == first
+    boxes = tab.evaluate(
+        "() => [...document.querySelectorAll('.moving')].map(one => one.getBoundingClientRect())"
+    )
+    for (x, y), box in zip(first, boxes, strict=True):  # the last frame, within the picture
+        assert box["left"] <= x <= box["right"] and box["top"] <= y <= box["bottom"]
+    tab.close()
+
+
+PAGE = 688  # CSS pixels: A4 without its margins
+
+CUT = """() => ({
+  wide: document.documentElement.scrollWidth,
+  breaks: [...document.querySelectorAll("tr, figure, .verdict")].map(
+    one => getComputedStyle(one).breakInside),
+})"""
+
+
+def test_pages_on_paper_are_whole(browser, page, tmp_path):
+    tab = browser.new_page(viewport={"width": PAGE, "height": 1000})
+    tab.emulate_media(media="print")
+    tab.goto(page.as_uri())
+    found = tab.evaluate(CUT)
+    assert found["wide"] <= PAGE
+    assert set(found["breaks"]) == {"avoid"}
+    printed = tab.pdf(prefer_css_page_size=True)
+    tab.close()
+    assert 2 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 8
 
 
 def test_the_browser_has_nothing_to_complain_about(browser, page):

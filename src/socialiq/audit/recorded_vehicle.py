@@ -62,7 +62,8 @@ class RecordedVerdict:
             three episodes.
         r_env: Mean of r_env over the units.
         r_social: Mean of r_social over the units.
-        shown: α̂ with its interval; None if every direction is possible.
+        shown: α̂ with its interval, of all episodes together; None if every direction is possible.
+        of_episodes: Direction of the mean rewards of each episode, degrees; None if both are 0.
         competence: Tests of `TESTED`.
         not_tested: Other tests of an audit, with reasons.
         confidence: Declared confidence.
@@ -78,6 +79,7 @@ class RecordedVerdict:
     r_env: float
     r_social: float
     shown: MeanDirection | None
+    of_episodes: tuple[float | None, ...]
     competence: tuple[FloorTest, ...]
     not_tested: dict[str, str]
     confidence: float
@@ -139,10 +141,16 @@ def judge_recorded(profile: Profile, driven: Sequence[Driven]) -> RecordedVerdic
         r_env=env,
         r_social=social,
         shown=shown,
+        of_episodes=tuple(map(_direction_of, driven)),
         competence=competence,
         not_tested=NOT_TESTED,
         confidence=profile.confidence,
     )
+
+
+def _direction_of(one: Driven) -> float | None:
+    env, social = one.pair.mean(axis=0).tolist()
+    return angle_of(env, social) if env or social else None
 
 
 def _outcomes(driven: Sequence[Driven]) -> Outcomes:

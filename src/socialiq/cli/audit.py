@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ import tyro
 
 from socialiq.audit.conduct import Conducted, Request, conduct, log_folder
 from socialiq.audit.report.folder import check_target
-from socialiq.audit.report.views import is_known
+from socialiq.audit.report.views import is_known, number, others, outcome, percent
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import print_table, say
 from socialiq.cli.progress import Display
@@ -136,30 +137,49 @@ class Audit:
 
 
 def _show(done: Conducted, folder: Path) -> None:
-    """Print the verdict, the tests and the path of the report."""
-    verdict, tests = done.report["verdict"], done.report["tests"]
-    regret = tests["regret"]
-    rows = [
-        {
-            "test": "regret",
-            "result": regret["decision"],
-            "estimate": regret["regret"],
-            "low": regret["low"],
-            "high": regret["high"],
-            "asked for": f"at most {regret['margin']:g}",
-        }
-    ]
-    for one in (one for one in tests["competence"] if is_known(done.report, one["name"])):
-        bounds = {"estimate": one["share"], "low": one["low"], "high": one["high"]}
-        wanted = f"{one['side']} {one['limit']:g}"
-        result = {"test": one["name"].replace("_", " "), "result": one["decision"]}
-        rows.append({**result, **bounds, "asked for": wanted})
+    """Print the verdict, what it rests on, the tests and the path of the report."""
+    report = done.report
+    verdict = report["verdict"]
     sys.stdout.write(f"{verdict['decision'].upper()}: {verdict['reason']}\n")
-    for one in done.report["caveats"]:
+    for one in report["caveats"]:
         sys.stdout.write(f"Note: {one['text']}\n")
     if verdict["needed"]:
         sys.stdout.write(f"About {verdict['needed']} episodes would decide.\n")
-    print_table(rows)
-    if done.report["shift"]:
-        sys.stdout.write(f"{done.report['shift']['sentence']}\n")
+    print_table(
+        [{name: text.replace("−", "-") for name, text in row.items()} for row in _tests(report)]
+    )
+    sys.stdout.write(f"{others(report)}\n")
+    if report["shift"]:
+        sys.stdout.write(f"{report['shift']['sentence']}\n")
     sys.stdout.write(f"{folder / 'report.html'}\n")
+
+
+_EVENTS = {
+    "at_fault": "collision, at fault",
+    "struck": "collision, struck",
+    "arrival": "arrival",
+    "timeout": "out of time",
+}
+"""Criteria in a table of 80 columns."""
+
+
+def _tests(report: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return a row for each test, at most 80 columns wide together."""
+    regret = report["tests"]["regret"]
+    measured = {name: number(regret[name]) for name in ("low", "high")}
+    rows = [
+        {"test": "reward below best", "result": outcome(regret["decision"])}
+        | {"estimate": number(regret["regret"])}
+        | measured
+        | {"asked for": f"at most {number(regret['margin'])}"}
+    ]
+    for one in report["tests"]["competence"]:
+        if is_known(report, one["name"]):
+            shares = {name: percent(one[name]) for name in ("share", "low", "high")}
+            rows.append(
+                {"test": _EVENTS[one["name"]], "result": outcome(one["decision"])}
+                | {"estimate": shares.pop("share")}
+                | shares
+                | {"asked for": f"{one['side']} {percent(one['limit'])}"}
+            )
+    return rows

@@ -94,5 +94,11 @@ def _show(verdict: RecordedVerdict) -> None:
         for one in verdict.competence
     ]
     print_table(rows)
+    if len(verdict.of_episodes) > 1:
+        each = ", ".join("none" if one is None else f"{one:.0f}" for one in verdict.of_episodes)
+        sys.stdout.write(
+            f"The angle pools {verdict.episodes} episodes, taken as of one driver; of each alone: "
+            f"{each} degrees.\n"
+        )
     for what, why in verdict.not_tested.items():
         sys.stdout.write(f"Not tested: {what}; {why}.\n")

@@ -1,5 +1,6 @@
 """A recorded vehicle against a declaration, by made-up episodes."""
 
+import dataclasses
 import datetime
 
 import numpy as np
@@ -89,6 +90,15 @@ def test_many_episodes_can_be_consistent(declared):
     assert found.decision is Decision.PASS
     assert (found.unit, found.episodes, found.decisions) == ("episode", 60, 480)
     assert {one.name for one in found.competence} == {"at_fault", "struck"}
+
+
+def test_a_pooled_angle_has_that_of_each_episode_beside_it(declared):
+    """0 and 90 degrees together look like 45, which is the angle of neither."""
+    standing = dataclasses.replace(drive(0.0), pair=np.zeros((8, 2)))
+    found = judge_recorded(declared(45.0), [drive(0.0), drive(90.0), standing])
+    assert found.shown is None or found.shown.angle == pytest.approx(45.0)
+    assert found.of_episodes[:2] == pytest.approx((0.0, 90.0))
+    assert found.of_episodes[2] is None
 
 
 def test_collisions_that_are_too_many_are_not_consistent(declared):

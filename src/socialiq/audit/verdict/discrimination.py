@@ -14,7 +14,7 @@ from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.findings import Finding
 from socialiq.audit.verdict.regrets import Regrets
-from socialiq.audit.verdict.verdict import decide_on
+from socialiq.audit.verdict.verdict import decide_on, enough_resamples, whole_error
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,11 @@ def discriminate(
         profile: The declaration.
         evidence: Evidence of the verdict.
         seed: Seed of the resampling.
-        resamples: Number of resamples.
+        resamples: Smallest number of resamples, as for `judge`.
         error: Error of the tests; None for 1 - confidence.
     """
-    level = round(1.0 - profile.confidence, 9) if error is None else error
+    level = whole_error(profile.confidence) if error is None else error
+    count = enough_resamples(level, resamples)
     constant = GO_AND_WAIT if profile.scenario.world == "intersection" else ()
     drivers = [(one, one.name in constant) for one in evidence.references]
     drivers += [(one, True) for one in evidence.trivial]
@@ -78,7 +79,7 @@ def discriminate(
         others = tuple(other for other in evidence.references if other is not one)
         if others:
             swapped = replace(evidence, policy=one, references=others, trivial=())
-            decision = _decision(profile, swapped, level, seed, resamples)
+            decision = _decision(profile, swapped, level, seed, count)
             found.append(OtherDriver(one.name, trivial, decision))
     passing = [one for one in found if one.decision is Decision.PASS]
     without_regard = {one.decision for one in found if one.trivial}
