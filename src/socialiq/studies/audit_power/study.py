@@ -80,7 +80,7 @@ def _heavy_tails(config: Config, context: Context) -> dict[str, list[Row]]:
         return counter(context.on_stage, stage, total=total, unit="cases")
 
     sizes = config.episodes, config.replications, config.first_seed
-    audits = max(1, config.replications // 4)
+    audits = max(1, config.replications // 8)
     wrong, price = len(TAILS) * len(TIMES), len(TAILS) * len(SIZES)
     return {
         "heavy_tails": error_rows(*sizes, config.resamples, cases("heavy tails", wrong)),
