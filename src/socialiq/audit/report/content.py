@@ -234,7 +234,7 @@ _ALWAYS = (
     "The statistics hold for episodes drawn from the scenario. Events rarer than about three in "
     "the number of episodes may not have happened once.",
     "A policy that recognises the audit, or waits for a later date, could behave well here alone. "
-    "The seed was drawn after policy and declaration were fixed; that prevents tuning to known "
+    "A seed that was not known when policy and declaration were fixed prevents tuning to its "
     "episodes, not recognition of the simulator.",
     "Hashes show that files were not changed since; they don't show their author. A signature does "
     "(socialiq audit sign), and only a rerun shows that the episodes were run.",
