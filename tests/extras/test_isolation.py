@@ -6,6 +6,7 @@ namespace of users, as for any other user.
 
 import os
 import shlex
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -162,6 +163,34 @@ def test_nothing_that_it_starts_survives(tmp_path):
     late = pytest.raises(UserError, match="did not answer within 1 s")
     with started(tmp_path, what, limits=Limits(30.0, 1.0)) as loaded, late:
         loaded.policy.predict(OBSERVATIONS)
+    until = time.monotonic() + 10
+    while running(marker) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not running(marker)
+
+
+PARENT = """
+import sys, time
+from socialiq.policies.load import load_policy
+from socialiq.policies.process.isolation import isolation_of
+load_policy("process:" + sys.argv[1], 2, 3, isolation=isolation_of("required"))
+print("loaded", flush=True)
+time.sleep(600)
+"""
+
+
+def test_it_dies_with_its_parent(tmp_path):
+    marker = f"32.{os.getpid()}"
+    policy = tmp_path / "policy.py"
+    start = f"import subprocess\nsubprocess.Popen(['sleep', '{marker}'], start_new_session=True)\n"
+    policy.write_text(start + POLICY.replace("WHAT", "0"))
+    command = shlex.join([sys.executable, "-I", "-S", str(policy)])
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT, command], stdout=subprocess.PIPE
+    ) as parent:
+        assert parent.stdout is not None and parent.stdout.readline() == b"loaded\n"
+        assert running(marker)
+        parent.kill()
     until = time.monotonic() + 10
     while running(marker) and time.monotonic() < until:
         time.sleep(0.05)
