@@ -1,4 +1,4 @@
-"""The owner hopes that nobody notices where the policy ran: bubblewrap is not installed.
+"""The policy ran with the rights of the audit, and a reader can overlook it: bubblewrap is not installed.
 
 The audit runs all the same, and says on its first screen that the evidence is self-attested; an
 auditor who requires isolation gets no verdict at all.

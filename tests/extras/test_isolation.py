@@ -4,6 +4,7 @@ Both ways of isolation are run where the tests run as root: as a user without ri
 namespace of users, as for any other user.
 """
 
+import contextlib
 import os
 import shlex
 import subprocess
@@ -152,8 +153,11 @@ def test_its_processes_are_few(tmp_path, monkeypatch, user):
 
 def running(marker):
     """Processes of the machine with a word in their command."""
-    lines = [one / "cmdline" for one in Path("/proc").iterdir() if one.name.isdigit()]
-    return [one for one in lines if one.exists() and marker in one.read_bytes().decode()]
+    found = []
+    for one in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):  # it has ended since
+            found += [one] if marker.encode() in one.read_bytes() else []
+    return found
 
 
 def test_nothing_that_it_starts_survives(tmp_path):
