@@ -1,4 +1,4 @@
-"""The policy ran with the rights of the audit, and a reader can overlook it: bubblewrap is not installed.
+"""Bubblewrap is not installed, so the policy had the rights of the audit: a reader may overlook it.
 
 The audit runs all the same, and says on its first screen that the evidence is self-attested; an
 auditor who requires isolation gets no verdict at all.
