@@ -14,7 +14,7 @@ from socialiq.audit.verdict.discrimination import Discrimination
 from socialiq.audit.verdict.regret import RegretTest
 from socialiq.policies.process.isolation import NONE
 
-About = Literal["loss", "margin", "look", "seed", "code"]
+About = Literal["loss", "margin", "look", "seed", "code", "episodes"]
 
 
 class Caveat(NamedTuple):
@@ -52,6 +52,22 @@ def caveats(
         *_of_code(policy),
         *_of_world(world),
     ]
+
+
+def caveats_of_replay(shown: int, chosen: int) -> list[Caveat]:
+    """Return a caveat if a policy that takes its best actions drove otherwise when asked again.
+
+    Args:
+        shown: Number of chosen episodes that were the same when they were run again.
+        chosen: Number of chosen episodes.
+    """
+    if shown == chosen:
+        return []
+    text = (
+        f"{chosen - shown} of {chosen} chosen episodes were others when they were run again, one "
+        "by one: the policy's answers depend on more than the observation alone."
+    )
+    return [Caveat("episodes", text)]
 
 
 def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:

@@ -15,7 +15,7 @@ from socialiq.audit.looks.look import Look
 from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.auditor_claims import claims_of_auditor
-from socialiq.audit.report.caveats import Caveat, caveats, caveats_of_loss
+from socialiq.audit.report.caveats import Caveat, caveats, caveats_of_loss, caveats_of_replay
 from socialiq.audit.report.episodes import Traces, path_of, selected
 from socialiq.audit.report.seeds import seeds_of
 from socialiq.audit.seeds.commitment import Draw
@@ -141,9 +141,14 @@ def _caveats(audited: Audited) -> list[Caveat]:
     # Making an environment may run code; its limits are not known anyway.
     possible = possible_loss(profile.world(), profile.angle) if world in WORLDS else None
     drawn, look, others = audited.drawn, audited.look, audited.discrimination
+    traces = [one for rows in audited.traces.values() for one in rows]
+    # In an environment nothing is run again; a policy that draws its actions may draw others.
+    asked = traces if world in WORLDS and audited.deterministic else []
+    shown = sum(one is not None for one in asked)
     return [
         *caveats_of_loss(regret, possible),
         *caveats(drawn, look, audited.policy, others, world),
+        *caveats_of_replay(shown, len(asked)),
     ]
 
 

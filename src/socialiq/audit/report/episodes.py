@@ -56,8 +56,8 @@ def _row(evidence: Evidence, place: int, value: float) -> dict[str, Any]:
     }
 
 
-Traces = Mapping[str, Sequence[Trace | None]]
-"""Traces of the chosen episodes, by "median" and "worst"."""
+Traces = Mapping[str, Sequence[Trace | Mapping[str, Any] | None]]
+"""Traces of the chosen episodes, or their JSON, by "median" and "worst"."""
 
 
 def traces_of(

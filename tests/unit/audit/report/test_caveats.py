@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq.audit.looks.look import Look
-from socialiq.audit.report.caveats import caveats, caveats_of_loss
+from socialiq.audit.report.caveats import caveats, caveats_of_loss, caveats_of_replay
 from socialiq.audit.seeds.commitment import Commitment, Draw, draw, reveal
 from socialiq.audit.seeds.nonce import Nonce
 from socialiq.audit.verdict.decision import Decision
@@ -98,3 +98,10 @@ def test_the_owners_statement_is_a_caveat_below_the_rewards_own_limits(tested):
     )
     assert "more than 30; the limits of this environment's rewards are not known" in unknown.text
     assert unknown.text.endswith("The largest loss seen is 2.5.")
+
+
+def test_episodes_that_were_others_when_run_again_are_a_caveat():
+    assert caveats_of_replay(6, 6) == [] == caveats_of_replay(0, 0)
+    (found,) = caveats_of_replay(4, 6)
+    assert found.about == "episodes"
+    assert found.text.startswith("2 of 6 chosen episodes were others")

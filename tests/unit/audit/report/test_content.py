@@ -1,5 +1,6 @@
 """The report's content, and the schema that describes it."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import get_args
@@ -12,6 +13,7 @@ import socialiq.audit.report as package
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.profile.fields import SHA256_PATTERN
 from socialiq.audit.report import verify as check
+from socialiq.audit.report.content import content
 from socialiq.audit.report.verify import fault_of, read_report
 from socialiq.audit.seeds.commitment import LARGEST_SEED
 from socialiq.audit.verdict.calibration import Status
@@ -177,3 +179,16 @@ def test_a_huge_report_is_not_parsed(tmp_path, monkeypatch):
     (tmp_path / "report.json").write_bytes(b"[1, 2, 3, 4]")
     with pytest.raises(UserError, match="more than 10 bytes"):
         read_report(tmp_path / "report.json")
+
+
+def test_a_policy_that_answers_otherwise_when_asked_again_gets_a_caveat(audited):
+    """Some answers follow the number of requests: the first screen says so."""
+
+    def about(**fields):
+        found = content(dataclasses.replace(audited, **fields))
+        return [one["about"] for one in found["caveats"]]
+
+    none = {kind: [None] * len(rows) for kind, rows in audited.traces.items()}
+    assert "episodes" not in about()
+    assert "episodes" in about(traces=none)
+    assert "episodes" not in about(traces=none, deterministic=False)
