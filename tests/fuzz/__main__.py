@@ -10,6 +10,7 @@ import argparse
 import itertools
 import json
 import logging
+import math
 import random
 import shutil
 import sys
@@ -102,6 +103,14 @@ class Session:
         self.calls(f"two things wrong, seed {self.first + number}", mixed, 120.0)
         jax.clear_caches()
 
+    def until(self, end: float) -> int:
+        """Fuzz in rounds until a time; return the number of the last round."""
+        for number in itertools.count():
+            self.round(number)
+            if time.monotonic() > end:
+                break
+        return number
+
 
 def described(outcome: Outcome) -> str:
     """Return a fault of a call as a text."""
@@ -114,6 +123,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--minutes", type=float, default=1.0)
     parser.add_argument("--seed", type=int, default=0, help="of the first round; others follow")
+    parser.add_argument("--calls", action="store_true", help="run each bad call once, no readers")
     parser.add_argument("--out", type=Path, default=Path("fuzzed"), help="folder of the log")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
@@ -122,10 +132,11 @@ def main() -> int:
     end = time.monotonic() + 60.0 * asked.minutes
     with tempfile.TemporaryDirectory() as folder:
         session = Session(Path(folder), asked.out, asked.seed)
-        for number in itertools.count():
-            session.round(number)
-            if time.monotonic() > end:
-                break
+        number = 0
+        if asked.calls:
+            session.calls("one thing wrong", iter(bad_calls()), math.inf)
+        else:
+            number = session.until(end)
     session.note({"rounds": number + 1, "seed": asked.seed, **session.totals}, [])
     sys.stdout.write(f"{json.dumps({'rounds': number + 1, **session.totals})}\n")
     return 1 if session.totals["faults"] else 0
