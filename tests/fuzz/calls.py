@@ -309,9 +309,10 @@ def _values(name: str, option: Option) -> Iterator[tuple[str, bool]]:
     """Yield bad values, and whether they must be refused."""
     word = option.name.rpartition(".")[2]
     if option.kind is Path:
-        places = UNWRITABLE if word in WRITTEN else UNREADABLE
+        written = word in WRITTEN and (name, word) != ("audit verify", "log")
+        places = UNWRITABLE if written else UNREADABLE
         for value in places:
-            if word != "tensorboard":  # which adds files to any folder
+            if not (written and word in ("tensorboard", "log")):  # which add files to any folder
                 yield value, (word == "out" and value != ".") or places is UNREADABLE
     for value in ABSURD[option.kind]:
         text = option.kind is str and word in FREE

@@ -29,6 +29,7 @@ from socialiq.foreign import cut
 from socialiq.foreign import one_line as one_line_of
 
 _LONGEST_LINE = 1000
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 _BOX = re.compile(r"[│╭╮╰╯─|+]+|-{3,}")
 
 
@@ -54,8 +55,9 @@ def _run(arguments: list[str] | None) -> int:
     except MemoryError:
         return _fail("not enough memory: ask for less at a time", UserError.exit_status)
     except OSError as error:
-        if error.errno == errno.ENOSPC:
-            return _fail("no space is left on the disk: nothing was saved", UserError.exit_status)
+        if error.errno in _NO_ROOM:
+            line = f"cannot write: {error.strerror}; make room, or choose another place"
+            return _fail(line, UserError.exit_status)
         if error.filename is None:
             raise
         return _fail(f"{error.strerror}: {cut(str(error.filename), 200)}", UserError.exit_status)

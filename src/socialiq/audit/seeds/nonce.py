@@ -45,8 +45,12 @@ def write_nonce(path: Path) -> Nonce:
         raise UserError(f"{path} exists already: a nonce is used once; name a new file") from error
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
-    with os.fdopen(handle, "w") as file:
-        file.write(json.dumps({"nonce": nonce.value}) + "\n")
+    try:
+        with os.fdopen(handle, "w") as file:
+            file.write(json.dumps({"nonce": nonce.value}) + "\n")
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise UserError(f"cannot write {path}: {error.strerror}; choose another place") from error
     return nonce
 
 

@@ -160,6 +160,10 @@ class _Stream:
             raise UserError(
                 f"{self._where()}: not XML ({expat.ErrorString(error.code)}): restore the file"
             ) from error
+        except (LookupError, ValueError) as error:  # of `encoding` in the first line
+            raise UserError(
+                f"{self._where()}: {one_line(str(error), 80)}: save the file as UTF-8"
+            ) from error
 
     def _where(self) -> str:
         return f"{self._path}, line {self._parser.CurrentLineNumber}"

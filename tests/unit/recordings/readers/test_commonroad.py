@@ -200,6 +200,8 @@ def test_a_bad_track_is_left_out_with_its_reason(read, bad, reason):
         ("<commonRoad", "line 1: not XML"),
         (scenario(GOOD)[:-20], "not XML"),
         ("<osm/>", "its first element is osm"),
+        ("<?xml version='1.0' encoding='utd-8'?><osm/>", "unknown encoding: utd-8: save the file"),
+        ("<?xml version='1.0' encoding='gb18030'?><osm/>", "encoding.*: save the file as UTF-8"),
         (scenario(GOOD, version="2024z"), "version '2024z', not one of 2018b, 2020a"),
         (scenario(GOOD, step="0"), "timeStepSize"),
         (scenario(GOOD, step="fast"), "timeStepSize"),

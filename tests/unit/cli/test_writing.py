@@ -1,0 +1,143 @@
+"""Outputs when the disk is full, when two processes want one place, and after Ctrl-C."""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.nn.q_policy import QPolicy
+
+XML = Path(__file__).parents[3] / "examples" / "recordings" / "ZAM_Crossing-1_1_T-1.xml"
+
+
+@contextlib.contextmanager
+def full_disk():
+    """Let no file grow above 10 bytes, as on a disk that is full."""
+    resource = pytest.importorskip("resource", reason="needs Linux or macOS")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture(scope="module", name="ok")
+def samples(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ok")
+    shapes = [(3, 4), (2, 3)]
+    weights = tuple(np.zeros(shape, np.float32) for shape in shapes)
+    biases = tuple(np.zeros(shape[0], np.float32) for shape in shapes)
+    QPolicy(weights, biases, "relu", 1.0).save(folder / "policy.safetensors")
+    new = ["profile", "new", "--world", "crossing5", "--angle", "0"]
+    assert main([*new, "--out", str(folder / "profile.toml")]) == 0
+    data = str(folder / "steps.safetensors")
+    assert main(["collect", "crossing5", "--episodes", "1", "--out", data]) == 0
+    assert main(["data", "import", "commonroad", str(XML), "--out", str(folder / "in")]) == 0
+    (imported,) = (folder / "in").glob("*.safetensors")
+    imported.rename(folder / "recording.safetensors")
+    return folder
+
+
+CALLS = [
+    "collect crossing5 --episodes 1 --out OUT",
+    "data to-arrays {ok}/steps.safetensors --out OUT.npz",
+    "data to-arrays {ok}/steps.safetensors --out OUT.csv",
+    "data import commonroad {xml} --out OUT",
+    "data demonstrations {ok}/recording.safetensors --out OUT",
+    "data census {ok}/recording.safetensors --out OUT",
+    "export {ok}/policy.safetensors --format torch --out OUT",
+    "export {ok}/policy.safetensors --format card --out OUT",
+    "render crossing5 --out OUT.png",
+    "profile new --world crossing5 --angle 0 --out OUT",
+    "audit {ok}/policy.safetensors --profile {ok}/profile.toml --episodes 2 --no-log --out OUT",
+    "audit {ok}/policy.safetensors --profile {ok}/profile.toml --episodes 2 --out OUT",
+    "audit nonce --out OUT",
+    "reproduce worlds --episodes 1 --out OUT",
+]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call[:20])
+def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, tmp_path, ok, call):
+    place = str(tmp_path / "out")
+    words = [word.format(ok=ok, xml=XML).replace("OUT", place) for word in call.split()]
+    with full_disk():
+        status = main(words)
+    said = capsys.readouterr()
+    assert status == 2 and said.out == ""
+    lines = [line for line in said.err.splitlines() if line.startswith("socialiq: ")]
+    assert len(lines) == 1 and said.err.endswith(f"{lines[0]}\n")
+    left = [path for path in tmp_path.rglob("*") if path.is_file() and path.stat().st_size]
+    assert not left
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_full_disk_leaves_the_old_content(capsys, tmp_path, ok):
+    out = tmp_path / "profile.toml"
+    new = ["profile", "new", "--world", "crossing5", "--angle", "0", "--out", str(out)]
+    assert main(new) == 0
+    before = out.read_bytes()
+    with full_disk():
+        assert main([*new, "--replace"]) == 2
+    assert out.read_bytes() == before and len(list(tmp_path.iterdir())) == 1
+    assert "cannot write" in capsys.readouterr().err
+
+
+def started(*words) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "socialiq", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_two_processes_with_one_output_never_lose_a_result(tmp_path, ok, kind):
+    out = tmp_path / "out"
+    words = {
+        "file": ["collect", "crossing5", "--episodes", "200", "--json"],
+        "folder": ["audit", ok / "policy.safetensors", "--profile", ok / "profile.toml"],
+    }[kind]
+    words += [] if kind == "file" else ["--episodes", "200", "--no-log", "--json"]
+    running = [started(*words, "--seed", seed, "--out", out) for seed in range(4)]
+    ends = [(one.communicate(timeout=300), one.returncode) for one in running]
+    accepted = (0,) if kind == "file" else (0, 1, 3)
+    done = [json.loads(said[0]) for said, status in ends if status in accepted]
+    assert len(done) == 1
+    for (_, error), status in ends:
+        refused = "another process is writing" in error or "exists already" in error
+        assert status in accepted or (status == 2 and refused)
+    if kind == "folder":
+        assert json.loads((out / "report.json").read_text())["seeds"] == done[0]["seeds"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["collect", "audit"])
+def test_ctrl_c_leaves_nothing(tmp_path, ok, command):
+    out = tmp_path / "out"
+    words = {
+        "collect": ["collect", "crossing7", "--episodes", "900000"],
+        "audit": ["audit", ok / "policy.safetensors", "--profile", ok / "profile.toml", "--no-log"],
+    }[command]
+    words += ["--episodes", "900000"] if command == "audit" else []
+    process = started(*words, "--out", out)
+    deadline = time.monotonic() + 120
+    while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.05)  # until it has claimed its output
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130, errors
+    assert errors.endswith("socialiq: stopped; nothing was saved\n")
+    assert list(tmp_path.iterdir()) == []
