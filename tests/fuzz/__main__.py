@@ -93,10 +93,12 @@ class Session:
         with (self.out / "log.jsonl").open("a") as log:
             log.write(json.dumps({**said, "faults": faults}) + "\n")
 
-    def round(self, number: int) -> None:
-        """Fuzz every reader, then the command line."""
+    def round(self, number: int, end: float) -> None:
+        """Fuzz every reader, then the command line, unless the time is over before."""
         for reader in READERS:
             self.reader(reader, number)
+            if time.monotonic() > end:
+                return
         self.calls("one thing wrong", self.waiting, 120.0)
         generator = random.Random(self.first + number)
         mixed = (mixed_call(generator) for _ in range(MIXED))
@@ -106,7 +108,7 @@ class Session:
     def until(self, end: float) -> int:
         """Fuzz in rounds until a time; return the number of the last round."""
         for number in itertools.count():
-            self.round(number)
+            self.round(number, end)
             if time.monotonic() > end:
                 break
         return number
