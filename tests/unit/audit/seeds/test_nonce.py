@@ -39,7 +39,7 @@ def test_what_is_no_nonce_is_refused(tmp_path, content):
 
 def test_a_pipe_and_a_large_file_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(UserError, match="no such file"):
+    with pytest.raises(UserError, match="not a regular file"):
         read_nonce(tmp_path / "pipe")
     (tmp_path / "large").write_text(json.dumps({"nonce": "0" * 100_000}))
     with pytest.raises(UserError, match="is larger than"):
