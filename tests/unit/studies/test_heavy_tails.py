@@ -12,6 +12,7 @@ from socialiq.studies.audit_power.heavy_tails import (
     error_rows,
     false_bound_rows,
     lognormal_cut,
+    long_audit_rows,
     pareto_cut,
     passes_by_bootstrap,
     price_rows,
@@ -55,6 +56,11 @@ def test_wrong_passes_are_rare_by_betting_alone(rows):
 def test_the_price_is_small_without_heavy_tails(rows):
     assert rows["normal", "well within"]["betting"] > 0.6
     assert rows["100 in 0.2 % of episodes", "well within"]["betting"] == 0.0
+
+
+def test_long_audits_pass_wrongly_as_seldom():
+    for row in long_audit_rows(250, 300, 7):
+        assert row["episodes"] == 2000 and row["betting_low"] <= 0.05, row
 
 
 def test_more_episodes_pass_more(monkeypatch):

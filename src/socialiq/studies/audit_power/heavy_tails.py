@@ -118,6 +118,9 @@ TOO_LOW = 0.2
 SIZES = (250, 500, 1000, 2000, 4000, 8000)
 """Numbers of episodes of which the price is told."""
 
+LONGER = 8
+"""Factor of the episodes of a long audit."""
+
 _TAILS = 6108  # makes these draws independent of others from the same seed
 
 ProgressCallback = Callable[[int], None]
@@ -150,6 +153,25 @@ def error_rows(
             rows.append(row | _shares({"bootstrap": usual, "betting": guarded}, replications))
             if on_progress:
                 on_progress(len(rows))
+    return rows
+
+
+def long_audit_rows(episodes: int, replications: int, seed: int) -> list[Row]:
+    """Return the shares of wrong passes by betting in audits of `LONGER` times as many episodes.
+
+    Short audits of heavy tails pass nothing, so that their errors say little.
+
+    Args:
+        episodes: Episodes of a usual audit.
+        replications: Number of audits of each case.
+        seed: Seed of all draws.
+    """
+    rows: list[Row] = []
+    for name, tail in TAILS.items():
+        made = _drawn(name, TIMES["at the margin"], replications, LONGER * episodes, seed)
+        passed, _ = decisions_by_betting(made, tail.margin, tail.limit)
+        row: Row = {"losses": name, "episodes": LONGER * episodes}
+        rows.append(row | _shares({"betting": passed}, replications))
     return rows
 
 

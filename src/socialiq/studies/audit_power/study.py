@@ -22,6 +22,7 @@ from socialiq.studies.audit_power.heavy_tails import (
     TIMES,
     error_rows,
     false_bound_rows,
+    long_audit_rows,
     price_rows,
 )
 from socialiq.studies.audit_power.power import ERROR, coverage_rows, verdict_rows
@@ -84,6 +85,7 @@ def _heavy_tails(config: Config, context: Context) -> dict[str, list[Row]]:
     wrong, price = len(TAILS) * len(TIMES), len(TAILS) * len(SIZES)
     return {
         "heavy_tails": error_rows(*sizes, config.resamples, cases("heavy tails", wrong)),
+        "long_audits": long_audit_rows(*sizes),
         "false_bounds": false_bound_rows(*sizes),
         "price": price_rows(audits, config.first_seed, config.resamples, cases("price", price)),
     }
@@ -102,6 +104,7 @@ def _summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
             if row["tries"] == TRIES
         },
         "heavy_tails": {f"{row['losses']}, {row['regret']}": row for row in tables["heavy_tails"]},
+        "long_audits": {row["losses"]: row for row in tables["long_audits"]},
         "false_bounds": {row["losses"]: row for row in tables["false_bounds"]},
         "price": {f"{row['losses']}, {row['episodes']}": row for row in tables["price"]},
     }
