@@ -16,7 +16,7 @@ from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.auditor_claims import claims_of_auditor
 from socialiq.audit.report.caveats import Caveat, caveats, caveats_of_loss, caveats_of_replay
-from socialiq.audit.report.episodes import Traces, path_of, selected
+from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.report.seeds import seeds_of
 from socialiq.audit.seeds.commitment import Draw
 from socialiq.audit.verdict.decision import Decision
@@ -56,7 +56,7 @@ class Audited:
         discrimination: Result of `discriminate`.
         shifts: Result of `shift_of`; None without the check.
         films: Films by path in the folder: `episodes.path_of`.
-        traces: Result of `episodes.traces_of`.
+        traces: Result of `episodes.traces_of`, or the same as JSON.
         command: Command that repeats the audit.
         started: Time of the start.
         seconds: Duration.
@@ -77,7 +77,7 @@ class Audited:
     discrimination: Discrimination
     shifts: Sequence[Shift] | None
     films: Mapping[str, bytes]
-    traces: Traces
+    traces: Mapping[str, Sequence[Any]]
     command: str
     started: datetime.datetime
     seconds: float
@@ -152,7 +152,9 @@ def _caveats(audited: Audited) -> list[Caveat]:
     ]
 
 
-def _shown(chosen: Episodes, films: Mapping[str, bytes], traces: Traces) -> Episodes:
+def _shown(
+    chosen: Episodes, films: Mapping[str, bytes], traces: Mapping[str, Sequence[Any]]
+) -> Episodes:
     """Return the chosen episodes with the path of each one's film, and any trace."""
     return {
         kind: [
