@@ -35,6 +35,33 @@ def test_what_new_writes_check_reads(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["sha256"] == declared.sha256
 
 
+@pytest.mark.parametrize(
+    ("more", "declared"),
+    [
+        # From both waiting for ever, -20 each, to WGGGG: 5 cos 30 + 6 sin 30; 34.651, rounded up.
+        ([], 34.66),
+        (["--largest-loss", "7.5"], 7.5),
+        (["--margin", "40"], None),  # beyond what they allow: the margin excludes nothing
+    ],
+)
+def test_the_largest_loss_is_filled_in(tmp_path, capsys, more, declared):
+    path = tmp_path / "profile.toml"
+    assert new(path, *more) == 0
+    assert load(path).margin.largest_loss == declared
+    assert ("largest_loss" in path.read_text()) == (declared is not None)
+    assert "None" not in capsys.readouterr().out
+
+
+def test_an_environment_declares_none_by_itself(tmp_path, capsys):
+    path = tmp_path / "profile.toml"
+    words = ["profile", "new", "--angle", "0", "--world", "CartPole-v1", "--replace"]
+    for more, declared in (([], None), (["--largest-loss", "500"], 500.0)):
+        assert main([*words, *more, "--out", str(path)]) == 0
+        assert load(path).margin.largest_loss == declared
+    assert new(path, "--largest-loss", "0.5", "--replace") == 2
+    assert "margin.largest_loss must be above margin.regret" in capsys.readouterr().err
+
+
 def test_a_declaration_is_not_replaced_by_accident(tmp_path, capsys):
     path = tmp_path / "profile.toml"
     assert new(path) == 0
