@@ -313,7 +313,11 @@ def _values(name: str, option: Option) -> Iterator[tuple[str, bool]]:
         places = UNWRITABLE if written else UNREADABLE
         for value in places:
             if not (written and word in ("tensorboard", "log")):  # which add files to any folder
-                yield value, (word == "out" and value != ".") or places is UNREADABLE
+                no_log = word == "log" and value.endswith(
+                    "empty"
+                )  # a log without the look: status 1
+                unread = places is UNREADABLE and not no_log
+                yield value, (word == "out" and value != ".") or unread
     for value in ABSURD[option.kind]:
         text = option.kind is str and word in FREE
         yield value, not (text and value in ("no\nsuch", "\x1b[2J", LONG_TEXT))
