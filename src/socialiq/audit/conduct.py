@@ -348,7 +348,7 @@ def audit_policy(
     policy: str | Path,
     profile: Path,
     out: Path,
-    episodes: int = 500,
+    episodes: int = 1000,
     seed: int | None = None,
     references: Sequence[str | Path] = (),
     allow_code: bool = False,

@@ -33,7 +33,7 @@ class Audit:
     Policy and declaration are hashed before the seed is drawn. Exit status: 0 pass, 1 fail, 2 a
     mistake in the call, 3 undecided. `socialiq audit verify DIR` checks a report.
 
-    Example: socialiq audit atlas:prosocial --profile profile.toml --episodes 500 --out audit
+    Example: socialiq audit atlas:prosocial --profile profile.toml --out audit
     """
 
     policy: Annotated[str, tyro.conf.Positional]
@@ -42,7 +42,7 @@ class Audit:
     """The declaration: `socialiq profile new` writes one."""
     out: Path
     """Folder to write: report.json, report.html, report.md, the evidence and the seals."""
-    episodes: int = 500
+    episodes: int = 1000
     """Number of episodes."""
     seed: int | None = None
     """Seed of the episodes; by default drawn from the system's entropy after the commitment."""

@@ -65,7 +65,7 @@ class Commit:
     in ten minutes."""
     log: Path = Path("audit-log")
     """Folder of the audit log."""
-    episodes: int = 500
+    episodes: int = 1000
     """Number of episodes of the audit."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """A further driver to compare with, as for `socialiq audit`."""

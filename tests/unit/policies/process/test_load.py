@@ -283,8 +283,8 @@ def test_all_that_a_process_starts_has_the_same_limit(start):
     [
         (Limits(memory=1000), "memory must be from 0.25"),
         (Limits(memory=-1), "memory must be from 0.25"),
-        (Limits(step=0.0), "seconds for an answer must be above 0"),
-        (Limits(start=float("nan")), "seconds for an answer must be above 0"),
+        (Limits(step=0.0), "seconds for an answer must be"),
+        (Limits(start=float("nan")), "seconds for an answer must be"),
     ],
 )
 def test_limits_that_are_none(start, limits, match):

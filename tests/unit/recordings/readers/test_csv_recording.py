@@ -235,7 +235,7 @@ def test_pieces_of_any_size_give_the_same(read, monkeypatch):
 @pytest.mark.parametrize(
     ("said", "line"),
     [
-        ("[", "cannot read"),
+        ("[", "is not TOML"),
         (MAP.replace("[columns]", "[colums]"), "colums is unknown"),
         (MAP.replace('x = "x"', ""), "lacks x"),
         (MAP.replace('frame = "frame"', ""), "lacks frame"),
