@@ -6,174 +6,32 @@ import contextlib
 import dataclasses
 import datetime
 import hashlib
-import shlex
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from jaxtyping import Int64
-
-from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.consistency import Recorder, joined
-from socialiq.audit.evidence.outcomes import Evidence, check_episodes, episode_seeds
+from socialiq.audit.collection import Collection
+from socialiq.audit.evidence.consistency import joined
+from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
 from socialiq.audit.looks.log import Subject
 from socialiq.audit.looks.look import Look, Opened, Plan, commit, open_look, record
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import load
-from socialiq.audit.profile.scenario import World
 from socialiq.audit.report.content import Audited, content
-from socialiq.audit.report.episodes import check_filmed, films_of, selected, traces_of
+from socialiq.audit.report.episodes import Traces, check_filmed, films_of, selected, traces_of
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
-from socialiq.audit.resolve_policy import (
-    References,
-    Trust,
-    is_code,
-    resolve_policy,
-    resolve_references,
-)
-from socialiq.audit.seeds.beacon import Round, read_round
-from socialiq.audit.seeds.commitment import Commitment, check_seed
-from socialiq.audit.seeds.nonce import Nonce, read_nonce
+from socialiq.audit.request import Request, command_of
+from socialiq.audit.resolve_policy import References, Trust, resolve_policy
+from socialiq.audit.seeds.beacon import Round
+from socialiq.audit.seeds.commitment import Commitment
+from socialiq.audit.seeds.nonce import Nonce
 from socialiq.audit.verdict.dependence import dependence
 from socialiq.audit.verdict.judged import judged
-from socialiq.audit.verdict.shift import other_traffic
+from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
 from socialiq.policies.process.isolation import Asked
-from socialiq.policies.process.load import GIB, Limits
-from socialiq.policies.record import Loaded
-
-
-@dataclasses.dataclass(frozen=True)
-class Request:
-    """Request of an audit.
-
-    Attributes:
-        policy: A specification as for `resolve_policy`.
-        profile: File of the declaration.
-        episodes: Number of episodes of every driver.
-        seed: The auditor's seed, or None to draw it.
-        references: Further drivers to compare with: files, or "python:MODULE:ATTRIBUTE".
-        soft: Whether the policy draws its actions.
-        trust: Permissions of the policy.
-        threads: Number of threads of the intersection.
-        films: Whether to draw six episodes.
-        shift: Whether to run the policy in other traffic too.
-        log: Folder of the audit log; None keeps none.
-        nonce: File of the auditor's nonce, which a commitment in the log names.
-        beacon: File of a beacon's round, which a commitment in the log names.
-    """
-
-    policy: str
-    profile: Path
-    episodes: int
-    seed: int | None = None
-    references: tuple[str, ...] = ()
-    soft: bool = False
-    trust: Trust = dataclasses.field(default_factory=Trust)
-    threads: int = 1
-    films: bool = False
-    shift: bool = False
-    log: Path | None = None
-    nonce: Path | None = None
-    beacon: Path | None = None
-
-    def check(self) -> None:
-        """Check the numbers and options before any work is done.
-
-        Raises:
-            UserError: If one is out of range, or two exclude each other.
-        """
-        check_episodes(self.episodes)
-        if self.seed is not None:
-            check_seed(self.seed)  # it is used only after the commitment
-        if self.films and self.soft:
-            raise UserError("films show a policy's best actions: leave out --films or --soft")
-        self.trust.limits.check()
-        if self.trust.files and not any(map(is_code, (self.policy, *self.references))):
-            raise UserError("--files is of a process or Python: leave it out")
-        if self.threads < 1:
-            raise UserError(f"threads must be at least 1, got {self.threads}")
-        if sum(one is not None for one in (self.seed, self.nonce, self.beacon)) > 1:
-            raise UserError("an audit has one seed: give one of --seed, --nonce and --beacon")
-
-    def given(self) -> int | Nonce | Round | None:
-        """Return the auditor's seed, nonce or round of a beacon; None draws the seed.
-
-        Raises:
-            UserError: If its file can't be read, or a round's signature is not the beacon's.
-        """
-        if self.nonce is not None:
-            return read_nonce(self.nonce)
-        return self.seed if self.beacon is None else read_round(self.beacon)
-
-
-class Collection(NamedTuple):
-    """Evidence that is to be collected.
-
-    Attributes:
-        request: Request of the audit.
-        profile: The declaration.
-        traffic: Number of a traffic of `other_traffic`, or None for the declared one.
-        world: World of the episodes.
-        loaded: The policy.
-        references: Drivers to compare with.
-        seeds: Seeds of the episodes.
-    """
-
-    request: Request
-    profile: Profile
-    traffic: int | None
-    world: World
-    loaded: Loaded
-    references: References
-    seeds: Int64[np.ndarray, " episode"]
-
-    @staticmethod
-    def of(
-        request: Request,
-        profile: Profile,
-        traffic: int | None,
-        world: World,
-        loaded: Loaded,
-        closing: contextlib.ExitStack,
-    ) -> Collection:
-        """Resolve the references in the world of the episodes; there are no episodes yet.
-
-        Processes of references end with `closing`.
-        """
-        found = resolve_references(world, request.references, loaded.record, request.trust)
-        closing.callback(found.close)
-        none = np.zeros(0, np.int64)
-        return Collection(request, profile, traffic, world, loaded, found, none)
-
-    def on(self, seeds: Int64[np.ndarray, " episode"]) -> Collection:
-        """Return the collection on episodes of these seeds."""
-        return self._replace(seeds=seeds)
-
-    def collect(self, side_by_side: int | None = None) -> Evidence:
-        """Run all drivers in this process; ask a policy that is code again what it was asked.
-
-        Policies that are data run by this package's code, and drawn actions differ by design.
-        """
-        request, checked = self.request, is_code(self.request.policy) and not self.request.soft
-        policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
-        evidence = collect_evidence(
-            self.world,
-            policy,
-            self.seeds,
-            self.references.drivers,
-            deterministic=not request.soft,
-            threads=request.threads,
-            side_by_side=side_by_side,
-        )
-        if isinstance(policy, Recorder):
-            angle = self.profile.angle
-            with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
-                evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
-        self.loaded.check_unchanged()
-        return evidence
+from socialiq.policies.record import Record
 
 
 @dataclasses.dataclass(frozen=True)
@@ -233,6 +91,30 @@ def commit_to(request: Request, source: Mapping[str, Any]) -> Look:
     return commit(request.log, plan, source)
 
 
+class _Gathered(NamedTuple):
+    """Policy, seed and evidence of an audit, before any test.
+
+    Attributes:
+        policy: Record of the policy.
+        opened: Commitment, seed and look.
+        references: Drivers to compare with.
+        complete: Evidence of the declared traffic, with all references.
+        traffic: Other traffic.
+        elsewhere: Evidence of each other traffic.
+        films: Films by path in the report's folder.
+        traces: Movements of the vehicles in the episodes shown.
+    """
+
+    policy: Record
+    opened: Opened
+    references: References
+    complete: Evidence
+    traffic: Sequence[Traffic]
+    elsewhere: list[Evidence]
+    films: dict[str, bytes]
+    traces: Traces
+
+
 def conduct(
     request: Request,
     print_line: Callable[[str], None],
@@ -252,8 +134,56 @@ def conduct(
     """
     request.check()
     started, clock = datetime.datetime.now(datetime.UTC), time.monotonic()
-    given, profile = request.given(), load(request.profile)
-    world = profile.world(request.trust.allow_code)
+    profile = load(request.profile)
+    found = _gather(request, profile, print_line, repeated, collect)
+    drawn, look = found.opened
+    consistency = joined([one.consistency for one in (found.complete, *found.elsewhere)])
+    verdict, discrimination, shifts = judged(
+        profile,
+        found.complete,
+        found.references.itself,
+        drawn.derived("resampling"),
+        found.traffic,
+        found.elsewhere,
+        error=None if look is None else look.error,
+        findings=dependence(consistency),
+    )
+    report = content(
+        Audited(
+            profile=profile,
+            policy=found.policy.as_json(),
+            deterministic=not request.soft,
+            drawn=drawn,
+            look=look,
+            records=found.references.records,
+            reference_files=list(request.references),
+            left_out=found.references.itself,
+            consistency=consistency,
+            evidence=found.complete,
+            elsewhere=found.elsewhere,
+            verdict=verdict,
+            discrimination=discrimination,
+            shifts=shifts,
+            films=found.films,
+            traces=found.traces,
+            command=command_of(request, drawn.seed),
+            started=started,
+            seconds=round(time.monotonic() - clock, 3),
+        )
+    )
+    evidence = (found.complete, *found.elsewhere)
+    return Conducted(report, evidence, profile, found.films, request.log, look)
+
+
+def _gather(
+    request: Request,
+    profile: Profile,
+    print_line: Callable[[str], None],
+    repeated: Opened | None,
+    collect: Callable[[Collection], Evidence],
+) -> _Gathered:
+    """Load the policy, commit, learn the seed, and run all drivers."""
+    given, world = request.given(), profile.world(request.trust.allow_code)
     if request.films:
         check_filmed(world)
     traffic = other_traffic(profile) if request.shift else ()
@@ -265,7 +195,8 @@ def conduct(
             for number, place in ((None, world), *enumerate(one.world for one in traffic))
         )
         plan = plan_of(request, profile, policy.sha256, declared.references)
-        drawn, look = repeated or _open(request, plan, given, print_line)
+        opened = repeated or _open(request, plan, given, print_line)
+        drawn = opened.drawn
         if drawn.commitment != plan.commitment:
             raise UserError(
                 f"{request.policy} is not the policy that was audited: its hash differs"
@@ -279,43 +210,8 @@ def conduct(
         episodes = selected(complete, profile.angle)
         films = films_of(world, loaded.policy, episodes) if request.films else {}
         traces = traces_of(world, loaded.policy, episodes, not request.soft)
-    itself = declared.references.itself
-    resampling = drawn.derived("resampling")
-    consistency = joined([one.consistency for one in (complete, *elsewhere)])
-    verdict, discrimination, shifts = judged(
-        profile,
-        complete,
-        itself,
-        resampling,
-        traffic,
-        elsewhere,
-        error=None if look is None else look.error,
-        findings=dependence(consistency),
-    )
-    report = content(
-        Audited(
-            profile=profile,
-            policy=policy.as_json(),
-            deterministic=not request.soft,
-            drawn=drawn,
-            look=look,
-            records=declared.references.records,
-            reference_files=list(request.references),
-            left_out=itself,
-            consistency=consistency,
-            evidence=complete,
-            elsewhere=elsewhere,
-            verdict=verdict,
-            discrimination=discrimination,
-            shifts=shifts,
-            films=films,
-            traces=traces,
-            command=command_of(request, drawn.seed),
-            started=started,
-            seconds=round(time.monotonic() - clock, 3),
-        )
-    )
-    return Conducted(report, (complete, *elsewhere), profile, films, request.log, look)
+    references = declared.references
+    return _Gathered(policy, opened, references, complete, traffic, elsewhere, films, traces)
 
 
 def plan_of(request: Request, profile: Profile, policy_sha256: str, references: References) -> Plan:
@@ -406,24 +302,3 @@ def log_folder(out: Path, log: Path | None, no_log: bool) -> Path | None:
     if no_log and log is not None:
         raise UserError("an audit keeps a log or none: leave out --log or --no-log")
     return None if no_log else log or out.parent / "audit-log"
-
-
-def command_of(request: Request, seed: int) -> str:
-    """Return the command that repeats an audit, without its output folder."""
-    words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
-    words += ["--episodes", str(request.episodes), "--seed", str(seed)]
-    words += [word for one in request.references for word in ("--reference", one)]
-    words += ["--films"] if request.films else []
-    words += ["--shift"] if request.shift else []
-    words += ["--soft"] if request.soft else []
-    words += ["--no-log"] if request.log is None else []
-    words += ["--allow-code"] if request.trust.allow_code else []
-    words += [word for one in request.trust.files for word in ("--files", one)]
-    if request.trust.isolation != "auto":
-        words += ["--isolation", request.trust.isolation]
-    limits, usual = request.trust.limits, Limits()
-    if limits.step != usual.step:
-        words += ["--step-seconds", f"{limits.step:g}"]
-    if limits.memory != usual.memory:
-        words += ["--memory-gib", f"{limits.memory / GIB:g}"]
-    return shlex.join(words)

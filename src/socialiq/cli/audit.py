@@ -11,9 +11,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.conduct import Conducted, Request, conduct, log_folder
+from socialiq.audit.conduct import Conducted, conduct, log_folder
 from socialiq.audit.report.folder import check_target
 from socialiq.audit.report.views import is_known, number, others, outcome, percent
+from socialiq.audit.request import Request
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.output import print_table, say
 from socialiq.cli.progress import Display

@@ -11,9 +11,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.conduct import Request, commit_to
+from socialiq.audit.conduct import commit_to
 from socialiq.audit.looks.log import now
 from socialiq.audit.looks.look import of_beacon, of_nonce
+from socialiq.audit.request import Request
 from socialiq.audit.resolve_policy import Trust
 from socialiq.audit.seeds.beacon import address_of, round_after, time_of
 from socialiq.audit.seeds.nonce import write_nonce

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.audit.conduct import Request, conduct
+from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.auditor_claims import OF_A_LOG
 from socialiq.audit.report.differences import differences
@@ -21,6 +21,7 @@ from socialiq.audit.report.log_check import faults_by_log
 from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.signature import faults_of_signature, key_id, read_public_key
 from socialiq.audit.report.verify import check_folder, content_of, read_report
+from socialiq.audit.request import Request
 from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.checks import refuse_unused
 from socialiq.cli.output import complain, print_json, say

@@ -6,7 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from socialiq.audit.conduct import Request, conduct
+from socialiq.audit.conduct import conduct
+from socialiq.audit.request import Request
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.experiments.audit_parts import collector

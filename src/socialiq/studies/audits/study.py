@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.conduct import Request, conduct
+from socialiq.audit.conduct import conduct
 from socialiq.audit.evidence.outcomes import check_episodes
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
 from socialiq.audit.report.views import arcs
+from socialiq.audit.request import Request
 from socialiq.experiments.study import (
     Context,
     Findings,

@@ -1,9 +1,9 @@
-"""Repetition of an audit."""
+"""The command that repeats an audit."""
 
 import dataclasses
 from pathlib import Path
 
-from socialiq.audit.conduct import Request, command_of
+from socialiq.audit.request import Request, command_of
 from socialiq.audit.resolve_policy import Trust
 from socialiq.policies.process.load import GIB, Limits
 

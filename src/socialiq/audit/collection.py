@@ -1,0 +1,91 @@
+"""Collection of an audit's evidence: the drivers of a request on episodes of one world."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int64
+
+from socialiq.audit.evidence.collect import collect_evidence
+from socialiq.audit.evidence.consistency import Recorder
+from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.profile.profile import Profile
+from socialiq.audit.profile.scenario import World
+from socialiq.audit.request import Request
+from socialiq.audit.resolve_policy import (
+    References,
+    is_code,
+    resolve_policy,
+    resolve_references,
+)
+from socialiq.policies.record import Loaded
+
+
+class Collection(NamedTuple):
+    """Evidence that is to be collected.
+
+    Attributes:
+        request: Request of the audit.
+        profile: The declaration.
+        traffic: Number of a traffic of `other_traffic`, or None for the declared one.
+        world: World of the episodes.
+        loaded: The policy.
+        references: Drivers to compare with.
+        seeds: Seeds of the episodes.
+    """
+
+    request: Request
+    profile: Profile
+    traffic: int | None
+    world: World
+    loaded: Loaded
+    references: References
+    seeds: Int64[np.ndarray, " episode"]
+
+    @staticmethod
+    def of(
+        request: Request,
+        profile: Profile,
+        traffic: int | None,
+        world: World,
+        loaded: Loaded,
+        closing: contextlib.ExitStack,
+    ) -> Collection:
+        """Resolve the references in the world of the episodes; there are no episodes yet.
+
+        Processes of references end with `closing`.
+        """
+        found = resolve_references(world, request.references, loaded.record, request.trust)
+        closing.callback(found.close)
+        none = np.zeros(0, np.int64)
+        return Collection(request, profile, traffic, world, loaded, found, none)
+
+    def on(self, seeds: Int64[np.ndarray, " episode"]) -> Collection:
+        """Return the collection on episodes of these seeds."""
+        return self._replace(seeds=seeds)
+
+    def collect(self, side_by_side: int | None = None) -> Evidence:
+        """Run all drivers in this process; ask a policy that is code again what it was asked.
+
+        Policies that are data run by this package's code, and drawn actions differ by design.
+        """
+        request, checked = self.request, is_code(self.request.policy) and not self.request.soft
+        policy = Recorder(self.loaded.policy) if checked else self.loaded.policy
+        evidence = collect_evidence(
+            self.world,
+            policy,
+            self.seeds,
+            self.references.drivers,
+            deterministic=not request.soft,
+            threads=request.threads,
+            side_by_side=side_by_side,
+        )
+        if isinstance(policy, Recorder):
+            angle = self.profile.angle
+            with resolve_policy(request.policy, self.world, angle, request.trust) as fresh:
+                evidence = dataclasses.replace(evidence, consistency=policy.check(fresh.policy))
+        self.loaded.check_unchanged()
+        return evidence
