@@ -10,18 +10,18 @@ class UserError(Exception):
     exit_status = 2
 
 
-def one_of(what: str, value: str, known: tuple[str, ...] | list[str]) -> None:
+def one_of(what: str, value: object, known: tuple[str, ...] | list[str]) -> None:
     """Raise an error for a name that is not among the known names.
 
     Args:
         what: Kind of thing that the name denotes, in the user's words ("world", "target kind").
-        value: The name given.
+        value: The name given; of a file, it may be of any type.
         known: The valid names.
 
     Raises:
         UserError: If `value` is not in `known`; the line lists the valid names.
     """
     if value not in known:
-        text = str(value)  # of a file, it may be of any type
+        text = str(value)
         shown = text if len(text) <= 80 else f"{text[:79]}…"
         raise UserError(f"unknown {what} '{shown}': choose one of {', '.join(known)}")
