@@ -98,6 +98,7 @@ def test_rewards_of_the_episodes(failed, reseal, tmp_path, capsys):
     assert "report.verdict.decision does not follow from the episodes" in found
 
 
+@pytest.mark.slow
 def test_episodes_made_up_consistently_need_a_rerun(failed, reseal, tmp_path, capsys):
     """The verdict of a pass follows from them, so only running them again, or its signer, helps."""
     forged = changed_rows(failed, better)

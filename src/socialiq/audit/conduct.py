@@ -262,12 +262,13 @@ def audit_policy(
         profile: File of the declaration: the `source` of the result of `declare`.
         out: Folder to write.
         episodes: Number of episodes of every driver.
-        seed: The auditor's seed; by default drawn after policy and declaration were hashed.
+        seed: Seed of a trial or a repetition, which no log keeps; by default drawn after policy
+            and declaration were hashed.
         references: Further drivers to compare with; in an environment at least one.
         allow_code: Whether named Python modules may run without isolation, and an environment's
             module may be imported.
         replace: Whether an earlier report in the folder is replaced.
-        log: Folder of the audit log; by default `audit-log` beside `out`.
+        log: Folder of the audit log; by default `audit-log` beside `out`, none with a seed.
         no_log: Whether to keep no log.
         isolation: Isolation of processes and Python modules: where bubblewrap works, always, never.
         files: Further files and folders of these, which their hash covers.
@@ -286,19 +287,23 @@ def audit_policy(
         seed,
         tuple(map(str, references)),
         trust=Trust(allow_code, isolation=isolation, files=tuple(map(str, files))),
-        log=log_folder(out, log, no_log),
+        log=log_folder(out, log, no_log, seed),
     )
     done = conduct(request, lambda _line: None)
     done.write(out, replace)
     return done.report
 
 
-def log_folder(out: Path, log: Path | None, no_log: bool) -> Path | None:
+def log_folder(out: Path, log: Path | None, no_log: bool, seed: int | None) -> Path | None:
     """Return the folder of the audit log: by default `audit-log` beside the report's folder.
+
+    An audit with a seed known beforehand is a trial or a repetition: by default it has no log.
 
     Raises:
         UserError: If a log is named and refused at once.
     """
     if no_log and log is not None:
         raise UserError("an audit keeps a log or none: leave out --log or --no-log")
-    return None if no_log else log or out.parent / "audit-log"
+    if no_log or (seed is not None and log is None):
+        return None
+    return log or out.parent / "audit-log"

@@ -87,7 +87,6 @@ def command_of(request: Request, seed: int) -> str:
     words += ["--films"] if request.films else []
     words += ["--shift"] if request.shift else []
     words += ["--soft"] if request.soft else []
-    words += ["--no-log"] if request.log is None else []
     words += ["--allow-code"] if request.trust.allow_code else []
     words += [word for one in request.trust.files for word in ("--files", one)]
     if request.trust.isolation != "auto":

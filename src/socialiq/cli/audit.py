@@ -46,7 +46,8 @@ class Audit:
     episodes: int = 1000
     """Number of episodes."""
     seed: int | None = None
-    """Seed of the episodes; by default drawn from the system's entropy after the commitment."""
+    """Seed of a trial or a repetition, which no log keeps: it is known before the commitment. By
+    default the seed is drawn from the system's entropy after the commitment."""
     nonce: Path | None = None
     """File of the auditor's nonce, whose hash an `audit commit` of the owner names."""
     beacon: Path | None = None
@@ -131,7 +132,7 @@ class Audit:
             threads=self.threads,
             films=self.films,
             shift=self.shift,
-            log=log_folder(self.out, self.log, self.no_log),
+            log=log_folder(self.out, self.log, self.no_log, self.seed),
             nonce=self.nonce,
             beacon=self.beacon,
         )

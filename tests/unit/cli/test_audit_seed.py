@@ -79,6 +79,7 @@ def test_mistakes_are_one_line_and_no_look(tmp_path, call, capsys, more, mend):
         (["--nonce", "none.json"], "no such file: none.json"),
         (["--beacon", "none.json"], "no such file: none.json"),
         (["--log", "a", "--no-log"], "leave out --log or --no-log"),
+        (["--log", "a", "--seed", "1"], "leave out --seed, or --log"),
     ],
 )
 def test_mistakes_of_an_audit_are_no_look(tmp_path, call, capsys, more, mend):

@@ -74,6 +74,7 @@ def small_network(tmp_path_factory):
     return folder / "run" / "policy_0.safetensors"
 
 
+@pytest.mark.slow
 def test_an_audit_in_parts_by_command_goes_on_from_its_work_folder(tmp_path, trained, capsys):
     profile, work = declare(tmp_path, "crossing7"), tmp_path / "work"
     words = ["audit", str(trained), "--profile", str(profile), "--episodes", "30", "--seed", "3"]

@@ -145,19 +145,17 @@ def of_nonce(sha256: str) -> dict[str, Any]:
     return _nonce_origin(sha256)
 
 
-def origin_of(given: int | Nonce | Round | None) -> dict[str, Any]:
+def origin_of(given: Nonce | Round | None) -> dict[str, Any]:
     """Return the origin of a seed as a commitment names it.
 
     Args:
         given: As for `open_look`.
     """
-    if given is None:
-        return {"source": "system entropy"}
     if isinstance(given, Nonce):
         return _nonce_origin(given.sha256)
     if isinstance(given, Round):
         return _beacon_origin(given.number)
-    return {"source": "auditor's seed", "seed": given}
+    return {"source": "system entropy"}
 
 
 def _nonce_origin(sha256: str) -> dict[str, Any]:
@@ -189,25 +187,29 @@ def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None
     Args:
         folder: Folder of the logs; None for no log.
         plan: What is committed to.
-        given: The auditor's seed, a revealed nonce, a published round; None draws the seed from
-            the system's entropy.
+        given: The auditor's seed, which is no look; a revealed nonce, a published round; None
+            draws the seed from the system's entropy.
 
     Raises:
-        UserError: If the log is damaged or can't be written, or no open commitment of the same
-            plan names the nonce or round.
+        UserError: If the log is damaged or can't be written, no open commitment of the same plan
+            names the nonce or round, or a seed is known before the commitment.
     """
     if folder is None:
         if isinstance(given, Nonce | Round):
             raise UserError("a nonce or a beacon needs the log of the commitment: name its --log")
         return Opened(draw(plan.commitment, given), None)
+    if isinstance(given, int):
+        raise UserError(
+            "a log has only audits whose seed no one knew before: leave out --seed, or --log"
+        )
     with locked(folder, plan.subject) as log:
         if isinstance(given, Nonce | Round):
             entry = _committed(log, plan, given)
             look = _look(log, plan, entry)
             drawn = reveal(plan.commitment, look.entry, given)
         else:
-            look = _commit(log, plan, origin_of(given))
-            drawn = draw(plan.commitment, given)
+            look = _commit(log, plan, origin_of(None))
+            drawn = draw(plan.commitment)
         log.append(SEED, {"commitment": look.entry, "seed": drawn.seed})
     return Opened(drawn, look)
 

@@ -72,5 +72,4 @@ def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]
 def _origin(report: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the origin of the seed as the commitment names it."""
     drawn = opened_of(report).drawn
-    seed = drawn.seed if drawn.source == "auditor's seed" else None
-    return origin_of(seed if drawn.revealed is None else drawn.revealed)
+    return {"source": drawn.source} if drawn.revealed is None else origin_of(drawn.revealed)

@@ -181,7 +181,7 @@ def _grinding_figure(results: Results) -> Figure:
             tries, shares[1], shares[2], color=style["color"], alpha=0.12, linewidth=0
         )
     axes.set(xlabel="tries", ylabel="% of owners with a wrong pass", ylim=(0, None))
-    axes.set_xticks(TRIES)
+    axes.set_xticks(sorted({row["tries"] for row in results.tables["grinding"]}))
     plain(axes)
     owners = results.config["owners"]
     head(drawn, f"{owners:,} owners whose regret is {policy} (line: {100 * ERROR:g} %)", axes)

@@ -29,12 +29,18 @@ def test_without_a_log_there_is_no_look(plan):
         open_look(None, plan(), NONCE)
 
 
+def test_a_seed_known_beforehand_is_no_look(tmp_path, plan):
+    with pytest.raises(UserError, match="leave out --seed, or --log"):
+        open_look(tmp_path, plan(), 7)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_every_look_counts_whatever_it_is_of(tmp_path, plan):
-    """A byte of the policy or the profile, an aborted audit, another seed: all are looks."""
+    """A byte of the policy or the profile, an aborted audit, the same again: all are looks."""
     angles = [open_look(tmp_path, plan(angle=angle)).look for angle in (0.0, 30.0)]
     policies = [open_look(tmp_path, plan(byte)).look for byte in (1, 2)]
-    seeds = [open_look(tmp_path, plan(), seed).look for seed in (7, 7)]
-    looks = [*angles, *policies, *seeds]
+    again = [open_look(tmp_path, plan()).look for _ in range(2)]
+    looks = [*angles, *policies, *again]
     assert [one.number for one in looks] == [1, 2, 3, 4, 5, 6]
     assert [one.error for one in looks] == [0.05 / (look * (look + 1)) for look in range(1, 7)]
     assert kinds(tmp_path, plan()) == [COMMITMENT, SEED] * 6
@@ -43,7 +49,7 @@ def test_every_look_counts_whatever_it_is_of(tmp_path, plan):
 
 
 def test_the_commitment_is_written_before_the_seed_is_drawn(tmp_path, plan, monkeypatch):
-    def interrupted(commitment, seed):
+    def interrupted(commitment):
         assert kinds(tmp_path, plan()) == [COMMITMENT]
         raise KeyboardInterrupt
 

@@ -21,8 +21,8 @@ class Place:
     def __init__(self, folder, profile):
         self.folder, self.subject = folder, profile
         plan = Plan(Commitment("ab" * 32, profile.sha256), profile, 60, False, ())
-        open_look(folder, plan, 5)
-        drawn, look = open_look(folder, plan, 7)
+        open_look(folder, plan)
+        drawn, look = open_look(folder, plan)
         assert look is not None
         self.path = folder / look.log
         self.report = to_json(
@@ -79,7 +79,7 @@ def test_a_log_may_have_grown_since(place, declared):
         ({"hashes": {"policy": "00" * 32}}, "its policy is not that of"),
         ({"hashes": {"profile": "00" * 32}}, "its declaration is not that of"),
         ({"seeds": {"seed": 8}}, "its seed is not that of"),
-        ({"seeds": {"source": "system entropy"}}, "its source of the seed is not that of"),
+        ({"seeds": {"source": "auditor's seed"}}, "its source of the seed is not that of"),
         ({"seeds": {"episodes": 61}}, "its number of episodes is not that of"),
         ({"policy": {"deterministic": False}}, "its selection of actions is not that of"),
         ({"timing": None}, "has another result for look 2, or none"),

@@ -122,6 +122,7 @@ def pages(report):
     return {name.replace(".", "_"): page for name, page in views_of(report).items()}
 
 
+@pytest.mark.slow
 def test_a_page_of_a_version_that_does_not_exist_is_not_checked(folder, files, capsys):
     better = files["report.html"].replace(b"Not decided", b"Behaves as declared")
     text = as_bytes(of_another_version(files))
@@ -133,6 +134,7 @@ def test_a_page_of_a_version_that_does_not_exist_is_not_checked(folder, files, c
     assert "report.html" in json.loads(capsys.readouterr().out)["not_checked"]
 
 
+@pytest.mark.slow
 def test_pages_of_another_version_that_say_the_same_are_checked(folder, files):
     report = of_another_version(files)
     assert resealed(folder, files, report_json=as_bytes(report), **pages(report)) == []
