@@ -32,7 +32,9 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
         with path.open("rb") as file:
             yield file
     except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror or error}") from error
+        # A library's own message may have several lines.
+        said = error.strerror or one_line(str(error))
+        raise UserError(f"cannot read {path}: {said}") from error
 
 
 def check_file(path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from tests.fuzz.samples import COLUMNS, WORLD
+from tests.fuzz.samples import COLUMNS, PARQUET, WORLD
 
 from socialiq.audit.looks import log
 from socialiq.audit.profile import reader as profiles
@@ -224,6 +224,7 @@ READERS = (
     Reader("demonstrations", "steps.safetensors", _demonstrations, resealed=True),
     Reader("steps, npz", "steps.npz", _steps),
     Reader("steps, csv", "steps.csv", _steps),
+    *([Reader("steps, parquet", "steps.parquet", _steps)] if PARQUET else []),
     Reader("trajectories, npz", "rollouts.npz", _rollouts),
     Reader("trajectories, csv", "rollouts.csv", _rollouts),
     Reader("recording", "recording.safetensors", _recording, resealed=True),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib.util
 import io
 import json
 import os
@@ -53,6 +54,9 @@ value_term = "value_expert"
 angle = [0, 45.5]
 """
 
+PARQUET = importlib.util.find_spec("pyarrow") is not None
+"""Whether the extra is installed, as it is in the gate."""
+
 COLUMNS = """format = "mine"
 [time]
 rate = 10.0
@@ -88,7 +92,8 @@ def make_samples(folder: Path) -> None:
     table = tabulate(grid)
     data = folder / "steps.safetensors"
     call("collect", WORLD, "--episodes", "2", "--out", data)
-    for ending in ("npz", "csv"):
+    endings = ("npz", "csv", "parquet") if PARQUET else ("npz", "csv")
+    for ending in endings:
         call("data", "to-arrays", data, "--out", folder / f"steps.{ending}")
     _policies(folder, grid.n_features, grid.n_actions)
     save_table(folder / "table.safetensors", TabularPolicy(grid, expert_policy(table, 0.0)))
@@ -96,7 +101,7 @@ def make_samples(folder: Path) -> None:
     call(*new, "--out", folder / "profile.toml")
     policy, profile = folder / "policy.safetensors", folder / "profile.toml"
     audit = ["audit", policy, "--profile", profile, "--out", folder / "report"]
-    call(*audit, "--episodes", "20", "--seed", "1", "--log", folder / "log")
+    call(*audit, "--episodes", "20", "--log", folder / "log")
     _of_the_auditor(folder)
     _recordings(folder)
     _trajectories(folder / "rollouts.npz")

@@ -50,3 +50,10 @@ def test_a_large_file_is_refused_and_text_must_be_text(tmp_path):
     assert "larger than 100 bytes" in refusal(read_bytes, path, 100)
     path.write_bytes(b"\xff")
     assert "not UTF-8 text" in refusal(read_text, path, 100)
+
+
+def test_what_a_library_says_in_several_lines_is_one(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"content")
+    with pytest.raises(UserError, match="file: first second$"), open_file(path):
+        raise OSError("first\nsecond")
