@@ -55,5 +55,5 @@ def test_a_large_file_is_refused_and_text_must_be_text(tmp_path):
 def test_what_a_library_says_in_several_lines_is_one(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"content")
-    with pytest.raises(UserError, match="file: first second$"), open_file(path):
+    with pytest.raises(UserError, match=r"file: first second$"), open_file(path):
         raise OSError("first\nsecond")
