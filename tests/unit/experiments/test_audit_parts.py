@@ -45,11 +45,12 @@ def same(report):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("world", "policy"),
     [
         ("crossing7", "examples"),
-        pytest.param("intersection", "atlas:prosocial", marks=pytest.mark.slow),
+        ("intersection", "atlas:prosocial"),
     ],
 )
 def test_one_two_and_three_parts_are_the_whole(tmp_path, trained, world, policy):

@@ -15,7 +15,7 @@ import os
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -121,15 +121,25 @@ class AuditLog:
             "previous": self.head,
         }
         entry["sha256"] = _sha256(_line(entry))
-        try:
-            with self.path.open("ab") as file:
-                file.write(_line(entry).encode() + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise _not_written(self.path, error) from error
+        self._write(_line(entry).encode() + b"\n")
         self.entries.append(entry)
         return entry
+
+    def _write(self, line: bytes) -> None:
+        """Write a whole line or nothing: a part of one would damage the log."""
+        before = self.path.stat().st_size if self.path.exists() else None
+        try:
+            with self.path.open("ab", buffering=0) as file:
+                while line:
+                    line = line[file.write(line) :]
+                os.fsync(file.fileno())
+        except OSError as error:
+            with suppress(OSError):
+                if before is None:
+                    self.path.unlink()
+                else:
+                    os.truncate(self.path, before)
+            raise _not_written(self.path, error) from error
 
 
 def now() -> datetime.datetime:

@@ -208,3 +208,20 @@ def test_processes_at_once_extend_one_chain(tmp_path):
     assert sorted((one["commitment"], one["seed"]) for one in entries) == [
         (name, seed) for name in "abc" for seed in range(5)
     ]
+
+
+def test_a_line_that_the_disk_has_no_room_for_leaves_the_log_whole(tmp_path, monkeypatch):
+    resource = pytest.importorskip("resource", reason="needs Linux or macOS")
+    with locked(tmp_path, SUBJECT) as log:
+        log.append(COMMITMENT, FIELDS)
+        whole = log.path.read_bytes()
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, before[1]))
+        try:
+            with pytest.raises(UserError, match="File too large"):
+                log.append(COMMITMENT, FIELDS)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        assert log.path.read_bytes() == whole
+    with locked(tmp_path, SUBJECT) as log:
+        assert log.looks == 1

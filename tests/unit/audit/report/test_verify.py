@@ -143,6 +143,7 @@ def test_pages_of_another_version_that_say_the_same_are_checked(folder, files):
     assert main(["audit", "verify", str(folder)]) == 0
 
 
+@pytest.mark.slow
 def test_numbers_of_another_version_are_not_checked_but_its_decision_is(folder, files):
     """An older version may have had wider bounds; no version decides otherwise unnoticed."""
     report = of_another_version(files)
@@ -155,6 +156,7 @@ def test_numbers_of_another_version_are_not_checked_but_its_decision_is(folder, 
     assert "report.tests.regret.high does not follow from the episodes" in found
 
 
+@pytest.mark.slow
 def test_a_file_that_no_audit_writes_is_not_checked(folder, files, capsys):
     assert resealed(folder, files, approval_pdf=b"approved") == []
     assert check_folder(folder).not_checked == ["approval.pdf"]
