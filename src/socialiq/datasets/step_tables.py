@@ -166,8 +166,8 @@ def read_parquet(
             another type, or a cell is empty; the line names the column.
     """
     parquet = _library()
-    try:
-        with open_file(path) as file:
+    with open_file(path) as file:
+        try:
             opened = parquet.ParquetFile(file)
             schema, size = opened.schema_arrow, opened.metadata.num_rows
             layout.check_names(schema.names, str(path))
@@ -178,11 +178,11 @@ def read_parquet(
             table = opened.read(use_threads=False)
             columns = {name: _column(table, name, path) for name in schema.names}
             return columns, (schema.metadata or {}).get(key.encode())
-    except UserError:
-        raise
-    # pyarrow's errors are these, or descend from them.
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
-        raise UserError(f"{path} is damaged or no Parquet file: write it again") from error
+        except UserError:
+            raise
+        # pyarrow's errors are these, or descend from them.
+        except (OSError, ValueError, KeyError, TypeError, RuntimeError, MemoryError) as error:
+            raise UserError(f"{path} is damaged or no Parquet file: write it again") from error
 
 
 def parquet_of(columns: Mapping[str, np.ndarray], key: str, entry: bytes) -> bytes:
