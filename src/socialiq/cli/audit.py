@@ -102,7 +102,7 @@ class Audit:
         return int(done.report["verdict"]["exit_code"])
 
     def conducted(self) -> Conducted:
-        """Play in this process, or in parts where the engine says."""
+        """Run all drivers in this process, or in parts by the engine."""
         if not self.engine.given:
             if self.work is not None:
                 raise UserError("--work is of --processes or --cluster: add one, or leave it out")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from socialiq.audit.report.verify import check_folder, content_of, read_report
 from socialiq.cli.output import complain, print_json
 from socialiq.errors import UserError
 from socialiq.policies.model_signature import path_of_signature, sign_model
+from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
 
 
@@ -67,8 +67,6 @@ class Sign:
     def _of_policy(self, policy: Path) -> bytes:
         """Return the signature of the policy, if it is the one that was audited."""
         audited = read_report(self.folder / REPORT)["hashes"]["policy"]
-        if not policy.is_file():
-            raise UserError(f"no such file: {policy}")
-        if hashlib.sha256(policy.read_bytes()).hexdigest() != audited:
+        if sha256_of_file(policy) != audited:
             raise UserError(f"{policy} is not the policy that was audited: its hash differs")
         return sign_model(policy, self.key)

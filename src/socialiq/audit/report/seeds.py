@@ -8,14 +8,13 @@ from typing import Any
 
 from socialiq.audit.looks.look import Look, Opened
 from socialiq.audit.looks.spending import spend
+from socialiq.audit.report.folder import REPORT
 from socialiq.audit.seeds.beacon import CHAIN, Round
 from socialiq.audit.seeds.commitment import Commitment, Draw, reveal
 from socialiq.audit.seeds.nonce import Nonce
 from socialiq.audit.seeds.worth import worth
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.to_json import to_json
-
-REPORT = "report.json"
 
 _ORDER = (
     "Policy and declaration were read and hashed first. Only then was the seed drawn or "
@@ -91,6 +90,8 @@ def faults_of_seeds(report: Mapping[str, Any]) -> list[str]:
         found += _of_revealed(drawn, look)
     elif drawn.source not in ("system entropy", "auditor's seed"):
         found.append(f"{REPORT}: there is no {drawn.source}")
+    elif drawn.source == "auditor's seed" and look is not None:
+        found.append(f"{REPORT}: a log takes no audit whose seed was known before")
     if not found and to_json(seeds_of(drawn, report["seeds"]["episodes"])) != report["seeds"]:
         found.append(f"{REPORT}: its statements about the seed are not those of its source")
     return found

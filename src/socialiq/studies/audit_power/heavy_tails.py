@@ -116,7 +116,7 @@ TOO_LOW = 0.2
 """Declared share of the limit, where the declaration is false."""
 
 SIZES = (250, 500, 1000, 2000, 4000, 8000)
-"""Numbers of episodes of which the price is told."""
+"""Numbers of episodes in the table of the price."""
 
 LONGER = 8
 """Factor of the episodes of a long audit."""
