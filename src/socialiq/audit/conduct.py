@@ -30,7 +30,7 @@ from socialiq.audit.verdict.dependence import dependence
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
-from socialiq.policies.process.isolation import Asked
+from socialiq.policies.process.isolation import IsolationMode
 from socialiq.policies.record import Record
 
 
@@ -251,7 +251,7 @@ def audit_policy(
     replace: bool = False,
     log: Path | None = None,
     no_log: bool = False,
-    isolation: Asked = "auto",
+    isolation: IsolationMode = "auto",
     files: Sequence[str | Path] = (),
 ) -> dict[str, Any]:
     """Audit a policy against its declaration and write the report, as `socialiq audit` does.

@@ -19,7 +19,7 @@ from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
 from socialiq.policies.load import KINDS, load_policy
-from socialiq.policies.process.isolation import Asked, isolation_of
+from socialiq.policies.process.isolation import IsolationMode, isolation_of
 from socialiq.policies.process.load import Limits
 from socialiq.policies.record import Loaded, Record
 from socialiq.provenance import package_sha256
@@ -54,7 +54,7 @@ class Trust:
 
     allow_code: bool = False
     limits: Limits = dataclasses.field(default_factory=Limits)
-    isolation: Asked = "auto"
+    isolation: IsolationMode = "auto"
     files: tuple[str, ...] = ()
 
 

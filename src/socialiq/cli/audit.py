@@ -15,13 +15,11 @@ from socialiq.audit.conduct import Conducted, conduct, log_folder
 from socialiq.audit.report.folder import check_target
 from socialiq.audit.report.views import is_known, number, others, outcome, percent
 from socialiq.audit.request import Request
-from socialiq.audit.resolve_policy import Trust
+from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import print_table, say
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.experiments.engine import Engine, work_folder
-from socialiq.policies.process.isolation import Asked
-from socialiq.policies.process.load import limits_of
 
 
 @dataclass(frozen=True)
@@ -62,18 +60,7 @@ class Audit:
     python:MODULE:ATTRIBUTE. In an environment of your own at least one is needed."""
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
-    allow_code: bool = False
-    """Import the Python module of the declaration's environment, and run policies and references
-    in Python that can't be isolated: their authors' code runs with your rights."""
-    isolation: Asked = "auto"
-    """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
-    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A further file or folder of a process or a Python module: the hash covers it, and an
-    isolated one sees no other."""
-    step_seconds: float = 5.0
-    """Seconds within which a process must answer."""
-    memory_gib: float = 8.0
-    """Limit of the address space of each process of a policy, GiB; 0 for no limit."""
+    code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
     threads: int = 1
     """Number of threads of the simulation."""
     films: bool = False
@@ -123,12 +110,7 @@ class Audit:
             seed=self.seed,
             references=tuple(self.reference),
             soft=self.soft,
-            trust=Trust(
-                self.allow_code,
-                limits_of(self.step_seconds, self.memory_gib),
-                self.isolation,
-                tuple(self.files),
-            ),
+            trust=self.code.trust,
             threads=self.threads,
             films=self.films,
             shift=self.shift,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,13 +15,11 @@ from socialiq.audit.conduct import commit_to
 from socialiq.audit.looks.log import now
 from socialiq.audit.looks.look import of_beacon, of_nonce
 from socialiq.audit.request import Request
-from socialiq.audit.resolve_policy import Trust
 from socialiq.audit.seeds.beacon import address_of, round_after, time_of
 from socialiq.audit.seeds.nonce import write_nonce
+from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import print_json, say
 from socialiq.errors import UserError
-from socialiq.policies.process.isolation import Asked
-from socialiq.policies.process.load import limits_of
 
 _AHEAD = datetime.timedelta(minutes=10)  # of the round that is named by default
 
@@ -72,17 +70,7 @@ class Commit:
     """A further driver to compare with, as for `socialiq audit`."""
     soft: bool = False
     """Select the policy's actions stochastically instead of greedily."""
-    allow_code: bool = False
-    """Import the Python module of the declaration's environment, and run policies and references
-    in Python that can't be isolated."""
-    isolation: Asked = "auto"
-    """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
-    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """A further file or folder of a process or a Python module, as for `socialiq audit`."""
-    step_seconds: float = 5.0
-    """Seconds within which a process must answer."""
-    memory_gib: float = 8.0
-    """Limit of the address space of each process of a policy, GiB; 0 for no limit."""
+    code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
     json: bool = False
     """Print one JSON object."""
 
@@ -121,11 +109,6 @@ class Commit:
             episodes=self.episodes,
             references=tuple(self.reference),
             soft=self.soft,
-            trust=Trust(
-                self.allow_code,
-                limits_of(self.step_seconds, self.memory_gib),
-                self.isolation,
-                tuple(self.files),
-            ),
+            trust=self.code.trust,
             log=self.log,
         )

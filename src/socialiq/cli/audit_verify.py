@@ -6,7 +6,7 @@ import hashlib
 import json
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,14 +22,12 @@ from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.signature import faults_of_signature, key_id, read_public_key
 from socialiq.audit.report.verify import check_folder, content_of, read_report
 from socialiq.audit.request import Request
-from socialiq.audit.resolve_policy import Trust
 from socialiq.cli.checks import refuse_unused
+from socialiq.cli.code_options import CodeOptions
 from socialiq.cli.output import complain, print_json, say
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.policies.model_signature import fault_of_model, path_of_signature
-from socialiq.policies.process.isolation import Asked
-from socialiq.policies.process.load import limits_of
 from socialiq.provenance import package_sha256
 
 
@@ -55,17 +53,7 @@ class Verify:
     an untrusted source, so you name it yourself."""
     reference: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """Paths of the user's references."""
-    allow_code: bool = False
-    """Import the environment's Python module, and run named Python modules that can't be isolated,
-    for the rerun."""
-    isolation: Asked = "auto"
-    """Isolation of processes and Python modules by bubblewrap: where it works, always, or never."""
-    files: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Further files and folders of the policy, as in the audit."""
-    step_seconds: float = 5.0
-    """Seconds within which a process must answer in the rerun."""
-    memory_gib: float = 8.0
-    """Limit of the address space of each process of a policy in the rerun, GiB."""
+    code: tyro.conf.OmitArgPrefixes[CodeOptions] = field(default_factory=CodeOptions)
     threads: int = 1
     """Number of threads of the simulation."""
     log: Path | None = None
@@ -83,6 +71,7 @@ class Verify:
             signed = () if self.key is None else ("policy",)
             unused = tuple(one for one in _OF_RERUN if one not in signed)
             refuse_unused(self, unused, "--rerun")
+            refuse_unused(self.code, [one.name for one in fields(self.code)], "--rerun")
         key = None if self.key is None else read_public_key(self.key)
         found = check_folder(self.folder)
         faults, checked = found.faults, list(found.checked)
@@ -196,12 +185,7 @@ class Verify:
             episodes=report["seeds"]["episodes"],
             references=self._references(report),
             soft=not report["policy"]["deterministic"],
-            trust=Trust(
-                self.allow_code,
-                limits_of(self.step_seconds, self.memory_gib),
-                self.isolation,
-                tuple(self.files),
-            ),
+            trust=self.code.trust,
             threads=self.threads,
             shift=report["shift"] is not None,
         )
@@ -222,11 +206,6 @@ _OF_RERUN = (
     "policy",
     "world",
     "reference",
-    "allow_code",
-    "step_seconds",
-    "memory_gib",
-    "isolation",
-    "files",
     "threads",
 )
 _RUNS = ("process:", "python:")

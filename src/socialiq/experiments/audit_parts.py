@@ -23,7 +23,7 @@ from socialiq.evaluation.play import SoftPolicy
 from socialiq.experiments.engine import Engine, run_jobs
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.study import StageCallback
-from socialiq.policies.process.isolation import Asked
+from socialiq.policies.process.isolation import IsolationMode
 from socialiq.policies.process.load import Limits
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.to_json import to_json
@@ -65,7 +65,7 @@ class PartConfig:
     soft: bool
     allow_code: bool
     limits: Limits
-    isolation: Asked
+    isolation: IsolationMode
     files: tuple[str, ...]
     traffic: int | None
     side_by_side: int

@@ -15,13 +15,13 @@ from socialiq.policies.callable import read_callable
 from socialiq.policies.interface import Interface
 from socialiq.policies.native import read_dial, read_policy, read_table
 from socialiq.policies.onnx.load import read_onnx
-from socialiq.policies.process.covered import Covered, cover, named_by
+from socialiq.policies.process.code_hash import CodeHash, files_named_by, hash_files
 from socialiq.policies.process.isolation import NOT_ASKED, Isolation, sandboxed
 from socialiq.policies.process.load import Limits, command_of, start_process
 from socialiq.policies.process.python_module import (
     OWN_FOLDER,
     command_of_python,
-    cover_python,
+    hash_of_python,
 )
 from socialiq.policies.record import Loaded, Record, read_content, sha256_of
 from socialiq.policies.sb3.load import read_sb3
@@ -78,7 +78,7 @@ def load_policy(
     head, colon, rest = spec.partition(":")
     if colon and head == "process":
         command = command_of(rest.strip())
-        code = _Code(source, command, lambda: cover(command, named_by(command, files)))
+        code = _Code(source, command, lambda: hash_files(command, files_named_by(command, files)))
         return code.started(world, limits or Limits(), isolation or NOT_ASKED)
     if colon and head == "python":
         if isolation is None or not isolation.works:
@@ -86,7 +86,7 @@ def load_policy(
         if isolation is None:
             return _callable(rest, source, world)
         command = command_of_python(rest, source)
-        code = _Code(source, command, lambda: cover_python(rest, source, files), (OWN_FOLDER,))
+        code = _Code(source, command, lambda: hash_of_python(rest, source, files), (OWN_FOLDER,))
         return code.started(world, limits or Limits(), isolation)
     if files:
         raise UserError(
@@ -125,18 +125,18 @@ class _Code:
     Attributes:
         source: Its name in messages, as it was specified.
         command: Program and arguments.
-        cover: Hashes its files.
+        hashed: Returns the hash of its files.
         folders: Folders that an isolated one sees besides.
     """
 
     source: str
     command: Sequence[str]
-    cover: Callable[[], Covered]
+    hashed: Callable[[], CodeHash]
     folders: Sequence[Path] = ()
 
     def started(self, world: Interface, limits: Limits, isolation: Isolation) -> Loaded:
         """Hash its files, start it, and return it with its record."""
-        covered, command = self.cover(), self.command
+        covered, command = self.hashed(), self.command
         if isolation.works:
             command = sandboxed(command, covered, folders=self.folders)
         policy, details, child = start_process(command, self.source, world, limits)
@@ -152,8 +152,8 @@ class _Code:
         )
         return Loaded(policy, record, child.close, partial(self._check, covered))
 
-    def _check(self, before: Covered) -> None:
-        if self.cover().sha256 != before.sha256:
+    def _check(self, before: CodeHash) -> None:
+        if self.hashed().sha256 != before.sha256:
             raise UserError(
                 f"{self.source} changed while it was audited: audit files that stay as they are"
             )

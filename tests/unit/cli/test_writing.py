@@ -46,13 +46,15 @@ def samples(tmp_path_factory):
     return folder
 
 
+NEEDS_DATA = pytest.mark.slow  # the gate has the extra `data`
+
 CALLS = [
     "collect crossing5 --episodes 1 --out OUT",
     "data to-arrays {ok}/steps.safetensors --out OUT.npz",
     "data to-arrays {ok}/steps.safetensors --out OUT.csv",
     "data import commonroad {xml} --out OUT",
-    "data demonstrations {ok}/recording.safetensors --out OUT",
-    "data census {ok}/recording.safetensors --out OUT",
+    pytest.param("data demonstrations {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
+    pytest.param("data census {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     "export {ok}/policy.safetensors --format torch --out OUT",
     "export {ok}/policy.safetensors --format card --out OUT",
     "render crossing5 --out OUT.png",

@@ -79,7 +79,7 @@ class Trace:
     tracks: tuple[Track, ...]
 
 
-class Played(NamedTuple):
+class ReplayedEpisode(NamedTuple):
     """An episode that was run again: its trace, decisions and sums of rewards."""
 
     trace: Trace
@@ -94,11 +94,11 @@ class Played(NamedTuple):
 
 def replayer(
     world: World, policy: Policy, deterministic: bool = True
-) -> Callable[[int], Played] | None:
+) -> Callable[[int], ReplayedEpisode] | None:
     """Return a function that runs the episode of a seed again; None for an environment.
 
     A driver that answers a single observation otherwise than one among many, or that draws its
-    actions in order, gives another episode than in the evidence (`Played.repeats`).
+    actions in order, gives another episode than in the evidence (`ReplayedEpisode.repeats`).
 
     Args:
         world: World of the declaration.
@@ -113,7 +113,9 @@ def replayer(
     return None
 
 
-def _at_intersection(world: Intersection, policy: Policy, seed: int, deterministic: bool) -> Played:
+def _at_intersection(
+    world: Intersection, policy: Policy, seed: int, deterministic: bool
+) -> ReplayedEpisode:
     batch = Batch(world.options, 1, traced=True)
     seen: list[Scene] = []
     totals, decisions = np.zeros(2), 0
@@ -129,7 +131,7 @@ def _at_intersection(world: Intersection, policy: Policy, seed: int, determinist
     crashed = {int(one["identity"]) for one in last if one["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
     trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed))
-    return Played(trace, decisions, RewardPair(*totals.tolist()))
+    return ReplayedEpisode(trace, decisions, RewardPair(*totals.tolist()))
 
 
 def _poses_of(scene: Scene) -> dict[int, Pose]:
@@ -143,7 +145,7 @@ def _poses_of(scene: Scene) -> dict[int, Pose]:
     }
 
 
-def _in_grid(table: Table, policy: Policy, seed: int, deterministic: bool) -> Played:
+def _in_grid(table: Table, policy: Policy, seed: int, deterministic: bool) -> ReplayedEpisode:
     simulator = TableSimulator(table, 1, FixedChance(fates(table, [seed])))
     actor = GridActor(table, policy, "policy", deterministic)
     states, totals = [], np.zeros(2)
@@ -153,7 +155,7 @@ def _in_grid(table: Table, policy: Policy, seed: int, deterministic: bool) -> Pl
         totals += [float(reward[0]) for reward in step.made.rewards]
     tracks = _joined(_numbered(table, states))
     trace = Trace(GRID_PER_SECOND, len(states), _tracks(tracks, 0, set()))
-    return Played(trace, len(states) - 1, RewardPair(*totals.tolist()))
+    return ReplayedEpisode(trace, len(states) - 1, RewardPair(*totals.tolist()))
 
 
 def _numbered(table: Table, states: list[int]) -> Iterator[dict[int, Pose]]:

@@ -43,7 +43,7 @@ def kind_of_ending(driver: Outcomes, place: int) -> str:
     return _ENDINGS[int(driver.ending[place]), int(driver.contact[place])]
 
 
-class Maker(NamedTuple):
+class ReferenceAttributes(NamedTuple):
     """Attributes of a reference that are the same in every episode: see `Outcomes`."""
 
     angles: tuple[float, ...] = ()
@@ -85,7 +85,7 @@ def read_table(
     content: bytes,
     scenario: str,
     policy: str,
-    makers: Mapping[str, Maker],
+    attributes: Mapping[str, ReferenceAttributes],
     trivial: Sequence[str] = (),
 ) -> Evidence:
     """Read the result of `write_table`, exactly.
@@ -94,7 +94,7 @@ def read_table(
         content: Content of the file.
         scenario: The world's description.
         policy: Name of the policy.
-        makers: The references by name, in any order; the table has each of them once.
+        attributes: The references by name, in any order; the table has each of them once.
         trivial: Names of the trivial drivers, which follow the references.
 
     Returns:
@@ -106,14 +106,15 @@ def read_table(
     try:
         rows = _rows(content)
         head = next(rows, [])
-        first, names = _names(head, policy, [*makers, *trivial])
+        first, names = _names(head, policy, [*attributes, *trivial])
         found = _filled(rows, head[len(_INDEX) : first], first, names)
     except (ValueError, KeyError, OverflowError, csv.Error) as error:
         raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
     drivers = [
-        found.of(number, name, makers.get(name, Maker())) for number, name in enumerate(names)
+        found.of(number, name, attributes.get(name, ReferenceAttributes()))
+        for number, name in enumerate(names)
     ]
-    count = 1 + len(makers)
+    count = 1 + len(attributes)
     evidence = Evidence(
         scenario,
         found.seeds,
@@ -157,11 +158,11 @@ class _Columns(NamedTuple):
     kinds: np.ndarray
     lengths: np.ndarray
 
-    def of(self, driver: int, name: str, maker: Maker) -> Outcomes:
+    def of(self, driver: int, name: str, attributes: ReferenceAttributes) -> Outcomes:
         """Return the outcomes of a driver."""
         ending, contact = np.ascontiguousarray(self.kinds[:, driver].T)
         totals, lengths = self.totals[:, driver].copy(), self.lengths[:, driver].copy()
-        return Outcomes(name, totals, ending, contact, lengths, *maker)
+        return Outcomes(name, totals, ending, contact, lengths, *attributes)
 
 
 def _filled(rows: Iterator[list[str]], strata: list[str], first: int, names: list[str]) -> _Columns:

@@ -183,13 +183,13 @@ def _shift(shifts: Sequence[Shift], elsewhere: Sequence[Evidence]) -> dict[str, 
         "sentence": sentence_of(shifts),
         "otherwise": any(one.shown for one in shifts),
         "traffic": [
-            {**to_json(one), "references": _makers(evidence)}
+            {**to_json(one), "references": _attributes_of(evidence)}
             for one, evidence in zip(shifts, elsewhere, strict=True)
         ],
     }
 
 
-def _makers(evidence: Evidence) -> list[dict[str, Any]]:
+def _attributes_of(evidence: Evidence) -> list[dict[str, Any]]:
     """Return what the table of episodes doesn't hold of the references."""
     return [
         {"name": one.name, "angles": list(one.angles), "expected": one.expected}

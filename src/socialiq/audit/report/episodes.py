@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.replay import Played, Trace, replayer
+from socialiq.audit.evidence.replay import ReplayedEpisode, Trace, replayer
 from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
@@ -82,7 +82,7 @@ def traces_of(
     return {kind: [_traced(again, row) for row in rows] for kind, rows in chosen.items()}
 
 
-def _traced(again: Callable[[int], Played] | None, row: Mapping[str, Any]) -> Trace | None:
+def _traced(again: Callable[[int], ReplayedEpisode] | None, row: Mapping[str, Any]) -> Trace | None:
     if again is None:
         return None
     played = again(int(row["seed"]))

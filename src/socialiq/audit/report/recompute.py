@@ -16,7 +16,7 @@ from typing import Any
 
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
-from socialiq.audit.evidence.table import Maker, read_table
+from socialiq.audit.evidence.table import ReferenceAttributes, read_table
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.content import Audited, content
@@ -125,10 +125,10 @@ def evidence_of(
     scenario = report["scenario"]
     if hashlib.sha256(scenario.encode()).hexdigest() != profile.scenario.sha256:
         raise UserError(f"the scenario in {REPORT} is not that of {PROFILE}")
-    makers = [_makers([*report["references"], *report["left_out"]])]
+    attributes = [_attributes_of([*report["references"], *report["left_out"]])]
     scenarios, purposes = [scenario], ["episodes"]
     for number, one in enumerate(_traffic(report, profile)):
-        makers.append(_makers(report["shift"]["traffic"][number]["references"]))
+        attributes.append(_attributes_of(report["shift"]["traffic"][number]["references"]))
         scenarios.append(one.world.description)
         purposes.append(f"shift {number}")
     policy = report["policy"]["means"]["name"]
@@ -138,7 +138,7 @@ def evidence_of(
         if path not in files:
             raise UserError(f"{path} is missing")
         try:
-            one = read_table(files[path], scenarios[number], policy, makers[number], trivial)
+            one = read_table(files[path], scenarios[number], policy, attributes[number], trivial)
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
         _check_seeds(one, drawn.derived(purpose), report["seeds"]["episodes"], path)
@@ -163,9 +163,9 @@ def _traffic(report: Mapping[str, Any], profile: Profile) -> Sequence[Traffic]:
     return found
 
 
-def _makers(rows: Iterable[Mapping[str, Any]]) -> dict[str, Maker]:
+def _attributes_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, ReferenceAttributes]:
     return {
-        one["name"]: Maker(
+        one["name"]: ReferenceAttributes(
             tuple(one["angles"]),
             None if one["expected"] is None else RewardPair(**one["expected"]),
         )

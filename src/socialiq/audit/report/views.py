@@ -9,7 +9,7 @@ from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.names import names_of
 from socialiq.audit.report import pictures
 from socialiq.audit.report.angle_picture import angles
-from socialiq.audit.report.moving_pictures import moving
+from socialiq.audit.report.animations import moving
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.worlds.registry import WORLDS
 

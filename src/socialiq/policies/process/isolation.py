@@ -20,9 +20,9 @@ from typing import Literal, NamedTuple, get_args
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.policies.process.covered import Covered
+from socialiq.policies.process.code_hash import CodeHash
 
-Asked = Literal["auto", "required", "none"]
+IsolationMode = Literal["auto", "required", "none"]
 """Isolation that is asked for: where it is possible, always, or never."""
 
 PROCESSES = 1_024
@@ -73,9 +73,9 @@ def isolation_of(asked: str) -> Isolation:
     """Return the isolation that this system has, if it is asked for.
 
     Raises:
-        UserError: If it is required and not possible, or `asked` is not one of `Asked`.
+        UserError: If it is required and not possible, or `asked` is not one of `IsolationMode`.
     """
-    one_of("isolation", asked, get_args(Asked))
+    one_of("isolation", asked, get_args(IsolationMode))
     if asked == NONE:
         return NOT_ASKED
     program = shutil.which(_PROGRAM)
@@ -88,7 +88,7 @@ def isolation_of(asked: str) -> Isolation:
 @functools.cache
 def _tried(program: str) -> Isolation:
     """Start an empty sandbox once: a system can have the program and forbid its use."""
-    command = sandboxed([sys.executable, "-I", "-S", "-c", "pass"], NOTHING, program)
+    command = sandboxed([sys.executable, "-I", "-S", "-c", "pass"], NO_FILES, program)
     try:
         version = subprocess.run([program, "--version"], capture_output=True, timeout=_SECONDS)
         trial = subprocess.run(command, capture_output=True, timeout=_SECONDS)
@@ -100,12 +100,12 @@ def _tried(program: str) -> Isolation:
     return Isolation(one_line(version.stdout.strip()))
 
 
-NOTHING = Covered("", "", (), ())
+NO_FILES = CodeHash("", "", (), ())
 
 
 def sandboxed(
     command: Sequence[str],
-    covered: Covered,
+    covered: CodeHash,
     program: str = _PROGRAM,
     folders: Iterable[Path] = (),
 ) -> list[str]:

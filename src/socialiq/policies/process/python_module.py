@@ -10,7 +10,7 @@ from pathlib import Path
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq.policies.process.covered import Covered, Named, cover, further
+from socialiq.policies.process.code_hash import CodeHash, NamedFile, further_files, hash_files
 
 _CHILD = Path(__file__).with_name("python_child.py")
 
@@ -18,7 +18,7 @@ OWN_FOLDER = Path(__file__).parents[2]
 """Folder of this package: its child program, and what a policy may import of it."""
 
 
-def cover_python(name: str, source: str, files: Sequence[str]) -> Covered:
+def hash_of_python(name: str, source: str, files: Sequence[str]) -> CodeHash:
     """Hash the files of `MODULE:ATTRIBUTE`: the module's file, or its whole top-level package.
 
     Args:
@@ -32,7 +32,7 @@ def cover_python(name: str, source: str, files: Sequence[str]) -> Covered:
     place, attribute = parts_of(name, source)
     # A file's name, not its path: the same policy in another folder has the same hash.
     words = ["python", Path(place).name, attribute]
-    return cover(words, [*_files(place), *further(files)])
+    return hash_files(words, [*_files(place), *further_files(files)])
 
 
 def parts_of(name: str, source: str) -> tuple[str, str]:
@@ -62,11 +62,11 @@ def command_of_python(name: str, source: str) -> list[str]:
     return [sys.executable, "-I", "-B", str(_CHILD), place, attribute, json.dumps(paths)]
 
 
-def _files(place: str) -> list[Named]:
+def _files(place: str) -> list[NamedFile]:
     if place.endswith(".py"):
         if not Path(place).is_file():
             raise UserError(f"no such file: {one_line(place)}")
-        return [Named(Path(place).name, Path(place))]
+        return [NamedFile(Path(place).name, Path(place))]
     top = place.partition(".")[0]
     # This finder looks at names of files only; `find_spec` of a submodule would import its package.
     spec = PathFinder.find_spec(top) if top.isidentifier() else None
@@ -75,4 +75,4 @@ def _files(place: str) -> list[Named]:
             f"no such module: {one_line(place)}; name the path of its file, ending in .py"
         )
     folders = list(spec.submodule_search_locations or ())
-    return [Named(top, Path(one)) for one in folders or [str(spec.origin)]]
+    return [NamedFile(top, Path(one)) for one in folders or [str(spec.origin)]]

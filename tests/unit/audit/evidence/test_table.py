@@ -9,7 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes
-from socialiq.audit.evidence.table import Maker, kind_of_ending, read_table, write_table
+from socialiq.audit.evidence.table import (
+    ReferenceAttributes,
+    kind_of_ending,
+    read_table,
+    write_table,
+)
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.state import Contact
@@ -28,13 +33,15 @@ def made(outcomes, evidence):
     return evidence(policy, first, second, **labels)
 
 
-def makers(evidence):
-    return {one.name: Maker(one.angles, one.expected) for one in evidence.references}
+def attributes(evidence):
+    return {one.name: ReferenceAttributes(one.angles, one.expected) for one in evidence.references}
 
 
 def read(evidence, content):
     trivial = [one.name for one in evidence.trivial]
-    return read_table(content, evidence.scenario, evidence.policy.name, makers(evidence), trivial)
+    return read_table(
+        content, evidence.scenario, evidence.policy.name, attributes(evidence), trivial
+    )
 
 
 def assert_equal(one, other):
@@ -142,10 +149,10 @@ def test_a_table_needs_episodes_and_every_reference_once(made):
     text = write_table(made)
     with pytest.raises(UserError, match="no episodes"):
         read(made, text[: text.index("\n") + 1].encode())
-    more = {**makers(made), "another": Maker()}
+    more = {**attributes(made), "another": ReferenceAttributes()}
     with pytest.raises(UserError, match="no columns of another"):
         read_table(text.encode(), "made up", "policy", more)
-    fewer = dict(list(makers(made).items())[:1])
+    fewer = dict(list(attributes(made).items())[:1])
     with pytest.raises(UserError, match="not a table"):
         read_table(text.encode(), "made up", "policy", fewer)
 
@@ -154,10 +161,10 @@ def test_trivial_drivers_follow_the_references_and_stay_apart(audited_evidence):
     text = write_table(audited_evidence).encode()
     trivial = [one.name for one in audited_evidence.trivial]
     assert trivial
-    described = (audited_evidence.scenario, "policy", makers(audited_evidence))
+    described = (audited_evidence.scenario, "policy", attributes(audited_evidence))
     assert len(read_table(text, *described, trivial).trivial) == len(trivial)
     with pytest.raises(UserError, match="not a table of episodes"):
         read_table(text, *described)
-    more = described[2] | {trivial[0]: Maker()}
+    more = described[2] | {trivial[0]: ReferenceAttributes()}
     swapped = read_table(text, *described[:2], more, trivial[1:])
     assert swapped.references[-1].name == trivial[0]

@@ -7,7 +7,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.policies.process import isolation
-from socialiq.policies.process.covered import Covered
+from socialiq.policies.process.code_hash import CodeHash
 from socialiq.policies.process.isolation import NONE, isolation_of, sandboxed
 
 
@@ -65,7 +65,7 @@ def test_the_sandbox_sees_what_is_covered_and_the_system(tmp_path, monkeypatch):
     policy.mkdir(mode=0o755)
     inner = policy / "weights"
     inner.touch(mode=0o644)
-    words = sandboxed(["sh", "x"], Covered("", "", (policy, inner, Path("/usr/bin/env")), ()))
+    words = sandboxed(["sh", "x"], CodeHash("", "", (policy, inner, Path("/usr/bin/env")), ()))
     seen = bound(words)
     assert str(policy) in seen and "/usr" in seen
     # A folder shows its files, and the system's are shown already.
@@ -82,7 +82,7 @@ def test_folders_without_a_python_are_no_interpreters(tmp_path, monkeypatch):
     (home / "pyvenv.cfg").touch()
     monkeypatch.setattr(Path, "home", lambda: home)
     for folder in (home, tmp_path / "other"):
-        words = sandboxed([str(folder / "bin" / "tool")], isolation.NOTHING)
+        words = sandboxed([str(folder / "bin" / "tool")], isolation.NO_FILES)
         assert str(folder) not in bound(words)
 
 
@@ -91,6 +91,6 @@ def test_as_root_a_file_must_be_open_to_others(tmp_path, monkeypatch):
     secret.touch(mode=0o600)
     monkeypatch.setattr(isolation.os, "geteuid", lambda: 0)
     with pytest.raises(UserError, match=r"weights is closed to other users.*chmod"):
-        sandboxed(["sh"], Covered("", "", (secret,), ()))
+        sandboxed(["sh"], CodeHash("", "", (secret,), ()))
     monkeypatch.setattr(isolation.os, "geteuid", lambda: 1000)
-    assert "--unshare-all" in sandboxed(["sh"], Covered("", "", (secret,), ()))
+    assert "--unshare-all" in sandboxed(["sh"], CodeHash("", "", (secret,), ()))

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.process.python_module import command_of_python, cover_python
+from socialiq.policies.process.python_module import command_of_python, hash_of_python
 
 RUNS = "import pathlib; pathlib.Path(__file__).with_suffix('.ran').touch()\n"
 
@@ -22,7 +22,7 @@ def package(tmp_path, monkeypatch):
 
 
 def covered(name, files=()):
-    return cover_python(name, f"python:{name}", files)
+    return hash_of_python(name, f"python:{name}", files)
 
 
 def test_a_whole_package_is_covered_and_nothing_is_imported(package):

@@ -3,7 +3,7 @@ import re
 import pytest
 
 from socialiq.audit.evidence.replay import Pose
-from socialiq.audit.report.moving_pictures import HELD, ground_of, moving, poses, simplified
+from socialiq.audit.report.animations import HELD, ground_of, moving, poses, simplified
 from socialiq.audit.report.views import html as page
 
 

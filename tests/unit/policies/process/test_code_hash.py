@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.policies.process import covered
-from socialiq.policies.process.covered import cover, named_by
+from socialiq.policies.process import code_hash
+from socialiq.policies.process.code_hash import files_named_by, hash_files
 
 
 def test_a_command_names_its_program_files_folders_and_options(tmp_path):
@@ -25,7 +25,7 @@ def test_a_command_names_its_program_files_folders_and_options(tmp_path):
         "--no=file",
         "x" * 5000,
     ]
-    found = named_by(words, [folder])
+    found = files_named_by(words, [folder])
     program = Path(str(shutil.which("sh")))
     assert found == [
         ("sh", program),
@@ -35,18 +35,18 @@ def test_a_command_names_its_program_files_folders_and_options(tmp_path):
         (folder, Path(folder)),
     ]
     # An empty word, or nothing after "=", does not name the present folder.
-    assert [one.word for one in named_by(["sh", "", "--model="])] == ["sh"]
+    assert [one.word for one in files_named_by(["sh", "", "--model="])] == ["sh"]
 
 
 def test_a_file_that_is_named_must_exist(tmp_path):
     for missing in (str(tmp_path / "missing"), ""):
         with pytest.raises(UserError, match="no such file"):
-            named_by(["sh"], [missing])
+            files_named_by(["sh"], [missing])
 
 
 def test_words_are_told_apart():
     texts = (["ab", "c"], ["a", "bc"], ["abc"], ["ab", "c", ""])
-    assert len({cover(words, []).sha256 for words in texts}) == len(texts)
+    assert len({hash_files(words, []).sha256 for words in texts}) == len(texts)
 
 
 def test_everything_below_a_folder_counts(tmp_path):
@@ -56,7 +56,7 @@ def test_everything_below_a_folder_counts(tmp_path):
     (folder / "link").symlink_to("deep/weights")
 
     def hashed():
-        return cover([], named_by(["sh"], [str(folder)])).sha256
+        return hash_files([], files_named_by(["sh"], [str(folder)])).sha256
 
     seen = [hashed()]
     (folder / "empty").mkdir()
@@ -72,10 +72,10 @@ def test_everything_below_a_folder_counts(tmp_path):
 def test_compiled_files_are_left_out_and_named(tmp_path):
     folder = tmp_path / "policy"
     (folder / "__pycache__").mkdir(parents=True)
-    named = named_by(["sh"], [str(folder)])
-    before = cover([], named)
+    named = files_named_by(["sh"], [str(folder)])
+    before = hash_files([], named)
     (folder / "__pycache__" / "policy.pyc").write_bytes(b"compiled")
-    assert cover([], named).sha256 == before.sha256
+    assert hash_files([], named).sha256 == before.sha256
     assert before.caches == (folder / "__pycache__",)
 
 
@@ -85,7 +85,7 @@ def test_a_link_that_leaves_its_folder_is_refused(tmp_path):
     (tmp_path / "outside").write_text("x")
     (folder / "link").symlink_to("../outside")
     with pytest.raises(UserError, match="link is a link that leaves the policy's folder"):
-        cover([], named_by(["sh"], [str(folder)]))
+        hash_files([], files_named_by(["sh"], [str(folder)]))
 
 
 def test_what_is_no_plain_file_is_refused(tmp_path):
@@ -95,19 +95,21 @@ def test_what_is_no_plain_file_is_refused(tmp_path):
     folder.mkdir()
     os.mkfifo(folder / "pipe")
     with pytest.raises(UserError, match="pipe is not a plain file"):
-        cover([], named_by(["sh"], [str(folder)]))
+        hash_files([], files_named_by(["sh"], [str(folder)]))
 
 
 def test_a_folder_with_too_many_files_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(covered, "MOST_FILES", 3)
+    monkeypatch.setattr(code_hash, "MOST_FILES", 3)
     for number in range(3):
         (tmp_path / str(number)).touch()
-    assert "3 files (0 bytes)" in cover([], named_by(["no such"], [str(tmp_path)])).covers
+    assert (
+        "3 files (0 bytes)" in hash_files([], files_named_by(["no such"], [str(tmp_path)])).covers
+    )
     (tmp_path / "3").touch()
     with pytest.raises(UserError, match="has more than 3 files: name the policy's own folder"):
-        cover([], named_by(["no such"], [str(tmp_path)]))
+        hash_files([], files_named_by(["no such"], [str(tmp_path)]))
 
 
 def test_what_it_covers_is_told_in_words():
-    text = cover([sys.executable], named_by([sys.executable])).covers
+    text = hash_files([sys.executable], files_named_by([sys.executable])).covers
     assert text.startswith("the words, and whole the 1 files") and "shared libraries" in text

@@ -21,14 +21,14 @@ CACHE = "__pycache__"
 _NOT_COVERED = "not what programs load besides: the interpreter's folder and shared libraries"
 
 
-class Named(NamedTuple):
+class NamedFile(NamedTuple):
     """A file or folder of a policy, and the word that names it."""
 
     word: str
     path: Path
 
 
-class Covered(NamedTuple):
+class CodeHash(NamedTuple):
     """Hash of a policy's code, and what it covers.
 
     Attributes:
@@ -44,7 +44,7 @@ class Covered(NamedTuple):
     caches: tuple[Path, ...]
 
 
-def named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[Named]:
+def files_named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[NamedFile]:
     """Return the files and folders that a command names.
 
     They are its program, its words, and what follows the first "=" of a word (`--option=FILE`).
@@ -56,17 +56,17 @@ def named_by(command: Sequence[str], files: Sequence[str] = ()) -> list[Named]:
     Raises:
         UserError: If one of `files` doesn't exist.
     """
-    program = Named(command[0], Path(shutil.which(command[0]) or command[0]))
+    program = NamedFile(command[0], Path(shutil.which(command[0]) or command[0]))
     found = [program] if program.path.is_file() else []
     for word in command[1:]:
         for one in (word, word.partition("=")[2]):
             if one and _is_there(one):
-                found.append(Named(word, Path(one)))
+                found.append(NamedFile(word, Path(one)))
                 break
-    return found + further(files)
+    return found + further_files(files)
 
 
-def further(files: Sequence[str]) -> list[Named]:
+def further_files(files: Sequence[str]) -> list[NamedFile]:
     """Return files and folders that the user names.
 
     Raises:
@@ -75,7 +75,7 @@ def further(files: Sequence[str]) -> list[Named]:
     for one in files:
         if not one or not _is_there(one):
             raise UserError(f"no such file: {one_line(one)}")
-    return [Named(one, Path(one)) for one in files]
+    return [NamedFile(one, Path(one)) for one in files]
 
 
 def _is_there(word: str) -> bool:
@@ -83,7 +83,7 @@ def _is_there(word: str) -> bool:
     return os.path.isfile(word) or os.path.isdir(word)  # noqa: PTH112, PTH113
 
 
-def cover(words: Sequence[str], named: Sequence[Named]) -> Covered:
+def hash_files(words: Sequence[str], named: Sequence[NamedFile]) -> CodeHash:
     """Hash words, and files and folders with their paths; each part is preceded by its length.
 
     Args:
@@ -110,7 +110,7 @@ def cover(words: Sequence[str], named: Sequence[Named]) -> Covered:
         f"the words, and whole the {files} files ({size:,} bytes) that they name; {_NOT_COVERED}"
     )
     paths = tuple(dict.fromkeys(one.path.absolute() for one in named))
-    return Covered(digest.hexdigest(), covers, paths, tuple(caches))
+    return CodeHash(digest.hexdigest(), covers, paths, tuple(caches))
 
 
 class _Entry(NamedTuple):
