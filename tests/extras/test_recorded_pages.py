@@ -7,7 +7,8 @@ import pytest
 
 pytest.importorskip("shapely", reason="extra `data` is not installed")
 
-PAGE = Path(__file__).parents[2] / "docs" / "recorded-drivers.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "recorded-drivers.md"
 
 
 def test_the_examples_run(tmp_path, monkeypatch):
@@ -19,13 +20,14 @@ def test_the_examples_run(tmp_path, monkeypatch):
         exec(compile(block, f"{PAGE.name}, block {number}", "exec"), namespace)
 
 
-def test_every_command_parses():
+@pytest.mark.parametrize(("page", "least"), [("recorded-drivers", 8), ("recorded-conflicts", 3)])
+def test_every_command_parses(page, least):
     import shlex
 
     from socialiq.cli.main import parse
 
-    text = PAGE.read_text().replace("\\\n", " ")
+    text = (DOCS / f"{page}.md").read_text().replace("\\\n", " ")
     lines = [line for line in text.splitlines() if line.startswith("$ socialiq ")]
-    assert len(lines) >= 8
+    assert len(lines) >= least
     for line in lines:
         assert parse(shlex.split(line)[2:]) is not None

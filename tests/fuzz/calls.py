@@ -63,6 +63,7 @@ BASES: dict[str, list[str]] = {
     "data import": ["commonroad", "{ok}/recording.xml", "--out", OUT],
     "data demonstrations": [RECORDING, "--out", OUT],
     "data census": [RECORDING, "--out", OUT],
+    "data decisions": [RECORDING, "--out", OUT],
     "data agreement": [RECORDING, RECORDING, "--updates", "2", "--out", OUT],
     "data audit": [RECORDING, "--track", "0", "--profile", PROFILE],
 }

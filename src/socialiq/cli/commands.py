@@ -45,6 +45,7 @@ COMMANDS = {
     "data import": "recordings:Import",
     "data demonstrations": "recorded:ToDemonstrations",
     "data census": "recorded:TakeCensus",
+    "data decisions": "recorded_decisions:Decide",
     "data agreement": "recorded:Agreement",
     "data audit": "recorded_audit:AuditRecorded",
 }

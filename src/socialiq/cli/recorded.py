@@ -20,7 +20,7 @@ from socialiq.plotting.style import png
 from socialiq.recordings import census, files, held_out
 from socialiq.recordings import census_figure as picture
 from socialiq.recordings.episodes import ego_swap
-from socialiq.recordings.episodes.config import EpisodeConfig
+from socialiq.recordings.episodes.config import LEVELS, EpisodeConfig
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.recording import Recording
 
@@ -37,6 +37,10 @@ class Choices:
     """A neighbour's loss of speed: from decision to decision, or every fall between frames."""
     near: float = 3.0
     """Seconds that two vehicles may be apart at a conflict to meet there."""
+    actions: Literal["meta-actions", "accelerations"] = "meta-actions"
+    """Discretisation of decisions: slower, idle, faster; or levels of acceleration."""
+    levels: tuple[float, ...] = LEVELS
+    """Levels of acceleration, m/s², ascending."""
     road: Path | None = None
     """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
 
@@ -47,6 +51,8 @@ class Choices:
             target_speeds=self.speeds,
             loss=self.loss,
             near=self.near,
+            actions=self.actions,
+            levels=self.levels,
         )
 
 

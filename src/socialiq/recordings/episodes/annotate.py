@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Float64, Int8, Int32, Int64
 
-from socialiq.recordings.episodes import actions
+from socialiq.recordings.episodes import actions, decisions
 from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.scene import Scene, same_direction
 from socialiq.recordings.road.paths import Path
@@ -35,7 +35,7 @@ class Driven:
         frame: Frame of every decision, and of the end of the last decision.
         observation: Observation there, in the simulator's frame: the junction's centre is the
             origin and the ego comes from the south.
-        action: Inferred action of each decision.
+        action: Action of each decision, by the discretisation of the options.
         residual: Speed one decision later minus that predicted by the action, m/s.
         speed: Speed at every decision and at the end, m/s.
         pair: r_env and r_social of every decision.
@@ -94,7 +94,7 @@ def driven(scene: Scene, track: int, way: Crossing, config: EpisodeConfig) -> Dr
         way.junction,
         scene.tracks.frame[rows].astype(np.int64),
         observation.reshape(len(rows), -1),
-        *actions.inferred(speed, options),
+        *_actions(speed, options, config),
         speed,
         pairs[1:],
         signals[1:],
@@ -102,6 +102,14 @@ def driven(scene: Scene, track: int, way: Crossing, config: EpisodeConfig) -> Dr
         float(abs(abs(snapshots["advance"]) - _distances(scene, rows)).max()),
         int(contact) if endings[-1] == Ending.COLLISION else int(Contact.NONE),
     )
+
+
+def _actions(
+    speed: Float64[np.ndarray, " decision_and_one"], options: Options, config: EpisodeConfig
+) -> tuple[Int32[np.ndarray, " decision"], Float64[np.ndarray, " decision"]]:
+    if config.actions == "accelerations":
+        return decisions.levels_of(speed, config.levels, 1 / config.policy_rate)
+    return actions.inferred(speed, options)
 
 
 def _distances(

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
 from socialiq.errors import UserError, one_of
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import ACTIONS
 
 Loss = Literal["between_decisions", "summed"]
 Contact = Literal["overlap", "predicted"]
+Actions = Literal["meta-actions", "accelerations"]
+
+LEVELS = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""m/s²; default levels of the discretisation of accelerations."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,9 @@ class EpisodeConfig:
         near: s. Two vehicles meet in a conflict if they are within `reach` of it at times
             that differ by at most this.
         reach: m before a junction within which a vehicle is at it.
+        actions: Discretisation of the decisions. "meta-actions": slower, idle, faster, by the speed
+            that the simulator would reach. "accelerations": the closest of `levels`.
+        levels: Accelerations of the second, m/s², ascending.
         clock: Whether an episode times out after the options' duration, with that penalty.
             Recorded drivers have no such limit.
         options: Options and weights of the rewards; the three frequencies, speeds and the
@@ -44,6 +53,8 @@ class EpisodeConfig:
     slack: float = 0.3
     near: float = 3.0
     reach: float = 20.0
+    actions: Actions = "meta-actions"
+    levels: tuple[float, ...] = LEVELS
     clock: bool = False
     options: Options = field(default_factory=Options)
 
@@ -52,10 +63,19 @@ class EpisodeConfig:
             raise UserError(f"policy rate must be at least 1, got {self.policy_rate}")
         one_of("loss", self.loss, get_args(Loss))
         one_of("contact", self.contact, get_args(Contact))
+        one_of("actions", self.actions, get_args(Actions))
+        steps = [b - a for a, b in itertools.pairwise(self.levels)]
+        if len(self.levels) < 2 or not all(0 < step < math.inf for step in steps):
+            raise UserError(f"levels must be two or more ascending numbers, got {self.levels}")
         for name in ("near", "reach", "slack"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise UserError(f"{name} must be a number of at least 0, got {value}")
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions of the discretisation."""
+        return len(ACTIONS) if self.actions == "meta-actions" else len(self.levels)
 
     def options_at(self, dt: float) -> Options:
         """Return the simulator's options at a recording's rate.

@@ -19,7 +19,6 @@ from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.routes import OFF_THE_MAP, Crossing
 from socialiq.recordings.tracks import Tracks
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.state import ACTIONS
 
 HUMAN = "human"
 """Mode of all recorded drivers: a recording doesn't contain their intentions."""
@@ -240,7 +239,7 @@ def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
         rewards=RewardPair(*pairs.T),
         episode=np.repeat(np.arange(len(sizes)), sizes),
         mode_names=(HUMAN,),
-        n_actions=len(ACTIONS),
+        n_actions=swapped[0].config.n_actions,
         source=_source(swapped),
     )
 
