@@ -272,9 +272,24 @@ def test_the_census_writes_its_folder(recorded, tmp_path, capsys):
     assert "observed, not caused" in capsys.readouterr().out
 
 
-def test_agreement_holds_out_each_recording(recorded, tmp_path, capsys):
+def mirrored(recording, name):
+    """The recording of a place where people drive on the left: another site."""
+    tracks, flip = recording.tracks, np.array([1.0, -1.0])
+    lanelets = {
+        number: dataclasses.replace(one, left=one.right * flip, right=one.left * flip)
+        for number, one in recording.road.lanelets.items()
+    }
+    signs = {column: -getattr(tracks, column) for column in ("y", "heading", "vy")}
+    return Recording(dataclasses.replace(tracks, **signs, recording=name), RoadNetwork(lanelets))
+
+
+def test_agreement_holds_out_each_site(busy, recorded, tmp_path, capsys):
     out = tmp_path / "agreement"
     tiny = ["--updates", "20", "--hidden", "8", "--angle", "45"]
+    assert main(["data", "agreement", *recorded, *tiny, "--out", str(out)]) == 2
+    assert "all 2 recordings with one show" in capsys.readouterr().err
+    files.save(tmp_path / "left.safetensors", mirrored(busy[1].recording, "left"))
+    recorded = [*recorded, str(tmp_path / "left.safetensors")]
     assert main(["data", "agreement", *recorded, *tiny, "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [one["method"] for one in told["methods"]] == [

@@ -61,6 +61,7 @@ BASES: dict[str, list[str]] = {
     "data from-minari": ["{ok}/minari", "--out", OUT],
     "data to-minari": [DATA, "--out", f"{OUT}-v0"],
     "data import": ["commonroad", "{ok}/recording.xml", "--out", OUT],
+    "data inspect": [RECORDING],
     "data demonstrations": [RECORDING, "--out", OUT],
     "data census": [RECORDING, "--out", OUT],
     "data decisions": [RECORDING, "--out", OUT],

@@ -43,6 +43,7 @@ COMMANDS = {
     "data from-minari": "data:FromMinari",
     "data to-minari": "data:ToMinari",
     "data import": "recordings:Import",
+    "data inspect": "recorded_inspect:Inspect",
     "data demonstrations": "recorded:ToDemonstrations",
     "data census": "recorded:TakeCensus",
     "data decisions": "recorded_decisions:Decide",

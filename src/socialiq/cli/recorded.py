@@ -21,6 +21,8 @@ from socialiq.recordings import census, files, held_out
 from socialiq.recordings import census_figure as picture
 from socialiq.recordings.episodes import ego_swap
 from socialiq.recordings.episodes.config import LEVELS, EpisodeConfig
+from socialiq.recordings.identity.duplicates import Duplicates, swap_distinct
+from socialiq.recordings.identity.identify import Identified
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.recording import Recording
 
@@ -43,6 +45,8 @@ class Choices:
     """Levels of acceleration, m/s², ascending."""
     road: Path | None = None
     """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
+    duplicates: Duplicates = "drop"
+    """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
 
     def config(self) -> EpisodeConfig:
         """Return the options for the library."""
@@ -77,7 +81,7 @@ class ToDemonstrations:
     def run(self) -> int:
         """Convert, write, and print the counts and the reasons for omissions."""
         refuse_existing(self.out)
-        swapped = swap_all(self.recordings, self.choices)
+        swapped = swap_all(self.recordings, self.choices, self.json)
         table = ego_swap.demonstrations(swapped)
         sha256 = demonstration_files.save(self.out, table, replace=False)
         counts = [one.counts for one in swapped]
@@ -114,7 +118,7 @@ class TakeCensus:
         check_share(self.confidence)
         if self.out is not None:
             check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices)
+        swapped = swap_all(self.recordings, self.choices, self.json)
         found = census.take(swapped, self.seed, self.confidence)
         counts = [one.counts for one in swapped]
         population = dataclasses.asdict(found.population)
@@ -143,7 +147,7 @@ class TakeCensus:
 class Agreement:
     """Train on all sites but one, predict its drivers' actions, for each in turn.
 
-    The recordings of one CommonRoad map form a site; any other recording is its own site.
+    Sites are identified by the geometry of their lanes, whatever their files are called.
 
     Example: socialiq data agreement a.safetensors b.safetensors --angle 0 45 90 --out agreement
     """
@@ -169,7 +173,7 @@ class Agreement:
     def run(self) -> int:
         """Train, predict, write, print."""
         check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices)
+        swapped = swap_all(self.recordings, self.choices, self.json)
         config = held_out.Config(self.angle, self.updates, hidden=self.hidden, seed=self.seed)
         found = held_out.agreement(ego_swap.demonstrations(swapped), config)
         methods = found.by_method()
@@ -204,25 +208,41 @@ class _Trained:
     sources: list[dict[str, Any]]
 
 
-def swap_all(paths: tuple[Path, ...], choices: Choices) -> list[ego_swap.Swapped]:
-    """Return the ego swap of some files.
+def swap_all(paths: tuple[Path, ...], choices: Choices, quiet: bool) -> list[ego_swap.Swapped]:
+    """Return the ego swap of some files; print what they have in common before the slow work.
 
     Raises:
         UserError: If there is none, or one can't be read or swapped; the line names it.
     """
+    recordings = load_all(paths, choices.road)
+    tell = None if quiet else show_overlaps
+    return swap_distinct(recordings, choices.config(), choices.duplicates, tell)
+
+
+def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recording]:
+    """Return the recordings of some files, on a map if one is named.
+
+    Raises:
+        UserError: If there is none, or one can't be read; the line names it.
+    """
     if not paths:
         raise UserError("no recording: name at least one file of `socialiq data import`")
-    road = None if choices.road is None else road_of(choices.road)
-    config, found = choices.config(), []
-    for path in paths:
-        recording = files.load(path)
-        if road is not None:
-            recording = Recording(recording.tracks, road)
-        try:
-            found.append(ego_swap.swap(recording, config))
-        except UserError as error:
-            raise UserError(f"{path}: {error}") from error
-    return found
+    found = [files.load(path) for path in paths]
+    if road is None:
+        return found
+    lanelets = road_of(road)
+    return [Recording(one.tracks, lanelets) for one in found]
+
+
+def show_overlaps(identified: Identified) -> None:
+    """Print the pairs of recordings with vehicles in common; nothing if there are none."""
+    rows = [
+        row | {"first": one_line(str(row["first"])), "second": one_line(str(row["second"]))}
+        for row in identified.rows()
+    ]
+    if rows:
+        print_table(rows, "Recordings with vehicles in common (lag: of the second's clock, s)")
+        sys.stdout.flush()
 
 
 def sources_of(swapped: list[ego_swap.Swapped]) -> list[dict[str, Any]]:
@@ -232,7 +252,8 @@ def sources_of(swapped: list[ego_swap.Swapped]) -> list[dict[str, Any]]:
 
 def show_counts(counts: list[dict[str, Any]], title: str) -> None:
     """Print episodes by recording, with sums, and the reasons for tracks without episode."""
-    shown = [name for name in counts[0] if name not in ego_swap.REASONS]
+    hidden = (*ego_swap.REASONS, "site", "chain")
+    shown = [name for name in counts[0] if name not in hidden]
     rows = [{name: row[name] for name in shown} for row in counts]
     rows = [row | {"recording": one_line(str(row["recording"]))} for row in rows]
     if len(rows) > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,10 +14,11 @@ from socialiq.audit.profile.reader import load as load_profile
 from socialiq.audit.recorded_vehicle import RecordedVerdict, episode_config, judge_recorded
 from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import print_json, print_table
+from socialiq.cli.recorded import load_all
 from socialiq.errors import UserError
-from socialiq.recordings import files
+from socialiq.foreign import one_line
 from socialiq.recordings.episodes import ego_swap
-from socialiq.recordings.readers.commonroad_road import road_of
+from socialiq.recordings.identity.identify import identify
 from socialiq.recordings.recording import Recording
 from socialiq.to_json import to_json
 
@@ -49,12 +51,12 @@ class AuditRecorded:
         if len(self.track) not in (1, len(self.recordings)):
             raise UserError("--track takes one number for all files, or one for each")
         tracks = self.track * (len(self.recordings) if len(self.track) == 1 else 1)
-        road = None if self.road is None else road_of(self.road)
-        driven = []
-        for path, track in zip(self.recordings, tracks, strict=True):
-            recording = files.load(path)
-            recording = recording if road is None else Recording(recording.tracks, road)
-            driven.append(ego_swap.episode_of(recording, track, config))
+        recordings = load_all(self.recordings, self.road)
+        _refuse_same_moments(recordings, tracks)
+        driven = [
+            ego_swap.episode_of(recording, track, config)
+            for recording, track in zip(recordings, tracks, strict=True)
+        ]
         verdict = judge_recorded(declared, driven)
         status = {Decision.PASS: 0, Decision.FAIL: 1, Decision.INCONCLUSIVE: 3}[verdict.decision]
         if self.json:
@@ -69,6 +71,22 @@ WORDS = {
     Decision.FAIL: "not consistent",
     Decision.INCONCLUSIVE: "not decided",
 }
+
+
+def _refuse_same_moments(recordings: Sequence[Recording], numbers: Sequence[int]) -> None:
+    """Raise an error if two recordings show the vehicle in the same moments."""
+    for one in identify(recordings).overlaps if len(recordings) > 1 else ():
+        if not one.seconds:
+            continue
+        pair = [recordings[which].tracks for which in (one.first, one.second)]
+        for tracks in one.vehicles:
+            same = [int(of.identity[track]) for of, track in zip(pair, tracks, strict=True)]
+            if same == [numbers[one.first], numbers[one.second]]:
+                first, second = (one_line(of.recording, 60) for of in pair)
+                raise UserError(
+                    f"{first} and {second} show vehicle {same[0]} in the same moments "
+                    f"({one.seconds:.1f} s in common), which would count twice: leave one out"
+                )
 
 
 def _show(verdict: RecordedVerdict) -> None:

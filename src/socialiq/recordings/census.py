@@ -30,8 +30,8 @@ LIMITS = (
     "nothing changed.",
     "The intervals of single drivers take decisions as independent, which neighbouring seconds "
     "are not: true intervals are wider.",
-    "Drivers of one recording meet each other; intervals over recordings allow for it, those over "
-    "drivers do not.",
+    "Drivers of one recording meet each other; intervals over chains of recordings that share no "
+    "vehicle allow for it, those over drivers do not.",
     "An episode that leaves the field of view says nothing of what came after.",
 )
 """Limits of the interpretation of a census."""
@@ -96,13 +96,16 @@ class Population:
 
     Attributes:
         drivers: Number of drivers.
-        recordings: Number of recordings.
+        vehicles: Number of different vehicles, where they are identified; else of drivers.
+        recordings: Number of recordings with a driver.
+        chains: Number of chains of recordings that share no vehicle.
+        sites: Number of places, where they are identified; else 0.
         r_env: Mean of the drivers' points.
         r_social: Mean of the drivers' points.
         sd_env: Standard deviation of r_env of the drivers' points, including their noise.
         sd_social: Standard deviation of r_social of the drivers' points.
         over_drivers: Angle of the mean point, with resampled drivers.
-        over_recordings: The same, with resampled recordings; None with fewer than two.
+        over_chains: The same, with resampled chains; None with fewer than two.
         standing: Drivers whose mean speed is below `STANDING`.
         of_the_moving: Angle of the mean point of the others, with resampled drivers, or None.
         circular_sd: Circular standard deviation of the drivers' angles, degrees.
@@ -111,13 +114,16 @@ class Population:
     """
 
     drivers: int
+    vehicles: int
     recordings: int
+    chains: int
+    sites: int
     r_env: float
     r_social: float
     sd_env: float
     sd_social: float
     over_drivers: Interval
-    over_recordings: Interval | None
+    over_chains: Interval | None
     standing: int
     of_the_moving: Interval | None
     circular_sd: float
@@ -164,10 +170,7 @@ def take(
             "no vehicle of these recordings meets a conflict, so there is no driver to count: "
             "`socialiq data demonstrations` lists the reasons"
         )
-    names = [one.recording for one in drivers]
-    group = np.unique(names, return_inverse=True)[1]
-    points = np.array([[one.r_env, one.r_social] for one in drivers])
-    population = _population(drivers, points, group, seed, confidence, resamples)
+    population = _population(drivers, swapped, seed, confidence, resamples)
     pairs = [one.pair for each in swapped for one in each.episodes]
     moving = [
         (pair, driver.speed >= STANDING)
@@ -202,14 +205,23 @@ def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
     )
 
 
+def _chains(drivers: Sequence[Driver], swapped: Sequence[Swapped]) -> Int64[np.ndarray, " driver"]:
+    """Return the number of each driver's chain; a recording without one is its own."""
+    chain = {one.recording: one.chain or one.recording for one in swapped}
+    names = [chain[one.recording] for one in drivers]
+    return np.unique(names, return_inverse=True)[1].astype(np.int64)
+
+
 def _population(
     drivers: Sequence[Driver],
-    points: Float64[np.ndarray, "driver 2"],
-    group: Int64[np.ndarray, " driver"],
+    swapped: Sequence[Swapped],
     seed: int,
     confidence: float,
     resamples: int,
 ) -> Population:
+    points = np.array([[one.r_env, one.r_social] for one in drivers])
+    group, used = _chains(drivers, swapped), [one for one in swapped if one.episodes]
+    vehicles = {number for one in used for number in one.vehicle}
     known = np.radians([one.angle for one in drivers if one.angle is not None])
     count = int(group.max()) + 1
     sums = np.stack([np.bincount(group, points[:, axis]) for axis in range(2)], axis=1)
@@ -220,15 +232,16 @@ def _population(
     moving = np.array([one.speed >= STANDING for one in drivers])
     return Population(
         drivers=len(drivers),
-        recordings=count,
+        vehicles=len(vehicles) or len(drivers),
+        recordings=len(used),
+        chains=count,
+        sites=len({one.site for one in used if one.site}),
         r_env=float(mean[0]),
         r_social=float(mean[1]),
         sd_env=float(spread[0]),
         sd_social=float(spread[1]),
         over_drivers=_interval(points, one_each, seed, confidence, resamples),
-        over_recordings=(
-            _interval(sums, sizes, seed, confidence, resamples) if count > 1 else None
-        ),
+        over_chains=(_interval(sums, sizes, seed, confidence, resamples) if count > 1 else None),
         standing=int((~moving).sum()),
         of_the_moving=(
             _interval(points[moving], one_each[moving], seed, confidence, resamples)

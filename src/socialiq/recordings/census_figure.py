@@ -68,8 +68,8 @@ def _points(axes: Any, drivers: Sequence[Mapping[str, Any]], population: Mapping
         xytext=(0.0, 0.0),
         arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1.6},
     )
-    interval = population["over_recordings"] or population["over_drivers"]
-    unit = "recordings" if population["over_recordings"] else "drivers"
+    interval = population["over_chains"] or population["over_drivers"]
+    unit = "chains" if population["over_chains"] else "drivers"
     share = f"{100 * population['confidence']:g} %"
     axes.plot(
         [],
@@ -84,7 +84,7 @@ def _points(axes: Any, drivers: Sequence[Mapping[str, Any]], population: Mapping
     axes.set_xlabel("mean r_env of a decision")
     axes.set_ylabel("mean r_social of a decision")
     axes.set_title(
-        f"{population['drivers']} drivers of {population['recordings']} recordings "
+        f"{population['vehicles']} vehicles of {population['chains']} chains of recordings "
         "(larger: more decisions)",
         fontsize=10,
     )

@@ -1,8 +1,9 @@
-"""Splits by recording, and agreement of learned policies with the drivers of held-out sites.
+"""Splits by site or chain, and agreement of learned policies with the drivers of held-out sites.
 
 Demonstrations are split by whole recordings: two episodes of one recording hold the same moments
-from two vehicles, so a split inside a recording would test on training data. For the agreement
-every site is held out once, and policies learned from the others predict its drivers' actions.
+from two vehicles, so a split inside a recording would test on training data. Recordings that share
+a vehicle or a site (`recordings.identity`) stay on one side. For the agreement every site is held
+out once, and policies learned from the others predict its drivers' actions.
 Agreement does not measure an angle: the policy of 90 degrees is not meant to drive as people do.
 """
 
@@ -12,13 +13,13 @@ import dataclasses
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError
+from socialiq.errors import UserError, one_of
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.iq_learn.config import Endings, StaticConfig
 from socialiq.learners.iq_learn.presets import (
@@ -28,6 +29,8 @@ from socialiq.learners.iq_learn.presets import (
 )
 from socialiq.learners.iq_learn.train import train
 from socialiq.types import Row
+
+By = Literal["site", "chain"]
 
 
 def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndarray, " episode"]]:
@@ -50,7 +53,8 @@ def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndar
 def site_of(recording: str) -> str:
     """Return the site of a recording: the map of a CommonRoad benchmark's name, else the name.
 
-    Scenarios of one map may come from one recording and show the same vehicles seconds later.
+    Scenarios of one map may come from one recording and show the same vehicles seconds later. A
+    name is a hint only: `recordings.identity` compares the roads.
 
     Args:
         recording: Name of the recording.
@@ -59,20 +63,40 @@ def site_of(recording: str) -> str:
     return found[1] if found else recording
 
 
-def split(table: Demonstrations, held_out: Sequence[str]) -> tuple[Demonstrations, Demonstrations]:
-    """Split a table by recording.
+def groups_of(table: Demonstrations, by: By) -> tuple[str, ...]:
+    """Return the site or the chain of each recording of a table.
+
+    Raises:
+        UserError: If its recordings were not identified.
+    """
+    recordings_of(table)
+    found = tuple(str(one.get(by) or "") for one in table.source["recordings"])
+    if not all(found):
+        raise UserError(
+            "these demonstrations lack the sites and chains of their recordings, so a split could "
+            "leak: make them again with `socialiq data demonstrations`"
+        )
+    return found
+
+
+def split(
+    table: Demonstrations, held_out: Sequence[str], by: By = "site"
+) -> tuple[Demonstrations, Demonstrations]:
+    """Split a table by recording, so that no vehicle, no moment and no site is on both sides.
 
     Args:
         table: Demonstrations of an ego swap.
         held_out: Names of the recordings to keep for testing.
+        by: "site" keeps sites apart; "chain" allows other vehicles and moments of one site.
 
     Returns:
         Training and held-out demonstrations, each with its own recordings only.
 
     Raises:
-        UserError: If a name is unknown, or one side would be empty: one recording can't be
-            split.
+        UserError: If a name is unknown, one side would be empty (one recording can't be split), or
+            both would hold a vehicle, a moment or a site.
     """
+    one_of("by", by, get_args(By))
     names, place = recordings_of(table)
     unknown = [name for name in held_out if name not in names]
     if unknown:
@@ -85,7 +109,26 @@ def split(table: Demonstrations, held_out: Sequence[str]) -> tuple[Demonstration
     held = np.isin(place, [names.index(name) for name in held_out])
     if held.all() or not held.any():
         raise UserError("both sides of a split need an episode: hold out some recordings, not all")
+    for kept_apart in dict.fromkeys((by, "chain")):
+        _check_apart(names, groups_of(table, kept_apart), held_out, kept_apart)
     return _side(table, ~held), _side(table, held)
+
+
+def _check_apart(
+    names: Sequence[str], groups: Sequence[str], held_out: Sequence[str], by: str
+) -> None:
+    """Raise an error if a recording that is not held out is of a held-out one's group."""
+    held = {group: name for name, group in zip(names, groups, strict=True) if name in held_out}
+    leaks = [(n, g) for n, g in zip(names, groups, strict=True) if n not in held_out and g in held]
+    if leaks:
+        name, group = leaks[0]
+        more = f" (and {len(leaks) - 1} more)" if len(leaks) > 1 else ""
+        what = "show one site" if by == "site" else "have vehicles in common"
+        also = "; or split by chain, for other drivers of one site" if by == "site" else ""
+        raise UserError(
+            f"{held[group]} is held out and {name} is not{more}, but they {what}: hold out both"
+            f"{also}"
+        )
 
 
 def _side(table: Demonstrations, chosen: np.ndarray) -> Demonstrations:
@@ -176,11 +219,15 @@ def agreement(table: Demonstrations, config: Config) -> HeldOut:
         UserError: If fewer than two sites have episodes.
     """
     names, place = recordings_of(table)
+    site = dict(zip(names, groups_of(table, "site"), strict=True))
     used = [name for number, name in enumerate(names) if (place == number).any()]
-    sites = sorted({site_of(name) for name in used})
+    sites = sorted({site[name] for name in used})
     if len(sites) < 2:
-        raise UserError("agreement on held-out sites needs at least two with an episode")
-    splits = [split(table, [name for name in used if site_of(name) == site]) for site in sites]
+        raise UserError(
+            f"agreement on held-out sites needs at least two with an episode; all {len(used)} "
+            f"recordings with one show {sites[0] if sites else 'none'}: add another place"
+        )
+    splits = [split(table, [name for name in names if site[name] == one]) for one in sites]
     seen = [train_on for train_on, _ in splits]
     hyperparameters = [
         dataclasses.replace(

@@ -11,6 +11,7 @@ import pytest
 from socialiq.recordings.episodes.annotate import Driven
 from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.ego_swap import Swapped, demonstrations
+from socialiq.recordings.held_out import site_of
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
 from socialiq.recordings.tracks import Tracks
@@ -166,6 +167,9 @@ def swapped():
             conflicts=4,
             moments=frozenset(moments or {f"{name}{n}".encode() for n in range(len(episodes))}),
             config=config or EpisodeConfig(),
+            site=site_of(name),
+            chain="" if moments else name,
+            vehicle=(),
         )
 
     return make

@@ -28,7 +28,7 @@ def test_the_population_counts_every_driver_once(human):
     assert (found.r_env, found.r_social) == pytest.approx(tuple(points.mean(axis=0)))
     assert (found.sd_env, found.sd_social) == pytest.approx(tuple(points.std(axis=0, ddof=1)))
     angle = math.degrees(math.atan2(points[:, 1].mean(), points[:, 0].mean()))
-    for interval in (found.over_drivers, found.over_recordings):
+    for interval in (found.over_drivers, found.over_chains):
         assert interval is not None
         assert interval.estimate == pytest.approx(angle)
         assert interval.low <= angle <= interval.high
@@ -41,11 +41,11 @@ def test_recordings_count_as_units_where_drivers_of_one_are_alike(drive, swapped
         swapped(f"r{n}", [drive([[1.0, math.tan(math.radians(10 * n))]])] * 10) for n in range(6)
     ]
     found = take(alike).population
-    drivers, recordings = found.over_drivers, found.over_recordings
+    drivers, recordings = found.over_drivers, found.over_chains
     assert recordings is not None
     widths = drivers.high - drivers.low, recordings.high - recordings.low
     assert 2.0 < widths[1] / widths[0] < 4.5  # sqrt(10) = 3.2
-    assert take(alike[:1]).population.over_recordings is None
+    assert take(alike[:1]).population.over_chains is None
 
 
 def test_a_driver_to_whom_nothing_happened_has_no_angle(drive, swapped):

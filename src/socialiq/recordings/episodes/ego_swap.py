@@ -32,7 +32,8 @@ _MOVING = 0.5  # m/s; tracks that never reach it are indistinguishable
 
 TOO_SHORT = "in view for less than a decision"
 NO_WAY = "its way doesn't fit the lanelets"
-REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT, NO_WAY)
+DUPLICATE = "the same moments in another recording"
+REASONS = (NOT_A_VEHICLE, OFF_THE_ROAD, NO_JUNCTION, ALONE, TOO_SHORT, NO_WAY, DUPLICATE)
 """Reasons for which a track makes no episode, in the order of the checks."""
 
 
@@ -51,6 +52,9 @@ class Swapped:
         conflicts: Pairs of lanelets in conflict.
         moments: Signature of every track that moves.
         config: The options.
+        site: Name of the site; "" if sites were not identified (`recordings.identity`).
+        chain: Name of the chain of recordings that share vehicles; "" likewise.
+        vehicle: Number of each episode's vehicle over all recordings; empty likewise.
     """
 
     recording: str
@@ -63,6 +67,9 @@ class Swapped:
     conflicts: int
     moments: frozenset[bytes]
     config: EpisodeConfig
+    site: str = ""
+    chain: str = ""
+    vehicle: tuple[int, ...] = ()
 
     @property
     def n_transitions(self) -> int:
@@ -75,6 +82,8 @@ class Swapped:
         endings = Counter(int(one.ending[-1]) for one in self.episodes)
         return {
             "recording": self.recording,
+            "site": self.site,
+            "chain": self.chain,
             "seconds": round(self.seconds, 2),
             "tracks": self.n_tracks,
             "conflicts": self.conflicts,
@@ -205,6 +214,8 @@ def check_distinct(swapped: Sequence[Swapped]) -> None:
                 raise UserError(
                     f"two recordings are named '{one_line(one.recording)}': give each only once"
                 )
+            if one.chain and other.chain:
+                continue  # what they have in common is known, and was dropped or kept on purpose
             shared = len(one.moments & other.moments)
             if shared > 0.5 * min(len(one.moments), len(other.moments)) > 0:
                 raise UserError(
@@ -250,7 +261,13 @@ def _source(swapped: Sequence[Swapped]) -> dict[str, Any]:
         "made_by": "ego swap",
         "reading": asdict(swapped[0].config),
         "recordings": [
-            {"name": one.recording, "source": one.source, "egos": list(one.identity)}
+            {
+                "name": one.recording,
+                "site": one.site,
+                "chain": one.chain,
+                "source": one.source,
+                "egos": list(one.identity),
+            }
             for one in swapped
         ],
         "episode_recording": [p for p, one in enumerate(swapped) for _ in one.episodes],

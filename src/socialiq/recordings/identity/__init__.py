@@ -1,0 +1,1 @@
+"""Identification of sites, moments and vehicles across recordings, by geometry and motion."""

@@ -1,0 +1,92 @@
+"""Sites, chains and vehicles of sets of recordings whose truth is known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.recordings.episodes.ego_swap import DUPLICATE
+from socialiq.recordings.identity.alignment import Placement
+from socialiq.recordings.identity.duplicates import check_names, labelled, refuse_overlaps
+from socialiq.recordings.identity.identify import identify
+
+MOVED = Placement(1.0, np.array([30.0, 5.0]))
+
+
+@pytest.fixture
+def four(make):
+    """Two overlapping windows of one day, another day there, and another place."""
+    whole = make.traffic()
+    windows = [make.window(whole, 0, 60, "a"), make.window(whole, 40, 100, "b")]
+    windows[1] = make.written(windows[1], MOVED)
+    here = make.junction(make.t)
+    return [
+        make.recording(windows[0], here),
+        make.recording(windows[1], make.junction(make.t, turn=1.0, x=30.0)),
+        make.recording(dataclasses.replace(make.traffic(7), recording="c"), here),
+        make.recording(dataclasses.replace(make.traffic(8), recording="d"), make.junction(make.y)),
+    ]
+
+
+def test_sites_are_places_and_chains_share_vehicles(four):
+    found = identify(four)
+    assert found.site == ("a", "a", "a", "d")
+    assert found.chain == ("a", "a", "c", "d")
+    [row] = found.rows()
+    assert row == {"first": "a", "second": "b", "seconds": 2.0, "lag": -4.0, "vehicles": 8}
+    assert found.n_vehicles == 3 * 8
+    np.testing.assert_array_equal(found.vehicle[0], found.vehicle[1])
+
+
+def test_consecutive_windows_are_chained_by_numbers_and_sizes(make):
+    whole = make.traffic()
+    one, two = make.window(whole, 0, 50, "a"), make.window(whole, 50, 100, "b")
+    road = make.junction(make.t)
+    found = identify([make.recording(one, road), make.recording(two, road)])
+    assert found.chain == ("a", "a") and found.overlaps[0].seconds == 0.0
+    assert found.n_vehicles == 8
+    # The same numbers of vehicles of other sizes are another day's.
+    other = dataclasses.replace(two, length=two.length + 0.1)
+    found = identify([make.recording(one, road), make.recording(other, road)])
+    assert found.chain == ("a", "b") and found.n_vehicles == 16
+
+
+def test_scenarios_of_one_commonroad_map_are_one_site(make):
+    names = ("USA_Lanker-1_1_T-1", "USA_Lanker-1_2_T-1")
+    tracks = [make.traffic(1), make.traffic(2)]
+    roads = [make.junction(make.t), make.junction(make.y)]
+    found = identify(
+        [
+            make.recording(dataclasses.replace(one, recording=name), road)
+            for one, name, road in zip(tracks, names, roads, strict=True)
+        ]
+    )
+    assert found.site == ("USA_Lanker-1", "USA_Lanker-1") and found.chain == names
+
+
+def test_all_overlaps_are_named_at_once(four):
+    with pytest.raises(UserError, match=r"in a and b \(2.0 s, 8 vehicles\): leave"):
+        refuse_overlaps(identify(four))
+    refuse_overlaps(identify(four[1:]))
+    with pytest.raises(UserError, match="two recordings are named 'a'"):
+        check_names(["a", "b", "a"])
+
+
+def test_the_longest_episode_of_a_vehicle_stays(four, drive, swapped):
+    identified = identify(four[:2])
+    numbers = [one.tracks.identity for one in four[:2]]
+    short, long = [[0.1, 0.1]], [[0.1, 0.1]] * 3
+    a = swapped("a", [drive(long), drive(short)])
+    b = swapped("b", [drive(short), drive(long), drive(short)])
+    a = dataclasses.replace(a, identity=tuple(numbers[0][:2].tolist()))
+    b = dataclasses.replace(b, identity=tuple(numbers[1][:3].tolist()))
+    one, two = labelled(four[:2], [a, b], identified)
+    assert [len(each.action) for each in one.episodes] == [3]
+    assert [len(each.action) for each in two.episodes] == [3, 1]
+    assert one.counts[DUPLICATE] == two.counts[DUPLICATE] == 1
+    assert (one.site, one.chain, two.chain) == ("a", "a", "a")
+    assert len({*one.vehicle, *two.vehicle}) == 3
+    kept = labelled(four[:2], [a, b], identified, "keep")
+    assert [len(each.episodes) for each in kept] == [2, 3]
+    assert len({*kept[0].vehicle, *kept[1].vehicle}) == 3
