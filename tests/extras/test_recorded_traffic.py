@@ -26,6 +26,7 @@ from socialiq.recordings.readers.column_map import read_map
 from socialiq.recordings.readers.commonroad import read_commonroad
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.readers.csv_recording import read_csv
+from socialiq.recordings.readers.motion import wrapped
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.network import Conflict, RoadNetwork, lanes_of
 from socialiq.recordings.tracks import RoadUser
@@ -280,6 +281,7 @@ def mirrored(recording, name):
         for number, one in recording.road.lanelets.items()
     }
     signs = {column: -getattr(tracks, column) for column in ("y", "heading", "vy")}
+    signs["heading"] = wrapped(signs["heading"])
     return Recording(dataclasses.replace(tracks, **signs, recording=name), RoadNetwork(lanelets))
 
 

@@ -201,7 +201,7 @@ def _matched(
     share = _share(one, other, moved, met, lag)
     if share < _LEAST_SHARE:
         return None
-    pairs = np.column_stack([one.tracks.track[mine[met]], other.tracks.track[met]])
+    pairs = np.column_stack([one.tracks.track[np.asarray(mine)[met]], other.tracks.track[met]])
     found, counts = np.unique(pairs.astype(np.int64), axis=0, return_counts=True)
     found = found[np.argsort(-counts, kind="stable")]
     counts = np.sort(counts)[::-1]
