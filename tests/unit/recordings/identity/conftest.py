@@ -1,4 +1,4 @@
-"""Traffic whose moments, vehicles and place are known, cut into windows and written anew."""
+"""Traffic whose moments, vehicles and place are known, cut into windows and written again."""
 
 from __future__ import annotations
 
