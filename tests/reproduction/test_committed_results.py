@@ -27,7 +27,6 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 from socialiq.studies import intersection_ahead as ahead
 from socialiq.studies import (
-    intersection_offline,
     intersection_world,
     lambda_sweep,
     off_policy,
@@ -48,6 +47,7 @@ from socialiq.studies.compare_priors.config import (
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.competence import bench
 from socialiq.studies.grid import study as grid
+from socialiq.studies.intersection_offline import tables as offline
 from socialiq.studies.theory import cases
 from socialiq.studies.theory import small_strength as lines
 from socialiq.to_json import rounded
@@ -311,8 +311,7 @@ def test_the_offline_dial_drives_as_before(committed, batch, angle):
     (theirs,) = [
         row
         for row in results.tables["policies"]
-        if (row["method"], row["seed"], row["asked"])
-        == (intersection_offline.OWN, config["seeds"][0], angle)
+        if (row["method"], row["seed"], row["asked"]) == (offline.OWN, config["seeds"][0], angle)
     ]
     turned = DialPolicy.load(packaged_results() / "intersection-offline" / "dial.safetensors")
     seeds = np.arange(config["first_episode"], config["first_episode"] + config["episodes"])

@@ -30,7 +30,7 @@ STUDIES = {
     "intersection-ahead": "intersection_ahead",
     "intersection-policy-iteration": "intersection_policy_iteration",
     "intersection-dial": "intersection_dial.study",
-    "intersection-offline": "intersection_offline",
+    "intersection-offline": "intersection_offline.study",
     "intersection-skill": "intersection_skill.study",
     "audit-power": "audit_power.study",
     "audits": "audits.study",

@@ -11,7 +11,9 @@ from socialiq.experiments.study import run
 from socialiq.learners.offline.config import StaticConfig
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
-from socialiq.studies.intersection_offline import DEMONSTRATOR, METHODS, OWN, STUDY, Config
+from socialiq.studies.intersection_offline.config import METHODS, Config
+from socialiq.studies.intersection_offline.study import STUDY
+from socialiq.studies.intersection_offline.tables import DEMONSTRATOR, OWN, verdict
 
 TINY = Config(
     seeds=(0, 1),
@@ -20,6 +22,7 @@ TINY = Config(
     method_angles=(0.0, 90.0),
     structure=StaticConfig(view="flat", hidden=(8,), updates=20, batch_size=8),
     updates=20,
+    together=2,
     pool_episodes=12,
     size=60,
     episodes=12,
@@ -50,7 +53,8 @@ def test_every_policy_is_valued_at_its_angles(results) -> None:
 
 
 def test_a_clone_of_all_is_one_for_every_angle(work, results) -> None:
-    assert (work / "learners" / "clone-of-all" / "all" / "0").is_dir()
+    files = sorted((work / "learners" / "clone-of-all" / "0").glob("*/*/*.safetensors"))
+    assert [file.parts[-3:-1] for file in files] == [("0", "0"), ("1", "0")]
     mine = [row for row in results.tables["policies"] if row["method"] == "clone of all"]
     first, last = (row for row in mine if row["seed"] == 0)
     assert first["r_env"] == last["r_env"] and first["asked"] != last["asked"]
@@ -72,9 +76,35 @@ def test_the_dial_is_compared_with_the_best_demonstrator_and_with_every_method(r
 
 
 def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work) -> None:
-    kept = (work / "dials" / "0" / "dial.safetensors").read_bytes()
-    assert results.files == {"dial.safetensors": kept}
-    assert DialPolicy.load(work / "dials" / "0" / "dial.safetensors").high == 90.0
+    file = work / "dials" / "0" / "0" / "dial.safetensors"
+    assert results.files == {"dial.safetensors": file.read_bytes()}
+    assert DialPolicy.load(file).provenance["numbers"]["seed"] == 0
+
+
+def test_iq_learn_is_compared_with_the_weighted_clones(results) -> None:
+    rows = results.tables["forms"]
+    assert len(rows) == 2 * 4 * 2
+    policies = {(r["method"], r["asked"]): [] for r in results.tables["policies"]}
+    for row in results.tables["policies"]:
+        policies[row["method"], row["asked"]].append(row["value"])
+    for row in rows:
+        mine, theirs = (policies[row[name], row["asked"]] for name in ("form", "other"))
+        assert row["mean"] == pytest.approx(np.mean(mine) - np.mean(theirs), abs=1e-5)
+
+
+def test_a_loss_is_called_one_without_adjustment() -> None:
+    def row(mean: float, p: float, p_holm: float) -> str:
+        return verdict({"mean": mean, "p": p, "p_holm": p_holm})
+
+    assert row(1.0, 0.001, 0.01) == "above" and row(-1.0, 0.04, 0.4) == "below"
+    assert row(1.0, 0.04, 0.4) == "level" == row(-1.0, 0.06, 0.4)
+
+
+def test_seeds_may_be_trained_apart() -> None:
+    alone = dataclasses.replace(TINY, together=1)
+    assert TINY.groups == [(0, 1)] and alone.groups == [(0,), (1,)]
+    names = [job.name for job in STUDY.jobs(alone)]
+    assert len(set(names)) == len(names) and "dials/1" in names
 
 
 def test_results_are_saved_and_drawn_from_the_files(results, tmp_path) -> None:

@@ -101,6 +101,8 @@ class DialEvaluation(EpisodesRun):
     """Greedy episodes of a dial at some angles, in degrees."""
 
     angles: tuple[float, ...]
+    driver: str = DIAL
+    """File in the input's folder."""
 
 
 def evaluate_dial(
@@ -108,7 +110,7 @@ def evaluate_dial(
 ) -> None:
     """Write the outcome of every episode, one file for each angle."""
     (trained,) = inputs.values()
-    dial = DialPolicy.load(trained / DIAL)
+    dial = DialPolicy.load(trained / config.driver)
     for number, angle in enumerate(config.angles, start=1):
         episodes = episodes_of(Batch(config.options, BATCH), dial.at(angle), config.seeds)
         save_episodes(folder / angle_file(angle), episodes)

@@ -79,9 +79,12 @@ class Hyperparameters:
     """Share of a network mixed into its running average at each update."""
     seed: int = 0
     """Seed of the networks and the sampling."""
+    dataset: int = 0
+    """Number of the run among those trained together, each with data of its own; set by them."""
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
+        check_not_negative(self, ("dataset",))
         check_above_zero(self, ("temperature", "end_temperature", "learning_rate"))
         check_rate(self, ("polyak",))
         check_shares(self, ("discount", "final_rate"))

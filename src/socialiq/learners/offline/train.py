@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
@@ -41,12 +42,14 @@ class Stage(Learner):
     """Common part of the stages: rows at random angles, and a learning rate that falls.
 
     Attributes:
-        rows: All recorded transitions.
-        unit: Unit of the critics' outputs.
+        rows: Recorded transitions of every run, end to end.
+        bounds: First row of each run, and the end.
+        units: Unit of the critics' outputs of each run.
     """
 
     rows: Rows = None  # pyright: ignore[reportAssignmentType]
-    unit: Float[Array, " 2"] = None  # pyright: ignore[reportAssignmentType]
+    bounds: Int[Array, " bound"] = None  # pyright: ignore[reportAssignmentType]
+    units: Float[Array, "run 2"] = None  # pyright: ignore[reportAssignmentType]
 
     StaticConfig: ClassVar[type] = StaticConfig
     Hyperparameters: ClassVar[type] = Hyperparameters
@@ -61,14 +64,14 @@ class Stage(Learner):
 
     def draw(
         self,
-        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+        hyperparameters: HyperparameterArrays,
         state: TrainState,  # noqa: ARG002
         carry: Array,
     ) -> tuple[tuple[Rows, RewardPair], Array]:
-        """Return rows, and a direction (cos α, sin α) drawn for each."""
+        """Return rows of the run's own data, and a direction (cos α, sin α) drawn for each."""
         key, for_rows, for_angles = jax.random.split(carry, 3)
-        one, end = self.static, jnp.asarray(len(self.rows.action))
-        drawn = draw_between(for_rows, one.batch_size, 0, end)
+        one, run = self.static, hyperparameters.dataset
+        drawn = draw_between(for_rows, one.batch_size, self.bounds[run], self.bounds[run + 1])
         low, high = one.low - one.margin, one.high + one.margin
         angle = jnp.deg2rad(
             jax.random.uniform(for_angles, (one.batch_size,), minval=low, maxval=high)
@@ -120,7 +123,8 @@ class Critics(Stage):
     ) -> tuple[Float[Array, ""], Terms]:
         """Squared Bellman error of both rewards."""
         rows, direction = batch
-        one, where = hyperparameters, (rows, direction, self.unit)
+        one = hyperparameters
+        where = (rows, direction, self.units[one.dataset])
         temperature = price(direction, one.temperature, one.end_temperature)
         target = critic_target(target_network, *where, temperature, one.discount)
         loss = critic_loss(network, jax.lax.stop_gradient(target), *where)
@@ -131,7 +135,7 @@ class Distillation(Stage):
     """The regularised policy as one dial; its values are log-probabilities.
 
     Attributes:
-        critics: Trained ensemble.
+        critics: Trained ensembles, with a leading axis of runs.
     """
 
     critics: Critic = None  # pyright: ignore[reportAssignmentType]
@@ -155,7 +159,9 @@ class Distillation(Stage):
         """Distance from the behaviour policy less the score."""
         one, (rows, direction) = hyperparameters, batch
         temperature = price(direction, one.temperature, one.end_temperature)
-        loss = dial_loss(network, self.critics, rows, direction, self.unit, temperature)
+        critics = jax.tree.map(lambda leaf: leaf[one.dataset], self.critics)
+        unit = self.units[one.dataset]
+        loss = dial_loss(network, critics, rows, direction, unit, temperature)
         return loss, {"loss": loss}
 
     def policy(self, hyperparameters: Any, state: TrainState, kept: Any = None) -> DialPolicy:  # noqa: ARG002
@@ -171,42 +177,77 @@ def train(
     callbacks: Callable[[str], Callbacks] | None = None,
     chunk: int = 500,
 ) -> dict[str, Trained]:
-    """Train one dial on recorded episodes and their reward pairs alone.
+    """Train one dial on recorded episodes and their reward pairs alone (`train_together`)."""
+    return train_together(static, [hyperparameters], [data], callbacks, chunk)
+
+
+def train_together(
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
+    datasets: Sequence[Transitions],
+    callbacks: Callable[[str], Callbacks] | None = None,
+    chunk: int = 500,
+) -> dict[str, Trained]:
+    """Train dials on recorded episodes and their reward pairs, each on its own, in one program.
 
     Args:
         static: Shape of the networks, and updates of each stage.
-        hyperparameters: Numbers of the run.
-        data: Whole episodes.
+        hyperparameters: Numbers of each run.
+        datasets: Whole episodes of each run.
         callbacks: Called with the name of each stage; returns its progress and monitor.
         chunk: Updates between two calls of the callbacks.
 
     Returns:
-        The outcome of each stage, by its name; that of "dial" has the policy.
+        The outcome of each stage, by its name; that of "dial" has the policies.
 
     Raises:
-        UserError: If an episode misses steps, the view doesn't fit, or a stage is not finite.
+        UserError: If there is no run, the data differ in features or actions, an episode misses
+            steps, the view doesn't fit, or a stage is not finite.
         Stopped: On Ctrl-C.
     """
-    rows, unit = recorded(data)
-    shared: dict[str, Any] = {"static": static, "rows": rows, "unit": unit}
-    shared["sizes"] = (int(data.observation.shape[1]), int(data.n_actions))
+    shared = {"static": static} | _laid_out(datasets)
+    runs = [replace(one, dataset=number) for number, one in enumerate(hyperparameters)]
     done: dict[str, Trained] = {}
 
     def finish(name: str, stage: Stage) -> Any:
-        trained = stage.train([hyperparameters], callbacks(name) if callbacks else None, chunk)
+        trained = stage.train(runs, callbacks(name) if callbacks else None, chunk)
         if trained.failures:
             raise UserError(f"stage {name}, {trained.failures[0]}")
         done[name] = trained
-        return network_of(trained.state.target_network, 0)
+        return trained.state.target_network
 
-    behaviour = finish("behaviour", Behaviour(**shared))
-    shared["rows"] = rows._replace(
-        log_behaviour=log_probabilities(behaviour, rows.observation),
-        next_log_behaviour=log_probabilities(behaviour, rows.next_observation),
-    )
+    shared["rows"] = _with_behaviour(finish("behaviour", Behaviour(**shared)), **shared)
     critics = finish("critics", Critics(**shared))
     finish("dial", Distillation(**shared, critics=critics))
     return done
+
+
+def _laid_out(datasets: Sequence[Transitions]) -> dict[str, Any]:
+    """Return the rows of all runs end to end, their bounds and units, and the sizes."""
+    if not datasets:
+        raise UserError("no runs: pass at least one set of demonstrations")
+    sizes = {(int(data.observation.shape[1]), int(data.n_actions)) for data in datasets}
+    if len(sizes) > 1:
+        raise UserError("the sets of demonstrations have different observations or actions")
+    rows, units = zip(*(recorded(data) for data in datasets), strict=True)
+    bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
+    return {
+        "rows": jax.tree.map(lambda *columns: jnp.concatenate(columns), *rows),
+        "bounds": jnp.asarray(bounds, jnp.int32),
+        "units": jnp.stack(units),
+        "sizes": sizes.pop(),
+    }
+
+
+def _with_behaviour(networks: Any, rows: Rows, bounds: Array, **_: Any) -> Rows:
+    """Return the rows with log β, each run's by its own network."""
+    found = []
+    for run in range(len(bounds) - 1):
+        mine = slice(int(bounds[run]), int(bounds[run + 1]))
+        both = rows.observation[mine], rows.next_observation[mine]
+        found.append([log_probabilities(network_of(networks, run), one) for one in both])
+    now, later = (jnp.concatenate(column) for column in zip(*found, strict=True))
+    return rows._replace(log_behaviour=now, next_log_behaviour=later)
 
 
 def recorded(data: Transitions) -> tuple[Rows, Float[Array, " 2"]]:

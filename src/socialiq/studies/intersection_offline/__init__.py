@@ -1,0 +1,1 @@
+"""Study `intersection-offline`: one dial from demonstrations and their reward pairs alone."""
