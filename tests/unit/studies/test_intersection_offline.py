@@ -83,7 +83,7 @@ def test_the_dial_of_the_first_seed_is_kept_with_the_results(results, work) -> N
 
 def test_iq_learn_is_compared_with_the_weighted_clones(results) -> None:
     rows = results.tables["forms"]
-    assert len(rows) == 2 * 4 * 2
+    assert len(rows) == 2 * 5 * 2
     policies = {(r["method"], r["asked"]): [] for r in results.tables["policies"]}
     for row in results.tables["policies"]:
         policies[row["method"], row["asked"]].append(row["value"])

@@ -41,7 +41,9 @@ class StaticConfig(config.StaticConfig):
     batch_size: int = 256
     """Demonstrated transitions of an update."""
     updates: int = 5000
-    """Gradient steps of each stage: behaviour policy, critics, dial."""
+    """Gradient steps of the behaviour policy, and of the dial."""
+    critic_factor: int = 2
+    """Gradient steps of the critics, over those of the other two."""
 
     def __post_init__(self) -> None:
         """Refuse names, sizes and ranges that make no run."""
@@ -50,7 +52,7 @@ class StaticConfig(config.StaticConfig):
         check_angle(self.high)
         if self.low > self.high:
             raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
-        check_counts(self, ("members",))
+        check_counts(self, ("members", "critic_factor"))
         check_not_negative(self, ("margin",))
         if (self.input_scale, self.schedule, self.averaging) != (1.0, "constant", 0.0):
             raise UserError(
@@ -64,11 +66,11 @@ class Hyperparameters:
     """Numbers of one run, all traced."""
 
     temperature: float = 0.1
-    """η from 15 to 75 degrees, in units of reward: the price of a nat of distance from the
+    """η from 30 to 60 degrees, in units of reward: the price of a nat of distance from the
     behaviour policy. Small values choose the best supported action, large ones clone."""
     end_temperature: float = 0.3
-    """η at 0 and 90 degrees; up to 15 degrees from them it changes with sin 2α. Where one reward
-    decides alone, fewer demonstrators are overruled, and a critic's errors cost more."""
+    """η up to 15 degrees and from 75 on; between, it changes with sin 2α. Where one reward decides
+    alone, fewer demonstrators are overruled, and a critic's errors cost more."""
     discount: float = 1.0
     """γ. The critics observe the time, so a finite horizon needs none."""
     learning_rate: float = 1e-3
@@ -85,7 +87,9 @@ class Hyperparameters:
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         check_not_negative(self, ("dataset",))
-        check_above_zero(self, ("temperature", "end_temperature", "learning_rate"))
+        check_above_zero(
+            self, ("temperature", "low_temperature", "high_temperature", "learning_rate")
+        )
         check_rate(self, ("polyak",))
         check_shares(self, ("discount", "final_rate"))
         check_seed(self.seed)

@@ -15,6 +15,7 @@ recordings have; the dial reads the observation alone.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -31,6 +32,8 @@ Scalar = Float[Array, ""]
 
 LEAST = -12.0
 """Smallest log β that the dial's loss sees, so that its gradients are bounded."""
+
+_AT_15, _AT_30 = math.sin(math.radians(30.0)), math.sin(math.radians(60.0))
 
 
 class Rows(NamedTuple):
@@ -71,8 +74,12 @@ def regularised_policy(
 def price(
     direction: RewardPair, temperature: Scalar | float, end_temperature: Scalar | float
 ) -> Float[Array, " row"]:
-    """Return η of each row's angle: η_end + (η - η_end) min(2 max(sin 2α, 0), 1)."""
-    between = jnp.clip(4.0 * direction.env * direction.social, 0.0, 1.0)
+    """Return η of each row's angle: the one from 30 to 60 degrees, the other up to 15 and from 75.
+
+    Between them it is linear in sin 2α.
+    """
+    twice = 2.0 * direction.env * direction.social  # sin 2α
+    between = jnp.clip((twice - _AT_15) / (_AT_30 - _AT_15), 0.0, 1.0)
     return end_temperature + (temperature - end_temperature) * between
 
 

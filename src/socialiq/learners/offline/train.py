@@ -217,7 +217,8 @@ def train_together(
         return trained.state.target_network
 
     shared["rows"] = _with_behaviour(finish("behaviour", Behaviour(**shared)), **shared)
-    critics = finish("critics", Critics(**shared))
+    longer = replace(static, updates=static.critic_factor * static.updates)
+    critics = finish("critics", Critics(**(shared | {"static": longer})))
     finish("dial", Distillation(**shared, critics=critics))
     return done
 

@@ -17,18 +17,19 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 
-METHODS = (
-    "clone of all",
-    "clone of the mode",
+OFFLINE = (
     "clone weighted by R(α)",
+    "IQ-Learn, dueling",
+    "IQ-Learn, dueling, reweighted",
     "clone weighted by advantage",
     "IQ-Learn",
-    "IQ-Learn, dueling",
-    "IQ-Learn online",
-    "IQ-Learn online, dueling",
+    "clone of the mode",
+    "clone of all",
 )
-"""Methods beside the dial, each with a training run for each angle; the last two act in the world,
-the others see the demonstrations alone."""
+"""Methods beside the dial that see the demonstrations alone, trained for each angle."""
+ONLINE = ("IQ-Learn online", "IQ-Learn online, dueling")
+"""Methods that act in the world too."""
+METHODS = (*OFFLINE, *ONLINE)
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,10 @@ class Config:
 
     seeds: tuple[int, ...] = (65, 66, 67, 68, 69)
     """Training seeds, each with a mixture of demonstrations of its own. 60 to 64 were used by
-    earlier versions, 100 to 104 in development."""
+    earlier versions, 100 to 102 in development."""
     angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())
     """Angles at which the dial is driven, in degrees."""
-    methods: tuple[str, ...] = METHODS
+    methods: tuple[str, ...] = OFFLINE
     """Methods beside the dial: each is trained for each of its angles."""
     method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
     """Angles of these methods: those of the demonstrators."""
@@ -53,8 +54,8 @@ class Config:
     learning_rate: float = 1e-3
     """Adam's learning rate of clones and of IQ-Learn."""
     together: int = 5
-    """Training seeds in one program, which a GPU trains in little more time than one; another
-    number gives equal results but for rounding."""
+    """Training seeds in one program: it is compiled once. Another number gives equal results but
+    for rounding."""
     pool_episodes: int = RECORDED_EPISODES
     """Episodes recorded of each expert of the atlas, as in the intersection study."""
     size: int = SIZE
@@ -112,11 +113,13 @@ def _iq_learn(config: Config, method: str) -> Callable[..., IQLearnRuns]:
         structure = presets.offline(structure)
     structure = dataclasses.replace(
         structure,
-        form="dueling" if method.endswith("dueling") else "plain",
+        form="dueling" if "dueling" in method else "plain",
         hidden=config.structure.hidden,
         view=config.structure.view,
         updates=config.updates,
     )
+    if method.endswith("reweighted"):  # Eq B.2, by the weights of the clone
+        structure = dataclasses.replace(structure, prior="reweighting", target_kind="trajectory")
     numbers = dataclasses.replace(
         presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=config.learning_rate
     )

@@ -37,13 +37,17 @@ def compute_tables(config: Config, context: Context) -> Findings:
     tables = {
         "policies": policies,
         "angles": _by_angle(policies),
-        "differences": _differences(config, policies),
-        "forms": _forms(config, policies),
+        **compared(config, policies),
         "times": times(trained, context.work),
     }
     first = config.seeds[0]
     dial = (context.work / f"dials/{first}" / run_file(first)).read_bytes()
-    return Findings(tables, _summary(tables), {KEPT: dial})
+    return Findings(tables, summarised(tables), {KEPT: dial})
+
+
+def compared(config: Config, policies: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the tests between methods that the table of policies allows."""
+    return {"differences": _differences(config, policies), "forms": _forms(config, policies)}
 
 
 def _policies(config: Config, work: Path) -> list[Row]:
@@ -125,7 +129,7 @@ def _forms(config: Config, policies: Sequence[Row]) -> list[Row]:
     return with_holm(found)
 
 
-def _summary(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
+def summarised(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
     """Return what is above, level or below.
 
     The dial beside the best demonstrator at each angle, and each form of IQ-Learn beside each

@@ -68,10 +68,13 @@ def test_the_regularised_policy_maximises_its_objective() -> None:
 
 
 def test_the_price_by_hand() -> None:
-    """0.3 at 0 and 90 degrees and beyond, 0.1 from 15 to 75, and between where sin 2α is 1/4."""
-    radians = jnp.deg2rad(jnp.array([-5.0, 0.0, np.rad2deg(np.arcsin(0.25)) / 2, 45.0, 90.0]))
+    """0.3 to 15 degrees and from 75 on, 0.1 from 30 to 60, and half-way between their sines."""
+    half = np.rad2deg(np.arcsin((0.5 + np.sqrt(0.75)) / 2)) / 2
+    angles = [-5.0, 0.0, 15.0, half, 30.0, 45.0, 60.0, 90.0 - half, 75.0, 90.0, 95.0]
+    radians = jnp.deg2rad(jnp.array(angles))
     found = price(RewardPair(jnp.cos(radians), jnp.sin(radians)), 0.1, 0.3)
-    np.testing.assert_allclose(found, [0.3, 0.3, 0.2, 0.1, 0.3], atol=1e-6)
+    wanted = [0.3, 0.3, 0.3, 0.2, 0.1, 0.1, 0.1, 0.2, 0.3, 0.3, 0.3]
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
 def test_an_action_that_no_driver_takes_has_no_weight() -> None:

@@ -8,7 +8,7 @@ import pytest
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
-from socialiq.learners.offline.train import STAGES, recorded, train
+from socialiq.learners.offline.train import STAGES, recorded, train, train_together
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
 
@@ -70,7 +70,8 @@ def test_what_earns_nothing_is_imitated(trained) -> None:
 
 @pytest.mark.slow
 def test_a_high_temperature_clones() -> None:
-    cold = Hyperparameters(learning_rate=1e-2, temperature=1e3, end_temperature=1e3)
+    prices = dict.fromkeys(("temperature", "end_temperature"), 1e3)
+    cold = Hyperparameters(learning_rate=1e-2, **prices)
     dial = train(STATIC, cold, two_steps(), chunk=200)["dial"].policy(0)
     found = dial.at(45.0).probabilities(STATES)
     np.testing.assert_allclose(found, [[0.7, 0.3, 0.0], [0.9, 0.1, 0.0]], atol=0.1)
@@ -87,6 +88,12 @@ def test_a_run_repeats_and_its_record_names_it() -> None:
     assert runs[0].history.updates == [10, 20]
 
 
+def test_the_critics_take_more_steps() -> None:
+    short = StaticConfig(view="flat", hidden=(8,), updates=10, critic_factor=3, batch_size=8)
+    stages = train(short, NUMBERS, two_steps(20), chunk=10)
+    assert [stages[name].history.updates[-1] for name in STAGES] == [10, 30, 10]
+
+
 def test_times_and_units_are_those_of_the_episodes() -> None:
     """Two steps of an episode: times 0 and 1/2, then 1/2 and 1."""
     rows, unit = recorded(two_steps(50))
@@ -95,6 +102,26 @@ def test_times_and_units_are_those_of_the_episodes() -> None:
     np.testing.assert_array_equal(rows.ended, np.tile([False, True], 50))
     to_go = np.stack(two_steps(50).returns("to_go", 1.0))
     np.testing.assert_allclose(unit, to_go.std(axis=1), rtol=1e-5)
+
+
+def test_runs_trained_together_learn_from_their_own_data() -> None:
+    """As if trained alone; the second one's drivers take action 1 throughout."""
+    short = dataclasses.replace(STATIC, updates=100)
+    mixed, sure = two_steps(40), two_steps(200)
+    sure = sure.select(np.flatnonzero(sure.action[::2] + sure.action[1::2] == 2))
+    runs = [NUMBERS, dataclasses.replace(NUMBERS, seed=1)]
+    both = train_together(short, runs, [mixed, sure], chunk=100)["dial"]
+    found = [both.policy(run).at(45.0).probabilities(STATES) for run in (0, 1)]
+    assert found[1][:, 1].min() > 0.9 > found[0][:, 1].max()
+    alone = train(short, runs[1], sure, chunk=100)["dial"].policy(0)
+    np.testing.assert_allclose(alone.at(45.0).probabilities(STATES), found[1], atol=1e-3)
+
+
+def test_unlike_data_are_refused() -> None:
+    wide = dataclasses.replace(two_steps(20), n_actions=4)
+    for datasets in ([], [two_steps(20), wide]):
+        with pytest.raises(UserError, match="demonstrations"):
+            train_together(STATIC, [NUMBERS] * len(datasets), datasets)
 
 
 def test_episodes_with_missing_steps_are_refused() -> None:
@@ -116,6 +143,7 @@ def test_a_stage_that_blows_up_is_told() -> None:
         lambda: StaticConfig(high=400.0),
         lambda: StaticConfig(margin=-1.0),
         lambda: StaticConfig(members=0),
+        lambda: StaticConfig(critic_factor=0),
         lambda: StaticConfig(view="round"),
         lambda: StaticConfig(averaging=0.1),
         lambda: StaticConfig(schedule="linear"),
