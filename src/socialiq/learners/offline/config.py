@@ -87,9 +87,7 @@ class Hyperparameters:
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         check_not_negative(self, ("dataset",))
-        check_above_zero(
-            self, ("temperature", "low_temperature", "high_temperature", "learning_rate")
-        )
+        check_above_zero(self, ("temperature", "end_temperature", "learning_rate"))
         check_rate(self, ("polyak",))
         check_shares(self, ("discount", "final_rate"))
         check_seed(self.seed)
