@@ -205,7 +205,7 @@ def train_together(
             steps, the view doesn't fit, or a stage is not finite.
         Stopped: On Ctrl-C.
     """
-    shared = {"static": static} | _laid_out(datasets)
+    shared: dict[str, Any] = {"static": static} | _laid_out(datasets)
     runs = [replace(one, dataset=number) for number, one in enumerate(hyperparameters)]
     done: dict[str, Trained] = {}
 
@@ -216,7 +216,8 @@ def train_together(
         done[name] = trained
         return trained.state.target_network
 
-    shared["rows"] = _with_behaviour(finish("behaviour", Behaviour(**shared)), **shared)
+    behaviour = finish("behaviour", Behaviour(**shared))
+    shared["rows"] = _with_behaviour(behaviour, shared["rows"], shared["bounds"])
     longer = replace(static, updates=static.critic_factor * static.updates)
     critics = finish("critics", Critics(**(shared | {"static": longer})))
     finish("dial", Distillation(**shared, critics=critics))
@@ -240,7 +241,7 @@ def _laid_out(datasets: Sequence[Transitions]) -> dict[str, Any]:
     }
 
 
-def _with_behaviour(networks: Any, rows: Rows, bounds: Array, **_: Any) -> Rows:
+def _with_behaviour(networks: Any, rows: Rows, bounds: Array) -> Rows:
     """Return the rows with log β, each run's by its own network."""
     found = []
     for run in range(len(bounds) - 1):

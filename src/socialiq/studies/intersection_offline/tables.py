@@ -115,7 +115,7 @@ def _differences(config: Config, policies: Sequence[Row]) -> list[Row]:
 def _forms(config: Config, policies: Sequence[Row]) -> list[Row]:
     """Test each form of IQ-Learn against each weighted clone, paired over training seeds."""
     forms = [method for method in config.methods if method.startswith("IQ-Learn")]
-    clones = [method for method in config.methods if "weighted" in method]
+    clones = [method for method in config.methods if method.startswith("clone weighted")]
     found: list[Row] = []
     for angle in config.method_angles if len(config.seeds) > 1 else ():
         here = matching(policies, asked=angle)
