@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -129,7 +129,36 @@ def _some_as_driven(
     return jax.tree.map(joined, drawn, driven)
 
 
-def draw_directions(key: PRNGKeyArray, size: int, static: StaticConfig) -> RewardPair:
+class AngleRange(Protocol):
+    """Angles that a static config trains for, in degrees."""
+
+    @property
+    def low(self) -> float:
+        """Smallest angle."""
+        ...
+
+    @property
+    def high(self) -> float:
+        """Largest angle."""
+        ...
+
+    @property
+    def margin(self) -> float:
+        """Degrees beyond both ends in which angles are also drawn."""
+        ...
+
+    @property
+    def high_from(self) -> float:
+        """Angle from which `high_share` counts."""
+        ...
+
+    @property
+    def high_share(self) -> float | None:
+        """Share of the drawn angles beyond `high_from`; None: uniform."""
+        ...
+
+
+def draw_directions(key: PRNGKeyArray, size: int, static: AngleRange) -> RewardPair:
     """Draw (cos α, sin α), α between the structure's `low` and `high` and its margin.
 
     α is uniform, or with `high_share` uniform on each side of `high_from`.
@@ -143,7 +172,7 @@ def draw_directions(key: PRNGKeyArray, size: int, static: StaticConfig) -> Rewar
     return RewardPair(jnp.cos(radians), jnp.sin(radians))
 
 
-def angles_at(shares: Any, static: StaticConfig) -> Any:
+def angles_at(shares: Any, static: AngleRange) -> Any:
     """Return the angles in degrees below which these shares of the drawn ones lie.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,6 +30,11 @@ class StaticConfig(config.StaticConfig):
     margin: float = 5.0
     """Degrees beyond both ends in which angles are also drawn: a network is least accurate at the
     edge of its data."""
+    high_from: float = 77.0
+    """Angle in degrees from which `high_share` counts."""
+    high_share: float | None = 0.4
+    """Share of the drawn angles beyond `high_from`, if the range reaches there; None: uniform. From
+    there to 90 degrees policies change from driving to waiting."""
     members: int = 1
     """Critics, trained on the same rows from different weights; their mean is used."""
     one_hot: tuple[tuple[int, int], ...] = ()
@@ -54,11 +60,19 @@ class StaticConfig(config.StaticConfig):
             raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
         check_counts(self, ("members", "critic_factor"))
         check_not_negative(self, ("margin",))
+        if self.high_share is not None:
+            check_shares(self, ("high_share",))
         if (self.input_scale, self.schedule, self.averaging) != (1.0, "constant", 0.0):
             raise UserError(
                 "the offline dial has a scale, a schedule and an average of its own: leave out "
                 "input_scale, schedule and averaging"
             )
+
+    @property
+    def drawn(self) -> StaticConfig:
+        """Return this config, without a high share where the range doesn't reach beyond it."""
+        reaches = self.low < self.high_from < self.high
+        return self if reaches else dataclasses.replace(self, high_share=None)
 
 
 @dataclass(frozen=True)
@@ -105,5 +119,5 @@ class Preset(NamedTuple):
     numbers: Hyperparameters
 
 
-# Chosen on training seed 100 (docs/reproduction/intersection-offline.md).
+# Chosen on training seeds 100 and 101 (docs/reproduction/intersection-offline.md).
 PRESETS = {"offline-regularised": Preset(StaticConfig(), Hyperparameters())}

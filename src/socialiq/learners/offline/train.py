@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.expert_table import draw_between
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
@@ -72,12 +73,9 @@ class Stage(Learner):
         key, for_rows, for_angles = jax.random.split(carry, 3)
         one, run = self.static, hyperparameters.dataset
         drawn = draw_between(for_rows, one.batch_size, self.bounds[run], self.bounds[run + 1])
-        low, high = one.low - one.margin, one.high + one.margin
-        angle = jnp.deg2rad(
-            jax.random.uniform(for_angles, (one.batch_size,), minval=low, maxval=high)
-        )
+        directions = draw_directions(for_angles, one.batch_size, one.drawn)
         rows = jax.tree.map(lambda column: column[drawn], self.rows)
-        return (rows, RewardPair(jnp.cos(angle), jnp.sin(angle))), key
+        return (rows, directions), key
 
     def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Array:
         """Return the rate after so many updates: it falls as a cosine to a share at the end."""

@@ -2,11 +2,13 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.learners.offline.train import STAGES, recorded, train, train_together
 from socialiq.nn.dial_policy import DialPolicy
@@ -88,6 +90,15 @@ def test_a_run_repeats_and_its_record_names_it() -> None:
     assert runs[0].history.updates == [10, 20]
 
 
+def test_high_angles_are_drawn_more_often_where_the_range_has_them() -> None:
+    """Two in five beyond 77 degrees; of a range that ends at 60, all alike."""
+    for static, share in ((STATIC, 0.4), (dataclasses.replace(STATIC, high=60.0), 0.0)):
+        drawn = draw_directions(jax.random.key(0), 20_000, static.drawn)
+        angles = np.rad2deg(np.arctan2(drawn.social, drawn.env))
+        assert (angles > 77.0).mean() == pytest.approx(share, abs=0.02)
+        assert angles.min() < static.low < static.high < angles.max()
+
+
 def test_the_critics_take_more_steps() -> None:
     short = StaticConfig(view="flat", hidden=(8,), updates=10, critic_factor=3, batch_size=8)
     stages = train(short, NUMBERS, two_steps(20), chunk=10)
@@ -142,6 +153,7 @@ def test_a_stage_that_blows_up_is_told() -> None:
         lambda: StaticConfig(low=50.0, high=20.0),
         lambda: StaticConfig(high=400.0),
         lambda: StaticConfig(margin=-1.0),
+        lambda: StaticConfig(high_share=2.0),
         lambda: StaticConfig(members=0),
         lambda: StaticConfig(critic_factor=0),
         lambda: StaticConfig(view="round"),
