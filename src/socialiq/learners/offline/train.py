@@ -216,8 +216,10 @@ def train_together(
 
     behaviour = finish("behaviour", Behaviour(**shared))
     shared["rows"] = _with_behaviour(behaviour, shared["rows"], shared["bounds"])
-    longer = replace(static, updates=static.critic_factor * static.updates)
-    critics = finish("critics", Critics(**(shared | {"static": longer})))
+    longer: dict[str, Any] = shared | {
+        "static": replace(static, updates=static.critic_factor * static.updates)
+    }
+    critics = finish("critics", Critics(**longer))
     finish("dial", Distillation(**shared, critics=critics))
     return done
 
