@@ -45,7 +45,7 @@ from socialiq.studies.compare_priors.config import (
     Run,
 )
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
-from socialiq.studies.competence import bench
+from socialiq.studies.competence import bench, methods
 from socialiq.studies.grid import study as grid
 from socialiq.studies.intersection_offline import tables as offline
 from socialiq.studies.theory import cases
@@ -398,6 +398,19 @@ def test_without_data_the_hidden_skill_is_missed_as_before(committed):
         their = theirs[again["method"], again["angle"], again["readout"]]
         for name in ("score", "skill"):
             assert again[name] == pytest.approx(their[name], abs=2e-6)
+
+
+def test_a_demonstrator_left_out_is_predicted_as_before(committed):
+    """One strength of one data set, from which a study's λ is chosen."""
+    (their,) = (
+        row
+        for row in committed["competence"].tables["choices"]
+        if (row["seed"], row["strength"]) == (10, 30.0)
+    )
+    inputs = methods.Inputs.of(bench.Bench.of(bench.Config()), 10)
+    each = [inputs.predicted(30.0, left_out) for left_out in range(3)]
+    assert np.mean(each) == pytest.approx(their["log_likelihood"], abs=1e-3)
+    assert their["chosen"] == 1
 
 
 def test_the_sets_of_classic_control_are_the_committed_ones():

@@ -81,7 +81,7 @@ class Inputs(NamedTuple):
         """
         found: list[Row] = []
         for strength in self.bench.config.candidates:
-            each = [self._predicted(strength, left_out) for left_out in range(len(self.data))]
+            each = [self.predicted(strength, left_out) for left_out in range(len(self.data))]
             label = {"seed": self.seed, "strength": strength}
             found.append(label | {"log_likelihood": float(np.mean(each))})
         best = max(found, key=lambda row: row["log_likelihood"])["strength"]
@@ -94,7 +94,7 @@ class Inputs(NamedTuple):
         )
         return rows, found
 
-    def _predicted(self, strength: float, left_out: int) -> float:
+    def predicted(self, strength: float, left_out: int) -> float:
         """Return the log-likelihood per action of a demonstrator, learned from the others."""
         others = [visits for number, visits in enumerate(self.visits) if number != left_out]
         angle = list(MODES.values())[left_out]
