@@ -35,7 +35,7 @@ class Config:
     """Cost of a change of speed by two levels for the experts."""
     strengths: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
     """λ of the priors."""
-    candidates: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0, 100.0)
+    candidates: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)
     """λ of the prior on rewards among which the demonstrations choose."""
     temperature: float = 0.1
     """τ of every method."""
