@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_network import DialNetwork, hats
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
@@ -19,8 +19,8 @@ from socialiq.storage import load_arrays, save_arrays
 
 SCHEMA_VERSION = 1
 SECOND_VERSION = 2
-"""Schema version of dials with pairs or settings: a reader of version 1 would take pairs for twice
-as many actions, and leave the settings out."""
+"""Schema version of dials with pairs, settings or knots: a reader of version 1 would take pairs for
+twice as many actions, leave the settings out, and take the hats of an angle for features."""
 
 VERSIONS = (SCHEMA_VERSION, SECOND_VERSION)
 """Schema versions that are read."""
@@ -34,13 +34,14 @@ class DialPolicy:
     """Trained dial of `learners.dial`; `at` returns the policy of one angle.
 
     Attributes:
-        turned: The network as a policy whose first layer also reads the direction, as its last two
-            inputs. Only `at` uses it.
+        turned: The network as a policy whose first layer also reads the angle, as its last inputs:
+            the direction, then the hat functions around the knots. Only `at` uses it.
         low: Smallest trained social angle, in degrees.
         high: Largest trained social angle, in degrees.
         pairs: Whether the last layer gives Q_env of all actions, then Q_social of all actions.
         settings: The network's angle for the angles asked for (`evaluation.dial.calibrated`), each
             row from its first angle to that of the next; none for the angle itself.
+        knots: Centres of the hat functions of the angle, in degrees; none for the direction alone.
     """
 
     turned: QPolicy
@@ -48,6 +49,7 @@ class DialPolicy:
     high: float
     pairs: bool = False
     settings: Settings = ()
+    knots: tuple[float, ...] = ()
 
     @staticmethod
     def of(
@@ -59,13 +61,15 @@ class DialPolicy:
     ) -> DialPolicy:
         """Build the policy from a trained network."""
         turned = QNetwork(network.layers, network.activation, network.view)
-        return DialPolicy(QPolicy.of(turned, temperature, provenance), low, high, network.pairs)
+        policy = QPolicy.of(turned, temperature, provenance)
+        return DialPolicy(policy, low, high, network.pairs, knots=network.knots)
 
     @property
     def n_features(self) -> int:
         """Length of an observation."""
         view = self.turned.view
-        return view.n_features if view else self.turned.weights[0].shape[1] - 2
+        inputs = self.turned.weights[0].shape[1] - 2 - len(self.knots)
+        return view.n_features if view else inputs
 
     @property
     def n_actions(self) -> int:
@@ -95,7 +99,9 @@ class DialPolicy:
         weights, biases = list(self.turned.weights), list(self.turned.biases)
         weight = weights[0]
         direction = np.array(exact_weights(setting), weight.dtype)
-        weights[0], biases[0] = weight[:, :-2], biases[0] + weight[:, -2:] @ direction
+        inputs = np.append(direction, hats(np.array(setting), self.knots) if self.knots else [])
+        of_angle = weight[:, -len(inputs) :] @ inputs.astype(weight.dtype)
+        weights[0], biases[0] = weight[:, : -len(inputs)], biases[0] + of_angle
         if self.pairs:
             weights[-1], biases[-1] = (
                 np.tensordot(direction, part.reshape(2, self.n_actions, *part.shape[1:]), 1)
@@ -133,9 +139,11 @@ class DialPolicy:
         arrays, header = self.turned.content()
         header |= {"low": self.low, "high": self.high}
         version = SCHEMA_VERSION
-        if self.pairs or self.settings:
+        if self.pairs or self.settings or self.knots:
             version = SECOND_VERSION
             header |= {"pairs": self.pairs, "settings": [list(row) for row in self.settings]}
+        if self.knots:
+            header |= {"knots": list(self.knots)}
         return save_arrays(path, "dial", version, arrays, header, replace)
 
     @staticmethod
@@ -156,12 +164,13 @@ class DialPolicy:
         Raises:
             UserError: If they don't agree.
         """
-        turned = QPolicy.checked(path, arrays, header, extra=2)
+        knots = _knots_of(path, header)
+        turned = QPolicy.checked(path, arrays, header, extra=2 + len(knots))
         low, high = range_of(path, header)
         pairs = header.get("pairs", False)
         if type(pairs) is not bool or (pairs and turned.n_actions % 2):
             raise UserError(f"{path} has no pair of values for each action: make the file again")
-        return DialPolicy(turned, low, high, pairs, _settings_of(path, header, low, high))
+        return DialPolicy(turned, low, high, pairs, _settings_of(path, header, low, high), knots)
 
 
 def range_of(path: Path, header: Mapping[str, Any]) -> tuple[float, float]:
@@ -174,6 +183,23 @@ def range_of(path: Path, header: Mapping[str, Any]) -> tuple[float, float]:
     if isinstance(low, float) and isinstance(high, float) and 0.0 <= low <= high < 360.0:
         return low, high
     raise UserError(f"{path} has no range of angles: make the file again")
+
+
+def _knots_of(path: Path, header: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return the knots in a dial's header, none if it has none.
+
+    Raises:
+        UserError: If they are not at equal, positive distances within a turn.
+    """
+    knots = header.get("knots", [])
+    numbers = isinstance(knots, list) and all(
+        type(one) is float and abs(one) <= 720.0 for one in knots
+    )
+    if knots == [] or (numbers and len(knots) > 1):
+        gaps = np.diff(knots)
+        if not knots or (0.0 < gaps.sum() <= 360.0 and np.ptp(gaps) < 1e-6 * gaps.sum()):
+            return tuple(knots)
+    raise UserError(f"{path} has no angles of its hat functions: make the file again")
 
 
 def _settings_of(path: Path, header: Mapping[str, Any], low: float, high: float) -> Settings:

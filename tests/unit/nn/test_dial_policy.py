@@ -1,13 +1,14 @@
 import dataclasses
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_network import DialNetwork, hats, knots_between
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import exact_weights
@@ -15,7 +16,12 @@ from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair
 
 OBSERVATIONS = np.random.default_rng(0).integers(0, 3, (20, 2)).astype(np.float32)
-KINDS = {"plain": {}, "one_hot": {"one_hot": ((0, 3), (0, 3))}, "pairs": {"pairs": True}}
+KINDS = {
+    "plain": {},
+    "one_hot": {"one_hot": ((0, 3), (0, 3))},
+    "pairs": {"pairs": True},
+    "knots": {"knots": knots_between(-5.0, 95.0, 6)},
+}
 
 
 @pytest.fixture(name="network", params=KINDS)
@@ -60,8 +66,41 @@ def test_a_single_layer_of_pairs_is_turned_at_both_ends() -> None:
     np.testing.assert_allclose(policy.q_values(OBSERVATIONS), conditioned(network, 60.0), atol=1e-5)
 
 
-def test_a_program_of_version_1_would_refuse_pairs(tmp_path: Path) -> None:
-    network = DialNetwork.initialise(jax.random.key(0), 2, (8,), 3, pairs=True)
+def test_sums_of_hats_are_the_functions_that_are_linear_between_knots() -> None:
+    knots = knots_between(-5.0, 95.0, 11)
+    angles = np.linspace(-5.0, 95.0, 73)
+    heights = np.random.default_rng(0).normal(size=11)
+    found = hats(angles, knots) @ heights
+    np.testing.assert_allclose(found, np.interp(angles, knots, heights), atol=1e-5)
+    np.testing.assert_allclose(hats(angles + 360.0, knots), hats(angles, knots), atol=1e-5)
+
+
+def test_a_layer_that_reads_hats_has_a_kink_at_a_knot() -> None:
+    """Without hidden layers: linear between knots, which (cos α, sin α) alone can't have."""
+    network = DialNetwork.initialise(jax.random.key(0), 2, (), 3, knots=(0.0, 45.0, 90.0))
+    first = network.layers[0]
+    zero = jnp.zeros_like(first.weight).at[:, -2].set(1.0)  # the hat around 45 degrees
+    network = eqx.tree_at(lambda one: one.layers[0].weight, network, zero)
+    base = conditioned(network, 0.0)
+    for angle, height in ((15.0, 1 / 3), (45.0, 1.0), (60.0, 2 / 3), (90.0, 0.0)):
+        np.testing.assert_allclose(conditioned(network, angle) - base, height, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "knots", [[0.0], [0.0, 10.0, 15.0], [0.0, 0.0], ["a", "b"], 3, [0.0, 400.0]]
+)
+def test_knots_at_unequal_distances_are_refused(tmp_path: Path, knots: object) -> None:
+    network = DialNetwork.initialise(jax.random.key(0), 2, (8,), 3, knots=(0.0, 90.0))
+    arrays, header = DialPolicy.of(network, 0.5, 0.0, 90.0, {}).turned.content()
+    header |= {"low": 0.0, "high": 90.0, "pairs": False, "settings": [], "knots": knots}
+    save_arrays(tmp_path / "dial.safetensors", "dial", 2, arrays, header)
+    with pytest.raises(UserError, match="no angles of its hat functions"):
+        DialPolicy.load(tmp_path / "dial.safetensors")
+
+
+@pytest.mark.parametrize("kind", ["pairs", "knots"])
+def test_a_program_of_version_1_would_refuse_it(tmp_path: Path, kind: str) -> None:
+    network = DialNetwork.initialise(jax.random.key(0), 2, (8,), 3, **KINDS[kind])
     DialPolicy.of(network, 0.5, 0.0, 90.0, {}).save(tmp_path / "dial.safetensors")
     with pytest.raises(UserError, match="schema version 2, this program reads version 1"):
         load_arrays(tmp_path / "dial.safetensors", "dial", 1)

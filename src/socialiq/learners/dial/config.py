@@ -70,6 +70,9 @@ class StaticConfig:
     driven_share: float = 0.0
     """Share of the learner's own rows at the angle at which they were driven; for the others an
     angle is drawn."""
+    knots: int = 0
+    """Number of hat functions of the angle that the network reads beside (cos α, sin α), at equal
+    distances over the drawn angles; 0 for none (`nn.dial_network.hats`)."""
     hidden: tuple[int, ...] = (128, 128)
     """Widths of the hidden layers."""
     activation: str = "relu"
@@ -108,7 +111,7 @@ class StaticConfig:
         one_of("heads", self.heads, get_args(Heads))
         sizes = ("expert_batch", "replay_batch", "updates", "environments", "replay_capacity")
         check_counts(self, sizes)
-        check_not_negative(self, ("redraw_times", "margin"))
+        check_not_negative(self, ("redraw_times", "margin", "knots"))
         check_widths(self.hidden)
         check_widths(self.skill_hidden)
         for angle in self.demonstrators:
@@ -136,6 +139,8 @@ class StaticConfig:
             raise UserError(f"timeout_reward must be a finite number, got {self.timeout_reward}")
 
     def _check_angles(self) -> None:
+        if self.knots == 1 or (self.knots and not self.margin and self.low == self.high):
+            raise UserError("knots: give 0, or at least 2 and a range of angles")
         if self.driven_share and not self.online:
             raise UserError("driven_share is of the learner's own rows: train online, or leave it")
         check_shares(self, ("driven_share", "redraw_share"))

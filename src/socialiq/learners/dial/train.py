@@ -23,7 +23,7 @@ from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.kernel import Learner, Terms, Trained
 from socialiq.learners.schedules import cosine
 from socialiq.learners.state import HyperparameterArrays, Runs, TrainState
-from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_network import DialNetwork, knots_between
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.types import Simulator, Transitions
@@ -61,8 +61,10 @@ class Dial(Learner):
         one = self.static
         shape = (one.activation, one.view, one.one_hot)
         n_features, n_actions = self.sizes
+        knots = knots_between(one.low - one.margin, one.high + one.margin, one.knots)
+        pairs = one.heads == "pair"
         values = DialNetwork.initialise(
-            key, n_features, one.hidden, n_actions, *shape, one.times, one.heads == "pair"
+            key, n_features, one.hidden, n_actions, *shape, one.times, pairs, knots
         )
         skill = None
         if one.demonstrators:

@@ -21,7 +21,7 @@ class Config:
     episodes_each: int = 60
     """Demonstrated episodes of each expert."""
     runs: tuple[str, ...] = tuple(RUNS)
-    """Names of `RUNS`."""
+    """Names of `learners.dial.config.PRESETS`."""
     updates: int | None = None
     """Gradient steps instead of each run's own number, to try the study."""
     wanted: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 5.0).tolist())
@@ -29,7 +29,7 @@ class Config:
     rollouts: int = 1000
     """Episodes of each requested angle, from which mixtures are estimated."""
     budgets: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0, 2.0)
-    """ε of the agents whose strength follows from a budget of regret."""
+    """ε of the agents whose strength follows from a budget of regret; none for no such agents."""
     budget_angle: float = 45.0
     """Angle of these agents in degrees."""
     budget_seeds: tuple[int, ...] = (30, 31, 32)

@@ -11,6 +11,7 @@ from socialiq.plotting.style import figure, plain
 
 _LOOKS = {
     "online": ("#2166ac", "o"),
+    "online-short": ("#1b7837", "*"),
     "online-alone": ("#67a9cf", "s"),
     "online-clockless": ("#888888", "v"),
     "offline-redrawn": ("#e08214", "D"),
@@ -67,7 +68,7 @@ def _path_figure(results: Results) -> Figure:
         linewidth=1.0,
         label="exact Pareto front",
     )
-    for name in [run for run in _runs(results) if run in ("online", "offline")]:
+    for name in [run for run in _runs(results) if run in ("online", "online-short", "offline")]:
         color, mark = _LOOKS[name]
         rows = matching(results.tables["angles"], run=name, readout="greedy")
         axes.plot(

@@ -14,7 +14,7 @@ from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
 from socialiq.experiments.study import Context, Findings, StageCallback, Study, view_of
 from socialiq.experiments.tables import groups, nested, spread
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.dial.config import RUNS
+from socialiq.learners.dial.config import PRESETS
 from socialiq.learners.dial.train import Trained, train
 from socialiq.mdp.front import AttainableSet
 from socialiq.nn.dial_policy import DialPolicy
@@ -41,16 +41,17 @@ def compute_tables(config: Config, context: Context) -> Findings:
     ceilings = _ceilings(ground, config, data[True])
     files: dict[str, bytes] = {}
     for name in config.runs:
-        trained = _train(ground, config, name, data[RUNS[name].clock], context.on_stage)
+        trained = _train(ground, config, name, data[PRESETS[name].clock], context.on_stage)
         for run, seed in enumerate(config.seeds):
             dial = TrainedDial(
-                name, seed, trained.policy(run), with_clock(ground, RUNS[name].clock)
+                name, seed, trained.policy(run), with_clock(ground, PRESETS[name].clock)
             )
             files = files or {DIAL: _file_of(dial.dial)}
-            limit = ceilings.get((RUNS[name].support, seed), ground.optimum.attainable)
+            limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
             for table, rows in dial.rows(config, limit):
                 tables[table] += rows
-    tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
+    if config.budgets:
+        tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
     tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
     tables["pooled"] = _pooled(tables["dials"])
     tables["front"] = [
@@ -75,7 +76,7 @@ def _train(
     data: Sequence[Demonstrations],
     on_stage: StageCallback,
 ) -> Trained:
-    static, numbers, clock, _ = RUNS[name]
+    static, numbers, clock, _ = PRESETS[name]
     world = with_clock(ground, clock).table.world
     static = dataclasses.replace(
         static, one_hot=seen(world), updates=config.updates or static.updates
@@ -98,7 +99,7 @@ def _ceilings(
 ) -> dict[tuple[str, int], AttainableSet]:
     """Return the best values within each data set's support, by kind of support and seed."""
     part = with_clock(ground, True).part
-    wanted = {RUNS[name].support for name in config.runs} - {""}
+    wanted = {PRESETS[name].support for name in config.runs} - {""}
     return {
         (support, seed): support_ceiling(demonstrations, part, timed=support == "timed")
         for support in sorted(wanted)
