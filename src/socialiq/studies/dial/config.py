@@ -29,7 +29,7 @@ class Config:
     rollouts: int = 1000
     """Episodes of each requested angle, from which mixtures are estimated."""
     budgets: tuple[float, ...] = (0.05, 0.2, 0.5, 1.0, 2.0)
-    """ε of the agents whose strength follows from a budget of regret; none for no such agents."""
+    """ε of the agents whose strength follows from a budget of regret, beside the run `offline`."""
     budget_angle: float = 45.0
     """Angle of these agents in degrees."""
     budget_seeds: tuple[int, ...] = (30, 31, 32)

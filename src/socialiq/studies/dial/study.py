@@ -50,7 +50,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
             limit = ceilings.get((PRESETS[name].support, seed), ground.optimum.attainable)
             for table, rows in dial.rows(config, limit):
                 tables[table] += rows
-    if config.budgets:
+    if "offline" in config.runs:
         tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
     tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
     tables["pooled"] = _pooled(tables["dials"])

@@ -73,6 +73,13 @@ def test_a_dial_tells_how_it_was_made(whole: Trained) -> None:
     assert Hyperparameters(**dial.provenance["numbers"]) == RUNS[1]
 
 
+def test_a_network_with_knots_covers_the_drawn_angles(data) -> None:
+    static = dataclasses.replace(OFFLINE, knots=6, low=20.0, high=60.0, margin=5.0, updates=2)
+    dial = train(static, RUNS[:1], [data], chunk=2).policy(0)
+    assert dial.knots == pytest.approx((15.0, 25.0, 35.0, 45.0, 55.0, 65.0))
+    assert dial.n_features == data.observation.shape[1]
+
+
 @pytest.mark.slow
 def test_offline_needs_no_world_and_without_demonstrations_no_data(data) -> None:
     assert train(OFFLINE, RUNS[:1], [data], chunk=60).failures == ()
@@ -100,6 +107,7 @@ def test_what_doesnt_fit_is_refused_before_any_work(data, demonstrations) -> Non
         ({"low": 60.0, "high": 30.0}, "give the smaller first"),
         ({"low": 400.0, "high": 500.0}, "outside"),
         ({"margin": -1.0}, "margin must be 0 or more"),
+        ({"knots": 1}, "knots: give 0, or at least 2"),
         ({"online": False, "demonstrations": False}, "nothing to learn from"),
         ({"demonstrations": False, "scored": "demonstrations"}, "choose 'all'"),
         ({"updates": 0}, "updates must be at least 1"),
