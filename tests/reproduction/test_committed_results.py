@@ -390,9 +390,7 @@ def test_without_data_the_hidden_skill_is_missed_as_before(committed):
         (row["method"], row["angle"], row["readout"]): row
         for row in committed["competence"].tables["scores"]
     }
-    made = bench.Bench.of(bench.Config()).without_data()
-    keys = ("method", "angle", "readout")
-    rows = list(made)
+    rows = list(bench.Bench.of(bench.Config()).without_data())
     assert len(rows) == 42  # seven angles of two demonstrators', and of two rewards' two policies
     for again in rows:
         their = theirs[again["method"], again["angle"], again["readout"]]

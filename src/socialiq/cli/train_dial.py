@@ -53,9 +53,10 @@ class TrainDial:
     """Demonstrations file, of `socialiq collect`, in a gridworld with --clock; a run without
     demonstrations has none."""
     preset: str | None = None
-    """At the intersection: intersection. In a gridworld: online (default), online-quick (seconds,
-    less exact), online-alone (no demonstrations), online-clockless, offline, offline-redrawn (each
-    transition at newly drawn times). In both: offline-regularised (from whole episodes alone)."""
+    """At the intersection: intersection. In a gridworld: online (default), online-short (a fifth of
+    its time, knots of the angle), online-quick (seconds, less exact), online-alone (no
+    demonstrations), online-clockless, offline, offline-redrawn (each transition at newly drawn
+    times). In both: offline-regularised (from whole episodes alone)."""
     seed: tuple[int, ...] = (0,)
     """Training seeds."""
     angle: float | None = None
@@ -166,7 +167,7 @@ class TrainDial:
         if self.angle is None:
             return static
         return dataclasses.replace(
-            static, low=self.angle, high=self.angle, margin=0.0, high_share=None
+            static, low=self.angle, high=self.angle, margin=0.0, high_share=None, knots=0
         )
 
     def dual_ascent(
