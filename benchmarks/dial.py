@@ -24,7 +24,7 @@ from socialiq.experiments.intersection.fitting import CHUNK, source_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
-from socialiq.learners.dial.config import QUICK, RUNS, Preset
+from socialiq.learners.dial.config import QUICK, RUNS, SHORT, Preset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
@@ -55,6 +55,7 @@ def run(repeats: int) -> dict[str, Any]:
     """
     sides = {
         "crossing7": (_grid_thesis(), _grid_dial(RUNS["online"])),
+        "crossing7_short": (_grid_thesis(), _grid_dial(SHORT)),
         "crossing7_quick": (_grid_thesis(), _grid_dial(QUICK)),
         "intersection": _intersection(),
     }
