@@ -52,7 +52,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
                 tables[table] += rows
     if "offline" in config.runs:
         tables |= budget_tables(with_clock(ground, True), config, data[True], context.on_stage)
-    tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
+    if ceilings:
+        tables["ceilings"] = _ceiling_rows(ground, config, ceilings)
     tables["pooled"] = _pooled(tables["dials"])
     tables["front"] = [
         {"r_env": float(env), "r_social": float(social)}
