@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -129,6 +129,7 @@ def _some_as_driven(
     return jax.tree.map(joined, drawn, driven)
 
 
+@runtime_checkable
 class AngleRange(Protocol):
     """Angles that a static config trains for, in degrees."""
 
