@@ -23,7 +23,7 @@ from socialiq.recordings.episodes import ego_swap
 from socialiq.recordings.episodes.config import LEVELS, EpisodeConfig
 from socialiq.recordings.identity.duplicates import Duplicates, swap_distinct
 from socialiq.recordings.identity.identify import Identified
-from socialiq.recordings.readers.commonroad_road import road_of
+from socialiq.recordings.readers.maps import map_of
 from socialiq.recordings.recording import Recording
 
 
@@ -44,7 +44,7 @@ class Choices:
     levels: tuple[float, ...] = LEVELS
     """Levels of acceleration, m/s², ascending."""
     road: Path | None = None
-    """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
+    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     duplicates: Duplicates = "drop"
     """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
 
@@ -75,6 +75,8 @@ class ToDemonstrations:
     out: Path
     """Demonstrations file to write; must not exist."""
     choices: _Choices = dataclasses.field(default_factory=Choices)
+    as_human: bool = False
+    """Give vehicles of simulated recordings the mode human, too; otherwise it is simulated."""
     json: bool = False
     """Print one JSON object."""
 
@@ -82,7 +84,7 @@ class ToDemonstrations:
         """Convert, write, and print the counts and the reasons for omissions."""
         refuse_existing(self.out)
         swapped = swap_all(self.recordings, self.choices, self.json)
-        table = ego_swap.demonstrations(swapped)
+        table = ego_swap.demonstrations(swapped, self.as_human)
         sha256 = demonstration_files.save(self.out, table, replace=False)
         counts = [one.counts for one in swapped]
         if self.json:
@@ -216,7 +218,12 @@ def swap_all(paths: tuple[Path, ...], choices: Choices, quiet: bool) -> list[ego
     """
     recordings = load_all(paths, choices.road)
     tell = None if quiet else show_overlaps
-    return swap_distinct(recordings, choices.config(), choices.duplicates, tell)
+    swapped = swap_distinct(recordings, choices.config(), choices.duplicates, tell)
+    for one in () if quiet else swapped:
+        if one.simulated:
+            name = one_line(one.recording, 60)
+            sys.stdout.write(f"{name} is simulated, not human: {one_line(one.simulated[0])}\n")
+    return swapped
 
 
 def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recording]:
@@ -230,8 +237,7 @@ def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recordin
     found = [files.load(path) for path in paths]
     if road is None:
         return found
-    lanelets = road_of(road)
-    return [Recording(one.tracks, lanelets) for one in found]
+    return [Recording(one.tracks, map_of(road, one.tracks.source)) for one in found]
 
 
 def show_overlaps(identified: Identified) -> None:
@@ -252,7 +258,7 @@ def sources_of(swapped: list[ego_swap.Swapped]) -> list[dict[str, Any]]:
 
 def show_counts(counts: list[dict[str, Any]], title: str) -> None:
     """Print episodes by recording, with sums, and the reasons for tracks without episode."""
-    hidden = (*ego_swap.REASONS, "site", "chain")
+    hidden = (*ego_swap.REASONS, "site", "chain", "origin")
     shown = [name for name in counts[0] if name not in hidden]
     rows = [{name: row[name] for name in shown} for row in counts]
     rows = [row | {"recording": one_line(str(row["recording"]))} for row in rows]

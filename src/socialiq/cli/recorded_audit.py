@@ -40,7 +40,7 @@ class AuditRecorded:
     profile: Path
     """The declaration: `socialiq profile new` writes one."""
     road: Path | None = None
-    """Map of recordings without one, in their frame: CommonRoad XML, or a recording."""
+    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     json: bool = False
     """Print one JSON object."""
 

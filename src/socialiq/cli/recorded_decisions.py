@@ -20,7 +20,7 @@ from socialiq.recordings.episodes.annotate import Driven
 from socialiq.recordings.episodes.decisions import Decisions, decisions_at
 from socialiq.recordings.episodes.ego_swap import Swapped, check_distinct
 from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.readers.commonroad_road import road_of
+from socialiq.recordings.readers.maps import map_of
 from socialiq.recordings.recording import Recording
 from socialiq.types import Row
 
@@ -48,7 +48,7 @@ class Decide:
         """Measure, write, print."""
         if self.out is not None:
             check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices)
+        swapped = swap_all(self.recordings, self.choices, self.json)
         check_distinct(swapped)
         recorded = [files.load(path) for path in self.recordings]
         rates = support.rates([one.tracks for one in recorded])
@@ -107,10 +107,12 @@ def _rms(ahead: list[float], beside: list[float]) -> float:
 
 
 def _rows(recorded: list[Recording], swapped: list[Swapped], choices: Choices) -> list[Row]:
-    road = None if choices.road is None else road_of(choices.road)
     rows: list[Row] = []
     for recording, each in zip(recorded, swapped, strict=True):
-        scene = Scene(recording if road is None else Recording(recording.tracks, road))
+        if choices.road is not None:
+            road = map_of(choices.road, recording.tracks.source)
+            recording = Recording(recording.tracks, road)
+        scene = Scene(recording)
         for driven in each.episodes:
             first = scene.rows(driven.track).start
             found = decisions_at(scene, first + driven.frame - int(scene.tracks.frame[first]))

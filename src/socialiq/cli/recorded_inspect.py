@@ -13,6 +13,7 @@ from socialiq.cli.recorded import load_all, show_overlaps
 from socialiq.foreign import one_line
 from socialiq.recordings.identity.duplicates import check_names
 from socialiq.recordings.identity.identify import identify
+from socialiq.recordings.simulated_source import signs_of_simulation
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Inspect:
                 "seconds": round(float((one.tracks.frame.max() + 1) * one.tracks.dt), 2),
                 "tracks": one.tracks.n_tracks,
                 "lanelets": len(one.road.lanelets),
+                "simulated": "; ".join(signs_of_simulation(one.tracks)),
             }
             for one, site, chain in zip(recordings, found.site, found.chain, strict=True)
         ]
@@ -56,7 +58,8 @@ class Inspect:
             print_json({"counts": counts, "recordings": rows, "overlaps": found.rows()})
             return 0
         for row in rows:
-            row |= {name: one_line(row[name]) for name in ("recording", "site", "chain")}
+            texts = ("recording", "site", "chain", "simulated")
+            row |= {name: one_line(row[name], 80) for name in texts}
         print_table(rows, "Recordings")
         show_overlaps(found)
         print_table([{"number of": name, "count": count} for name, count in counts.items()])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +15,11 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
 from socialiq.outputs import whole_folder
 from socialiq.recordings import files
-from socialiq.recordings.readers.column_map import read_map
+from socialiq.recordings.measurement import MeasurementError
+from socialiq.recordings.readers.column_map import ColumnMap, read_map
 from socialiq.recordings.readers.commonroad import MOST_STATES
 from socialiq.recordings.readers.import_file import FORMATS, import_file
 from socialiq.storage import write_atomically
@@ -29,7 +33,7 @@ class Import:
     """
 
     format: Annotated[str, tyro.conf.Positional]
-    """commonroad (XML 2018b or 2020a) or csv (with --columns)."""
+    """commonroad (XML 2017a to 2020a), csv (with --columns) or argoverse (2, Parquet)."""
     recorded: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """The files."""
     out: Path
@@ -38,6 +42,12 @@ class Import:
     """Column map of a CSV file: highd, ind, interaction, ngsim, or a file that ends in .toml."""
     most_states: int = MOST_STATES
     """Largest number of states in a file, to bound memory."""
+    road: Path | None = None
+    """Map of CSV files: CommonRoad XML, Lanelet2 OSM, or a recording with lanelets."""
+    position_error: float | None = None
+    """Standard error of positions, m; by default the column map's, or 0.25."""
+    speed_error: float | None = None
+    """Standard error of speeds, m/s; by default the column map's, or 0.25."""
     json: bool = False
     """Print one JSON object."""
 
@@ -50,28 +60,56 @@ class Import:
             raise UserError("--columns goes with csv, and csv needs it: name a column map")
         if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
             raise UserError(f"{self.out} exists already: name a new folder, or remove it first")
-        with whole_folder(self.out) as part:
-            found = self._import(part)
-            write_atomically(part / "refused.csv", _refused_csv(found))
-        self._print(found)
-        return 0
-
-    def _import(self, folder: Path) -> list[dict[str, Any]]:
+        if self.road is not None and self.format != "csv":
+            raise UserError(f"--road goes with csv: a {self.format} file has a map of its own")
         columns = read_map(self.columns) if self.columns else None
+        failed: list[dict[str, str]] = []
+        with whole_folder(self.out) as part:
+            found = self._import(part, columns, self._error(columns), failed)
+            if not found:
+                more = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
+                raise UserError(failed[0]["reason"] + more)
+            write_atomically(part / "refused.csv", _refused_csv(found))
+        self._print(found, failed)
+        return 1 if failed else 0
+
+    def _error(self, columns: ColumnMap | None) -> MeasurementError | None:
+        stated = {"position": self.position_error, "speed": self.speed_error}
+        given = {name: value for name, value in stated.items() if value is not None}
+        if not given:
+            return None
+        return dataclasses.replace(columns.error if columns else MeasurementError(), **given)
+
+    def _import(
+        self,
+        folder: Path,
+        columns: ColumnMap | None,
+        error: MeasurementError | None,
+        failed: list[dict[str, str]],
+    ) -> list[dict[str, Any]]:
+        """Import each file; one that can't be read is listed, and the others go on."""
         found = []
         for path in self.recorded:
             began = time.perf_counter()
-            imported = import_file(path, self.format, columns, self.most_states)
+            try:
+                imported = import_file(
+                    path, self.format, columns, self.most_states, self.road, error
+                )
+            except UserError as fault:
+                failed.append({"file": str(path), "reason": str(fault)})
+                continue
             seconds = time.perf_counter() - began
             states = sum(one.n_states for one in imported)
             for one in imported:
                 tracks = one.recording.tracks
                 target = folder / f"{_file_name(tracks.recording)}.safetensors"
                 if target.exists():
-                    raise UserError(
-                        f"{path}: another recording is named {tracks.recording} too: import it to "
-                        "a folder of its own"
+                    reason = (
+                        f"{path}: another recording is named {one_line(tracks.recording, 60)} too: "
+                        "import it to a folder of its own"
                     )
+                    failed.append({"file": str(path), "reason": reason})
+                    continue
                 found.append(
                     {
                         "recording": tracks.recording,
@@ -86,9 +124,11 @@ class Import:
                 )
         return found
 
-    def _print(self, found: list[dict[str, Any]]) -> None:
+    def _print(self, found: list[dict[str, Any]], failed: list[dict[str, str]]) -> None:
+        for one in failed:
+            sys.stderr.write(f"not imported: {one_line(one['reason'], 400)}\n")
         if self.json:
-            print_json({"out": str(self.out), "recordings": found})
+            print_json({"out": str(self.out), "recordings": found, "failed": failed})
             return
         shown = ("recording", "tracks", "states")
         rows = [

@@ -10,7 +10,6 @@ Agreement does not measure an angle: the policy of 90 degrees is not meant to dr
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -28,6 +27,7 @@ from socialiq.learners.iq_learn.presets import (
     offline,
 )
 from socialiq.learners.iq_learn.train import train
+from socialiq.recordings.identity.identify import site_of as site_of
 from socialiq.types import Row
 
 By = Literal["site", "chain"]
@@ -48,19 +48,6 @@ def recordings_of(table: Demonstrations) -> tuple[tuple[str, ...], Int64[np.ndar
     if len(place) != table.n_episodes:
         raise UserError("episodes were picked or repeated since the ego swap: split before that")
     return tuple(str(one["name"]) for one in listed), np.array(place, np.int64)
-
-
-def site_of(recording: str) -> str:
-    """Return the site of a recording: the map of a CommonRoad benchmark's name, else the name.
-
-    Scenarios of one map may come from one recording and show the same vehicles seconds later. A
-    name is a hint only: `recordings.identity` compares the roads.
-
-    Args:
-        recording: Name of the recording.
-    """
-    found = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
-    return found[1] if found else recording
 
 
 def groups_of(table: Demonstrations, by: By) -> tuple[str, ...]:

@@ -1,9 +1,8 @@
 """Physical plausibility of tracks: speeds, displacements, headings, sizes, overlaps.
 
-Recordings have measurement errors, which the tolerances allow. They were set with twelve scenarios
-of NGSIM, whose noise is known to be large, so that refused tracks are not merely noisy
-(docs/recordings.md has the figures). A track that fails is left out with its reason. If
-most tracks fail in the same way, the file is refused and the unit that explains it is named.
+The tolerances follow from the stated errors of the measurement (`measurement`). A track that fails
+is left out with its reason. If most tracks fail in the same way, the file is refused and the unit
+that explains it is named.
 """
 
 from __future__ import annotations
@@ -14,29 +13,16 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.errors import UserError
+from socialiq.recordings.measurement import MeasurementError
 from socialiq.recordings.recording import Refused
 from socialiq.recordings.rectangles import overlaps
 from socialiq.recordings.tracks import RoadUser, Tracks
-
-SPEED_ERROR = 1.0
-"""m/s; a track's mean difference of stated and driven speed may be this ..."""
-SPEED_SHARE = 0.1
-"""... and this share of its mean driven speed. Single states of NGSIM differ by up to 8.5 m/s, for
-its speeds and positions were smoothed separately; half of the tracks by a mean below 0.12."""
-
-JUMP = 1.5
-"""m; largest excess of a displacement between frames over that of the speed. The largest
-among the twelve is 0.85."""
 
 FASTEST = 70.0
 """m/s; 252 km/h."""
 
 MOVING = 2.0
 """m/s; directions are checked where the driven speed is at least this."""
-
-HEADING_ERROR = np.radians(20.0)
-"""A track's median angle between heading, or velocity, and displacement. The middle of a car of 5 m
-that turns with a radius of 6 m moves some 14° beside its heading; measured headings add a few."""
 
 FEWEST_STEPS = 3
 """Directions of a track with fewer moving steps are not checked."""
@@ -46,8 +32,8 @@ LONGEST, WIDEST = 30.0, 4.5
 SHORTEST = 0.2
 """m; a pedestrian's box."""
 
-DEEPEST_OVERLAP = 0.5
-"""m; the accuracy of positions from video. The deepest among the twelve is 0.49."""
+FARTHEST = 1e8
+"""m; farther from the origin no coordinate of the Earth lies, and centimetres are lost."""
 
 _FOOT = 0.3048
 
@@ -67,8 +53,12 @@ _HEADINGS = {
 }
 
 
-def sift(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
+def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks, list[Refused]]:
     """Leave out the tracks that are physically impossible.
+
+    Args:
+        tracks: The tracks.
+        error: Standard errors of their measurement.
 
     Returns:
         The other tracks, and the reason for each refused track.
@@ -76,13 +66,15 @@ def sift(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
     Raises:
         UserError: If no track is left, or most fail in a way that a wrong unit explains.
     """
+    error = error or MeasurementError()
     reasons = np.full(tracks.n_tracks, "", object)
+    _check_places(tracks, reasons)
     steps = _steps(tracks)
-    for check in (_check_sizes, _check_speeds, _check_jumps, _check_directions):
-        check(tracks, steps, reasons)
+    for check in (_check_sizes, _check_jumps, _check_speeds, _check_directions):
+        check(tracks, steps, error, reasons)
     good = reasons == ""
     if good.any():
-        _check_overlaps(tracks, good, reasons)
+        _check_overlaps(tracks, good, error, reasons)
     refused = [
         Refused(str(tracks.identity[one]), str(reasons[one]))
         for one in np.flatnonzero(reasons != "")
@@ -147,7 +139,17 @@ def _mean(values: np.ndarray, track: np.ndarray, n_tracks: int) -> np.ndarray:
     return np.bincount(track, values, n_tracks) / np.maximum(counts, 1)
 
 
-def _check_sizes(tracks: Tracks, _: _Steps, reasons: np.ndarray) -> None:
+def _check_places(tracks: Tracks, reasons: np.ndarray) -> None:
+    columns = (tracks.x, tracks.y, tracks.vx, tracks.vy)
+    far = np.max([np.abs(column) for column in columns], axis=0) > FARTHEST
+    if far.all():
+        raise UserError(f"no coordinate is below {FARTHEST:g} m: these are not metres")
+    for one in np.unique(tracks.track[far]):
+        reasons[one] = f"a position or velocity is above {FARTHEST:g} m"
+
+
+def _check_sizes(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np.ndarray) -> None:
+    del error  # Sizes of road users, not of their boxes' errors.
     bad = _wrong_size(tracks, 1.0)
     if 2 * bad.sum() > len(bad) and 2 * _wrong_size(tracks, _FOOT)[bad].sum() < bad.sum():
         raise UserError(
@@ -167,11 +169,11 @@ def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
     return (np.minimum(length, width) < SHORTEST) | (length > LONGEST) | (width > WIDEST)
 
 
-def _check_speeds(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
-    n = tracks.n_tracks
-    driven, stated = (_mean(one, steps.track, n) for one in (steps.driven, steps.stated))
-    error = _mean(np.abs(steps.driven - steps.stated), steps.track, n)
-    bad = error > SPEED_ERROR + SPEED_SHARE * driven
+def _check_speeds(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np.ndarray) -> None:
+    """Compare the distances of about a second with the integrals of the stated velocities."""
+    driven, stated, apart, seconds = _seconds(tracks)
+    allowed = np.array([error.mean_speed(max(one, tracks.dt)) for one in seconds])
+    bad = apart > allowed
     moves = np.maximum(driven, stated) > MOVING
     if 2 * (bad & moves).sum() > max(moves.sum(), 1):
         ratio = float(np.median(driven[bad & moves] / np.maximum(stated[bad & moves], 1e-9)))
@@ -184,18 +186,44 @@ def _check_speeds(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
         )
     for one in np.flatnonzero(bad & (reasons == "")):
         reasons[one] = (
-            f"drives {driven[one]:.2f} m/s but states {stated[one]:.2f} (means; {error[one]:.2f} "
-            "apart from frame to frame)"
+            f"drives {driven[one]:.2f} m/s but states {stated[one]:.2f} (means; {apart[one]:.2f} "
+            f"apart in {seconds[one]:g} s, where {allowed[one]:.2f} may be measurement)"
         )
-    fastest = np.zeros(n)
+    fastest = np.zeros(tracks.n_tracks)
     np.maximum.at(fastest, tracks.track, np.hypot(tracks.vx, tracks.vy))
     for one in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
         reasons[one] = f"states {fastest[one]:.1f} m/s, more than {FASTEST:g}"
 
 
-def _check_jumps(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
+def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return driven and stated speeds over a second, their mean distance, and the time, by track.
+
+    A track that is shorter than a second is taken as a whole.
+    """
+    starts, n = tracks.starts, tracks.n_tracks
+    frames = np.minimum(max(1, round(1 / tracks.dt)), np.diff(starts) - 1)
+    rows = np.arange(tracks.n_states)
+    rows = rows[rows + frames[tracks.track] < starts[1:][tracks.track]]
+    rows = rows[frames[tracks.track[rows]] > 0]
+    track = tracks.track[rows].astype(np.int64)
+    after, time = rows + frames[track], frames[track] * tracks.dt
+    driven = np.hypot(tracks.x[after] - tracks.x[rows], tracks.y[after] - tracks.y[rows]) / time
+    integrals = []
+    for velocity in (tracks.vx, tracks.vy):
+        # The integral by the trapezoidal rule; differences across tracks are never used.
+        steps = (velocity[:-1] + velocity[1:]) / 2 * tracks.dt
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        integrals.append(along[after] - along[rows])
+    stated = np.hypot(*integrals) / time
+    means = (_mean(one, track, n) for one in (driven, stated, np.abs(driven - stated)))
+    return (*means, frames * tracks.dt)
+
+
+def _check_jumps(
+    tracks: Tracks, steps: _Steps, error: MeasurementError, reasons: np.ndarray
+) -> None:
     further = (steps.driven - steps.stated) * tracks.dt
-    for step in np.flatnonzero(further > JUMP):
+    for step in np.flatnonzero(further > error.jump(tracks.dt)):
         one = steps.track[step]
         if reasons[one] == "":
             reasons[one] = (
@@ -204,22 +232,24 @@ def _check_jumps(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
             )
 
 
-def _check_directions(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> None:
+def _check_directions(
+    tracks: Tracks, steps: _Steps, error: MeasurementError, reasons: np.ndarray
+) -> None:
     moving = steps.driven >= MOVING
     # People walk backwards and sideways, and their boxes have no front.
     walks = tracks.road_user == RoadUser.PEDESTRIAN
     along = moving & ~walks[steps.track]
     medians = _medians(steps.to_heading[along], steps.track[along], tracks.n_tracks)
-    bad, checked = medians > HEADING_ERROR, ~np.isnan(medians)
+    bad, checked = medians > error.direction, ~np.isnan(medians)
     if 2 * bad.sum() > max(checked.sum(), 1):
         raise UserError(
             f"in {bad.sum()} of {checked.sum()} tracks the heading is not the way they move: "
-            f"{_headings_read_as(steps, along, tracks.n_tracks)}"
+            f"{_headings_read_as(steps, along, tracks.n_tracks, error)}"
         )
     for one in np.flatnonzero(bad & (reasons == "")):
         reasons[one] = f"heading {np.degrees(medians[one]):.0f}° off the way it moves (median)"
     medians = _medians(steps.to_velocity[moving], steps.track[moving], tracks.n_tracks)
-    bad, checked = medians > HEADING_ERROR, ~np.isnan(medians)
+    bad, checked = medians > error.direction, ~np.isnan(medians)
     if 2 * bad.sum() > max(checked.sum(), 1):
         raise UserError(
             f"in {bad.sum()} of {checked.sum()} tracks the velocity does not point the way they "
@@ -229,13 +259,15 @@ def _check_directions(tracks: Tracks, steps: _Steps, reasons: np.ndarray) -> Non
         reasons[one] = f"velocity {np.degrees(medians[one]):.0f}° off the way it moves (median)"
 
 
-def _headings_read_as(steps: _Steps, along: np.ndarray, n_tracks: int) -> str:
+def _headings_read_as(
+    steps: _Steps, along: np.ndarray, n_tracks: int, error: MeasurementError
+) -> str:
     for words, read in _HEADINGS.items():
         if "as degrees" in words and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
             continue  # A full turn in radians is the number 6.28, which is 6 degrees.
         angle = _axis_angle(steps.direction[along] - read(steps.heading[along]))
         medians = _medians(angle, steps.track[along], n_tracks)
-        if 2 * (medians <= HEADING_ERROR).sum() > (~np.isnan(medians)).sum():
+        if 2 * (medians <= error.direction).sum() > (~np.isnan(medians)).sum():
             return f"headings are {words}"
     return "headings are wrong, or the axes of positions are not those of headings"
 
@@ -249,13 +281,18 @@ def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np
     return found
 
 
-def _check_overlaps(tracks: Tracks, good: Bool[np.ndarray, " track"], reasons: np.ndarray) -> None:
+def _check_overlaps(
+    tracks: Tracks,
+    good: Bool[np.ndarray, " track"],
+    error: MeasurementError,
+    reasons: np.ndarray,
+) -> None:
     """Refuse both tracks of an overlap, because either may be wrong."""
     kept, numbers = tracks.kept(good), np.flatnonzero(good)
     found = overlaps(kept)
     # The deepest first: it is reported.
     for place in np.argsort(-found.depth, kind="stable"):
-        if found.depth[place] <= DEEPEST_OVERLAP:
+        if found.depth[place] <= error.overlap:
             break
         rows = int(found.first[place]), int(found.second[place])
         for row, beside in (rows, rows[::-1]):

@@ -75,12 +75,38 @@ def test_mistakes_leave_nothing_behind(tmp_path, capsys):
     assert "no such file" in refused(capsys, "commonroad", tmp_path / "absent.xml", "--out", out)
     assert "unknown format 'waymo'" in refused(capsys, "waymo", EXAMPLES[0], "--out", out)
     assert "at least one file" in refused(capsys, "commonroad", "--out", out)
-    assert "is named ZAM_Crossing-1_1_T-1 too" in refused(
-        capsys, "commonroad", EXAMPLES[0], EXAMPLES[0], "--out", out
-    )
     line = refused(capsys, "commonroad", EXAMPLES[0], "--most-states", 100, "--out", out)
     assert "more than 100 states" in line
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_fails_does_not_void_the_others(tmp_path, capsys):
+    bad, out = tmp_path / "bad.xml", tmp_path / "out"
+    bad.write_text("<commonRoad")
+    paths = [bad, EXAMPLES[0], EXAMPLES[0], tmp_path / "absent.xml", EXAMPLES[1]]
+    call = ["data", "import", "commonroad", *map(str, paths), "--out", str(out), "--json"]
+    assert main(call) == 1
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert len(told["recordings"]) == 2 and len(told["failed"]) == 3
+    assert said.err.count("not imported: ") == said.err.count("\n") == 3
+    assert "is named ZAM_Crossing-1_1_T-1 too" in said.err
+    assert len(list(out.glob("*.safetensors"))) == 2
+    line = refused(capsys, "commonroad", bad, bad, "--out", tmp_path / "none")
+    assert "(and 1 more files)" in line and not (tmp_path / "none").exists()
+
+
+def test_a_road_and_errors_go_with_what_has_them(tmp_path, capsys):
+    out = tmp_path / "out"
+    line = refused(capsys, "commonroad", EXAMPLES[0], "--road", EXAMPLES[0], "--out", out)
+    assert "--road goes with csv" in line
+    line = refused(capsys, "commonroad", EXAMPLES[0], "--position-error", 0, "--out", out)
+    assert "error of position must be a number above 0" in line
+    path = write_csv(files_of_example().tracks, "ind", tmp_path)
+    call = ["data", "import", "csv", str(path), "--columns", "ind", "--out", str(out), "--json"]
+    assert main([*call, "--road", str(EXAMPLES[0]), "--position-error", "0.1"]) == 0
+    [told] = json.loads(capsys.readouterr().out)["recordings"]
+    assert len(files.load(out / told["file"]).road.lanelets) == 9
 
 
 @pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a\x1b[2Jb"])

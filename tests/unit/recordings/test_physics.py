@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.recordings.measurement import MeasurementError
 from socialiq.recordings.physics import sift
 from socialiq.recordings.rectangles import overlaps
 from socialiq.recordings.tracks import RoadUser
@@ -39,8 +40,11 @@ def test_good_tracks_stay_as_they_are(three):
 @pytest.mark.parametrize(
     ("columns", "reason"),
     [
-        # Mean errors may be 1 m/s and a tenth: 9 + 1.9 passes below, 9 + 2 does not.
-        ({"vx": lambda v: v + 2.0}, r"drives 9.00 m/s but states 11.00 \(means; 2.00 apart"),
+        # 0.9 s of errors of 0.25 m and 0.25 m/s: 3 (0.25² + 2 (0.25 / 0.9)²)^½ = 1.40 m/s.
+        (
+            {"vx": lambda v: v + 2.0},
+            r"drives 9.00 m/s but states 11.00 \(means; 2.00 apart in 0.9 s, where 1.40",
+        ),
         ({"vx": lambda v: v * 0.0}, "drives 9.00 m/s but states 0.00"),
         ({"x": lambda x: x + 1.6 * (np.arange(10) > 4)}, "jumps 1.60 m further .* after frame 4"),
         ({"heading": lambda h: h + 0.4}, "heading 23° off the way it moves"),
@@ -48,7 +52,8 @@ def test_good_tracks_stay_as_they_are(three):
         ({"width": lambda w: 5.0}, "4.5 m long and 5 m wide"),
         ({"length": lambda w: 31.0}, "31 m long"),
         ({"length": lambda w: 0.1}, "0.1 m long"),
-        ({"y": lambda y: y - 9.0}, "overlaps by 0.80 m with 100 at frame"),
+        ({"y": lambda y: y - 9.4}, "overlaps by 1.20 m with 100 at frame"),
+        ({"x": lambda x: x + 1e20}, "above 1e[+]08 m"),
     ],
 )
 def test_a_track_that_cannot_be_true_is_left_out(three, columns, reason):
@@ -59,10 +64,21 @@ def test_a_track_that_cannot_be_true_is_left_out(three, columns, reason):
 
 
 def test_what_lies_within_the_tolerances_stays(three):
-    noisy = of_track(three, 1, vx=lambda v: v + 1.85, heading=lambda h: h + 0.33)
-    # 2 m to the left, turned by 19°: 0.9 + 2.25 sin + 0.9 cos - 2 = 0.48 m deep.
-    near = of_track(noisy, 1, y=lambda y: y - 8.0)
+    noisy = of_track(three, 1, vx=lambda v: v + 1.35, heading=lambda h: h + 0.33)
+    # 1.4 m to the left, turned by 19°: 0.9 + 2.25 sin + 0.9 cos - 1.4 = 1.08 m deep, of 1.14.
+    near = of_track(noisy, 1, y=lambda y: y - 8.6)
     assert sift(near)[1] == []
+
+
+def test_tolerances_follow_from_the_stated_error(three):
+    drone = MeasurementError(position=0.05, speed=0.1, size=0.1)
+    assert drone.jump(0.04) == pytest.approx(3 * np.hypot(np.sqrt(2) * 0.05, 0.004))
+    assert drone.overlap == pytest.approx(3 * np.sqrt(2 * 0.05**2 + 0.1**2 / 2))
+    assert np.degrees(drone.direction) == pytest.approx(20.0)
+    slow = of_track(three, 1, vx=lambda v: v + 0.6)
+    assert sift(slow)[1] == [] and len(sift(slow, drone)[1]) == 1
+    with pytest.raises(UserError, match="error of position must be a number above 0"):
+        MeasurementError(position=0.0)
 
 
 def test_who_reverses_moves_along_its_axis(three):
@@ -83,10 +99,10 @@ def test_nobody_is_faster_than_a_race_car(straight):
 
 
 def test_both_of_two_that_overlap_go_and_one_refused_before_does_not_count(straight):
-    tracks = straight([8.0, 8.0, 8.0], apart=1.0)  # 0.8 m deep, each in the next
+    tracks = straight([8.0, 8.0, 8.0], apart=0.5)  # 1.3 m deep, each in the next
     with pytest.raises(UserError, match="none of the 3 tracks can be true; the first, 100"):
         sift(tracks)
-    # The middle one is refused for its size, so the others, 2 m apart, lie beside each other.
+    # The middle one is refused for its size, and the others are 0.8 m deep, within the error.
     kept, refused = sift(of_track(tracks, 1, length=lambda one: 40.0))
     assert kept.identity.tolist() == [100, 102] and len(refused) == 1
 

@@ -219,7 +219,8 @@ def _contact(
             found = scene.contact(track, row - 1, scene.tracks.dt, slack)
             if found != Contact.NONE:
                 return found
-        found = scene.contact(track, row, 0.0, slack)
+        shock = config.shock if config.contact == "evidence" else 0.0
+        found = scene.contact(track, row, 0.0, slack, shock)
         if found != Contact.NONE:
             return found
     return Contact.NONE

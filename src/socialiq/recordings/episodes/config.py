@@ -12,7 +12,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
 
 Loss = Literal["between_decisions", "summed"]
-Contact = Literal["overlap", "predicted"]
+Contact = Literal["evidence", "overlap", "predicted"]
 Actions = Literal["meta-actions", "accelerations"]
 
 LEVELS = (-2.0, -1.0, 0.0, 1.0, 2.0)
@@ -31,7 +31,10 @@ class EpisodeConfig:
             recording's own frame. "summed" adds up every fall from frame to frame at the
             recording's rate, so that a vehicle that brakes and speeds up again also counts.
         contact: Criterion of a collision. "overlap": the ego's rectangle overlaps another's.
+            "evidence": besides, the velocity of one of the two changes at the same time faster
+            than `shock`, as no brake can.
             "predicted" is the simulator's: or would have from the previous frame, at its speeds.
+        shock: m/s². Tyres on dry asphalt give at most about 10.
         slack: m by which both rectangles are shorter and narrower than recorded before they
             overlap: recorded boxes may touch although the vehicles did not. 0 with "predicted".
         near: s. Two vehicles meet in a conflict if they are within `reach` of it at times
@@ -49,7 +52,8 @@ class EpisodeConfig:
     policy_rate: int = 1
     target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
     loss: Loss = "between_decisions"
-    contact: Contact = "overlap"
+    contact: Contact = "evidence"
+    shock: float = 12.0
     slack: float = 0.3
     near: float = 3.0
     reach: float = 20.0
@@ -67,7 +71,7 @@ class EpisodeConfig:
         steps = [b - a for a, b in itertools.pairwise(self.levels)]
         if len(self.levels) < 2 or not all(0 < step < math.inf for step in steps):
             raise UserError(f"levels must be two or more ascending numbers, got {self.levels}")
-        for name in ("near", "reach", "slack"):
+        for name in ("near", "reach", "slack", "shock"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise UserError(f"{name} must be a number of at least 0, got {value}")

@@ -17,11 +17,15 @@ from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.scene import Scene
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.routes import OFF_THE_MAP, Crossing
+from socialiq.recordings.simulated_source import signs_of_simulation
 from socialiq.recordings.tracks import Tracks
 from socialiq.types import Ending, RewardPair
 
 HUMAN = "human"
 """Mode of all recorded drivers: a recording doesn't contain their intentions."""
+
+SIMULATED = "simulated"
+"""Mode of the vehicles of a recording that was simulated (`simulated_source`)."""
 
 NOT_A_VEHICLE = "not a vehicle"
 OFF_THE_ROAD = "off the lanelets"
@@ -55,6 +59,7 @@ class Swapped:
         site: Name of the site; "" if sites were not identified (`recordings.identity`).
         chain: Name of the chain of recordings that share vehicles; "" likewise.
         vehicle: Number of each episode's vehicle over all recordings; empty likewise.
+        simulated: Signs that the recording was simulated; empty if there are none.
     """
 
     recording: str
@@ -70,6 +75,7 @@ class Swapped:
     site: str = ""
     chain: str = ""
     vehicle: tuple[int, ...] = ()
+    simulated: tuple[str, ...] = ()
 
     @property
     def n_transitions(self) -> int:
@@ -84,6 +90,7 @@ class Swapped:
             "recording": self.recording,
             "site": self.site,
             "chain": self.chain,
+            "origin": SIMULATED if self.simulated else "recorded",
             "seconds": round(self.seconds, 2),
             "tracks": self.n_tracks,
             "conflicts": self.conflicts,
@@ -131,6 +138,7 @@ def swap(recording: Recording, config: EpisodeConfig | None = None) -> Swapped:
         len(scene.lanes.conflicts),
         moments_of(tracks),
         chosen,
+        simulated=signs_of_simulation(tracks),
     )
 
 
@@ -224,8 +232,12 @@ def check_distinct(swapped: Sequence[Swapped]) -> None:
                 )
 
 
-def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
+def demonstrations(swapped: Sequence[Swapped], as_human: bool = False) -> Demonstrations:
     """Return a table of all episodes, each with its recording and vehicle in `source`.
+
+    Args:
+        swapped: Episodes by recording.
+        as_human: Whether simulated vehicles get the mode of people, too.
 
     Raises:
         UserError: If no recording has an episode, two have the same name, or they were read
@@ -242,6 +254,9 @@ def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
         )
     sizes = [len(one.action) for one in episodes]
     pairs = np.concatenate([one.pair for one in episodes])
+    simulated = [bool(each.simulated) and not as_human for each in swapped for _ in each.episodes]
+    names = tuple(name for name, kind in ((HUMAN, False), (SIMULATED, True)) if kind in simulated)
+    modes = [names.index(SIMULATED if one else HUMAN) for one in simulated]
     return Demonstrations.of(
         observation=np.concatenate([one.observation[:-1] for one in episodes]),
         action=np.concatenate([one.action for one in episodes]),
@@ -249,7 +264,8 @@ def demonstrations(swapped: Sequence[Swapped]) -> Demonstrations:
         ending=np.concatenate([one.ending for one in episodes]),
         rewards=RewardPair(*pairs.T),
         episode=np.repeat(np.arange(len(sizes)), sizes),
-        mode_names=(HUMAN,),
+        mode=np.repeat(np.array(modes, np.int8), sizes),
+        mode_names=names,
         n_actions=swapped[0].config.n_actions,
         source=_source(swapped),
     )
@@ -265,6 +281,7 @@ def _source(swapped: Sequence[Swapped]) -> dict[str, Any]:
                 "name": one.recording,
                 "site": one.site,
                 "chain": one.chain,
+                "simulated": list(one.simulated),
                 "source": one.source,
                 "egos": list(one.identity),
             }

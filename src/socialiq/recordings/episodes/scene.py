@@ -114,7 +114,9 @@ class Scene:
             near |= (way.part == APPROACH) & (seen.along >= before.length - reach)
         return near
 
-    def contact(self, track: int, row: int, ahead: float, slack: float) -> Contact:
+    def contact(
+        self, track: int, row: int, ahead: float, slack: float, shock: float = 0.0
+    ) -> Contact:
         """Return a vehicle's contacts, now or after some time at the present speeds.
 
         The kind is by whose motion closed the gap between the centres (`core.collisions`).
@@ -124,6 +126,8 @@ class Scene:
             row: Row of the vehicle.
             ahead: Time of the prediction, s; 0 for the present.
             slack: m by which rectangles are shorter and narrower than recorded.
+            shock: m/s². Only those count at which the velocity of one of the two changes faster
+                within half a second.
         """
         tracks = self.tracks
         rows = self.present(int(tracks.frame[row]))
@@ -135,11 +139,27 @@ class Scene:
         centre = np.stack([tracks.x[both], tracks.y[both]], axis=-1)
         size = np.maximum(size - slack, 0.0)
         found = np.flatnonzero(touching(centre, heading, size, velocity * ahead))
+        if shock and len(found) and self.change(row) <= shock:
+            found = found[[self.change(int(others[one])) > shock for one in found]]
         if len(found) == 0:
             return Contact.NONE
         between = centre[found[0], 1] - centre[found[0], 0]
         own, other = velocity[found[0]] @ between
         return Contact.EGO_STRUCK if own >= -other else Contact.EGO_WAS_STRUCK
+
+    def change(self, row: int) -> float:
+        """Return the largest change of a vehicle's velocity around a row, m/s².
+
+        Over 0.2 s or a frame, if that is longer, within half a second before and after.
+        """
+        rows, dt = self.rows(int(self.tracks.track[row])), self.tracks.dt
+        around, step = max(1, round(0.5 / dt)), max(1, round(0.2 / dt))
+        near = slice(max(rows.start, row - around), min(rows.stop, row + around + 1))
+        vx, vy = self.tracks.vx[near], self.tracks.vy[near]
+        if len(vx) <= step:
+            return 0.0
+        changed = np.hypot(vx[step:] - vx[:-step], vy[step:] - vy[:-step])
+        return float(changed.max() / (step * dt))
 
     def lost(self, row: int, frames: int, summed: bool) -> float:
         """Return the loss of speed over the last frames, or since it came into view, m/s."""

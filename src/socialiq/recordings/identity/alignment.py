@@ -14,10 +14,7 @@ from jaxtyping import Float64
 from scipy.spatial import KDTree
 
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import RoadNetwork
-
-STEP = 2.0
-"""m between the points of a shape."""
+from socialiq.recordings.road.network import STEP, RoadNetwork, every_step, lanelet_points
 
 BESIDE = 0.5
 """m; points of one line lie at most this far beside those of the other. Maps of one site that were
@@ -83,28 +80,15 @@ def shape_of(recording: Recording) -> Shape:
         return Shape(_of_road(recording.road), True)
     tracks = recording.tracks
     lines = np.split(np.column_stack([tracks.x, tracks.y]), tracks.starts[1:-1])
-    points = np.concatenate([np.zeros((0, 3)), *(_every_step(line) for line in lines)])
+    points = np.concatenate([np.zeros((0, 3)), *(every_step(line) for line in lines)])
     # One point for each place and direction, however many vehicles passed it.
     cells = np.round(points / np.array([STEP, STEP, np.pi / 6])).astype(np.int64)
     return Shape(points[np.unique(cells, axis=0, return_index=True)[1]], False)
 
 
 def _of_road(road: RoadNetwork) -> np.ndarray:
-    lines = [_every_step(lanelet.centre) for lanelet in road.lanelets.values()]
+    lines = [lanelet_points(lanelet) for lanelet in road.lanelets.values()]
     return np.concatenate([np.zeros((0, 3)), *lines])
-
-
-def _every_step(line: np.ndarray) -> np.ndarray:
-    lengths = np.hypot(*np.diff(line, axis=0).T)
-    line = line[np.concatenate([[True], lengths > 1e-9])]
-    if len(line) < 2:
-        return np.zeros((0, 3))
-    pieces = np.diff(line, axis=0)
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*pieces.T))])
-    at = np.arange(0.0, along[-1], STEP)
-    piece = np.searchsorted(along, at, side="right") - 1
-    heading = np.arctan2(pieces[piece, 1], pieces[piece, 0])
-    return np.column_stack([np.interp(at, along, line[:, axis]) for axis in range(2)] + [heading])
 
 
 def shared(one: Shape, other: Shape) -> float:

@@ -9,13 +9,13 @@ site and the numbers and sizes of their vehicles agree beyond chance, as in cons
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import binom
 
-from socialiq.recordings.held_out import site_of
 from socialiq.recordings.identity.alignment import Shape, shape_of, shared
 from socialiq.recordings.identity.moments import Motion, in_common
 from socialiq.recordings.recording import Recording
@@ -113,6 +113,19 @@ def identify(recordings: Sequence[Recording]) -> Identified:
         overlaps,
         tuple(np.split(numbers, first[1:-1])) if len(names) else (),
     )
+
+
+def site_of(recording: str) -> str:
+    """Return the site of a recording: the map of a CommonRoad benchmark's name, else the name.
+
+    Scenarios of one map may come from one recording and show the same vehicles seconds later. A
+    name is a hint only: `recordings.identity` compares the roads.
+
+    Args:
+        recording: Name of the recording.
+    """
+    found = re.match(r"(?:C-)?([A-Z]{3}_[A-Za-z0-9]+-[0-9]+)_", recording)
+    return found[1] if found else recording
 
 
 def _sites(recordings: Sequence[Recording], names: tuple[str, ...]) -> list[int]:

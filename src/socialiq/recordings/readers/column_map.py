@@ -7,13 +7,14 @@ sets, by name.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.reading import read_toml
+from socialiq.recordings.measurement import MeasurementError
 from socialiq.recordings.tracks import RoadUser
 
 _FOOT = 0.3048
@@ -57,6 +58,10 @@ class ColumnMap:
         users_columns: Names of that file's columns.
         classes: The file's words for classes.
         default_sizes: Length and width in m, by the file's word for a class without sizes.
+        periods: Whether ids and frames begin again with each period of observation, which are
+            separated by the difference of time and frame.
+        origin: Columns of `rate_file` with the UTM coordinates of the origin, m.
+        error: Standard errors of the measurement, as the makers state them.
     """
 
     format: str
@@ -74,6 +79,9 @@ class ColumnMap:
     users_file: tuple[str, str] | None = None
     users_columns: dict[str, str] = field(default_factory=dict)
     default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    periods: bool = False
+    origin: tuple[str, str] | None = None
+    error: MeasurementError = field(default_factory=MeasurementError)
 
 
 def known_maps() -> tuple[str, ...]:
@@ -102,14 +110,18 @@ def read_map(name: str) -> ColumnMap:
 
 
 def _map_of(said: dict[str, Any], name: str) -> ColumnMap:
-    tables = ("time", "columns", "units", "axes", "road_users", "classes", "default_sizes")
+    tables = (
+        *("time", "columns", "units", "axes", "road_users", "classes", "default_sizes"),
+        *("map", "error"),
+    )
     _only("", said, (*tables, "format", "licence", "separator"))
     parts = {table: said.get(table, {}) for table in tables}
     for table, content in parts.items():
         if not isinstance(content, dict):
             raise UserError(f"{table} must be a table: write [{table}]")
     time, users, axes = parts["time"], parts["road_users"], parts["axes"]
-    _only("time", time, ("rate", "rate_file", "rate_column", "order", "repeated_ids"))
+    _only("time", time, ("rate", "rate_file", "rate_column", "order", "repeated_ids", "periods"))
+    _only("map", parts["map"], ("origin",))
     _only("road_users", users, ("file", "id", *_PER_TRACK))
     _only("axes", axes, ("y", "point"))
     separator = _choice("separator", said.get("separator", ","), (",", ";", "\t", "|", " "))
@@ -130,7 +142,14 @@ def _map_of(said: dict[str, Any], name: str) -> ColumnMap:
         users_file=_endings("road_users.file", users["file"]) if "file" in users else None,
         users_columns={key: _text(key, one) for key, one in users.items() if key != "file"},
         default_sizes=_default_sizes(parts["default_sizes"]),
+        periods=_choice("time.periods", time.get("periods", False), (True, False)),
+        origin=_endings("map.origin", parts["map"]["origin"]) if parts["map"] else None,
+        error=_error(parts["error"]),
     )
+    if found.periods and not {"time", "frame"} <= set(found.columns):
+        raise UserError("time.periods needs the columns time and frame")
+    if found.origin and found.rate_file is None:
+        raise UserError("map.origin needs time.rate_file, the file with these columns")
     if found.users_file and "id" not in found.users_columns:
         raise UserError(
             "[road_users] has a file but no id: name the column with the track's number"
@@ -208,8 +227,17 @@ def _rate_file(time: dict[str, Any]) -> tuple[str, str, str] | None:
 
 def _endings(what: str, value: Any) -> tuple[str, str]:
     if not isinstance(value, list) or len(value) != 2:
-        raise UserError(f"{what} must be two endings: that of the file given, and what replaces it")
+        raise UserError(f"{what} must be a list of two texts")
     return _text(what, value[0]), _text(what, value[1])
+
+
+def _error(stated: dict[str, Any]) -> MeasurementError:
+    names = tuple(one.name for one in fields(MeasurementError))
+    _only("error", stated, names)
+    for name, value in stated.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise UserError(f"error.{name} must be a number")
+    return MeasurementError(**{name: float(value) for name, value in stated.items()})
 
 
 def _default_sizes(sizes: dict[str, Any]) -> dict[str, tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""Recordings in CommonRoad XML, versions 2018b and 2020a.
+"""Recordings in CommonRoad XML, versions 2017a to 2020a.
 
 The format: Althoff, Koschi and Manzinger, "CommonRoad: Composable benchmarks for motion planning on
 roads" (IV 2017), and its documentation at https://commonroad.in.tum.de.
@@ -54,6 +54,8 @@ class _Draft:
     def __init__(self, path: Path, most_states: int) -> None:
         self._path, self._most = path, most_states
         self._attributes: dict[str, str] = {}
+        self._in_seconds = False
+        self._tags = ""
         self._dt = 0.0
         self._road = RoadDraft(path)
         self._frames, self._values = array("q"), array("d")  # x, y, heading, velocity, slip
@@ -80,6 +82,7 @@ class _Draft:
         if not 0 < self._dt < np.inf:
             raise UserError(f"{self._path}: timeStepSize is not a number of seconds above 0")
         self._attributes = attributes
+        self._in_seconds = version in words.IN_SECONDS
 
     def state(self, state: State) -> None:
         self._n_states += 1
@@ -93,10 +96,18 @@ class _Draft:
                 raise ValueError(f"the position is a {state['region']}, not a point")
             row = [float(state[name]) for name in ("x", "y")]  # type: ignore[arg-type]
             row += [self._value(state, name) for name in ("orientation", "velocity", "slipAngle")]
-            self._frames.append(words.whole_number(state["time"]))  # type: ignore[arg-type]
+            self._frames.append(self._frame(state["time"]))
             self._values.extend(row)
         except (KeyError, TypeError, ValueError) as error:
             self._fault = self._fault or _what_is_wrong(state, error)
+
+    def _frame(self, time: str | tuple[str, str]) -> int:
+        if isinstance(time, str) and "." in time and self._in_seconds:
+            frame = float(time) / self._dt
+            if abs(frame - round(frame)) > 1e-3:
+                raise ValueError(f"{one_line(time, 20)} s is no multiple of the step")
+            return round(frame)
+        return words.whole_number(time)  # type: ignore[arg-type]
 
     def _value(self, state: State, name: str) -> float:
         """Return a value's number, the middle of an interval, or the default of a missing value."""
@@ -116,7 +127,9 @@ class _Draft:
             kind = f"{(thing.findtext('role') or '').strip()}Obstacle"
         if kind == "dynamicObstacle":
             self._track(thing)
-        elif not self._road.thing(thing) and kind not in ("location", "scenarioTags"):
+        elif kind == "scenarioTags":
+            self._tags = " ".join(tag.tag for tag in thing)
+        elif not self._road.thing(thing) and kind != "location":
             self._skipped[kind] = self._skipped.get(kind, 0) + 1
         self._drop_pending()
 
@@ -215,6 +228,7 @@ class _Draft:
             "licence": LICENCE,
             "intervals": self._n_intervals,
             **{name: one_line(self._attributes.get(name, "")) for name in names},
+            "tags": one_line(self._tags or self._attributes.get("tags", "")),
         }
 
 

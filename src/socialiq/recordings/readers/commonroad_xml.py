@@ -15,7 +15,9 @@ from socialiq.reading import open_file
 from socialiq.recordings.road.network import Sign
 from socialiq.recordings.tracks import RoadUser
 
-VERSIONS = ("2018b", "2020a")
+VERSIONS = ("2017a", "2017b", "2018a", "2018b", "2020a")
+IN_SECONDS = ("2017a", "2017b")
+"""Versions in which some files give times in seconds, with a decimal point."""
 
 TYPES = {
     "car": RoadUser.CAR,

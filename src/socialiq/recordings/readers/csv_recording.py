@@ -4,31 +4,43 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import sha256_of_file
 from socialiq.recordings.readers.column_map import ColumnMap
 from socialiq.recordings.readers.commonroad import MOST_STATES
-from socialiq.recordings.readers.csv_table import Table, rate_of, users_of
+from socialiq.recordings.readers.csv_table import Table, origin_of, rate_of, users_of
 from socialiq.recordings.readers.motion import heading_of_motion, smoothed, wrapped
 from socialiq.recordings.recording import Imported, Recording, Refused, order_fault
-from socialiq.recordings.road.network import RoadNetwork
+from socialiq.recordings.road.network import RoadNetwork, lanelet_points
 from socialiq.recordings.tracks import RoadUser, Tracks
 
 _TURN = 2 * np.pi
 _MOST_RECORDINGS = 1_000
+_MOVING = 1.0  # m/s
+_SAME_PERIOD = 10.0  # s; starts this close are those of one period
+_LANE = 2.5  # m; a standing vehicle is in a lane whose middle is this close
+_PASSED = 1.0  # m; or stands where another passed
 
 
-def read_csv(path: Path, columns: ColumnMap, most_states: int = MOST_STATES) -> list[Imported]:
+def read_csv(
+    path: Path,
+    columns: ColumnMap,
+    most_states: int = MOST_STATES,
+    road: RoadNetwork | None = None,
+) -> list[Imported]:
     """Read the recordings of a CSV file. Of physics only headings beyond a full turn are checked.
 
     Args:
         path: The file with the states.
         columns: Column map of the file.
         most_states: More rows than these are refused before they fill the memory.
+        road: Lanelets, if a map is at hand.
 
     Returns:
         The recordings of the file.
@@ -42,20 +54,53 @@ def read_csv(path: Path, columns: ColumnMap, most_states: int = MOST_STATES) -> 
     dt = 1 / rate_of(path, columns)
     frame = _frames(table, columns, dt)
     users = users_of(path, columns)
-    source = {
+    source: dict[str, Any] = {
         "format": columns.format,
         "file": path.name,
         "sha256": sha256_of_file(path),
         "licence": columns.licence,
     }
-    group = table["recording"] if "recording" in table else np.zeros(table.n_rows, np.int32)
-    names = _names(table, columns)
+    origin = origin_of(path, columns)
+    if origin is not None:
+        source |= {"utm_origin": list(origin)}
+    group, names = _groups(table, columns, frame, dt)
     found = []
     for number, name in names.items():
         rows = np.flatnonzero(group == number)
-        draft = _Draft(table, columns, users, frame, dt)
+        draft = _Draft(table, columns, users, frame, dt, road or RoadNetwork())
         found.append(draft.imported(rows, name, source))
     return found
+
+
+def _groups(
+    table: Table, columns: ColumnMap, frame: np.ndarray, dt: float
+) -> tuple[np.ndarray, dict[int, str]]:
+    """Return the number of each row's recording, and the recordings' names.
+
+    Within a period of observation frames count its time, so their difference is constant.
+    """
+    group = table["recording"] if "recording" in table else np.zeros(table.n_rows, np.int32)
+    names = _names(table, columns)
+    if not columns.periods:
+        return group, names
+    began = np.round(table["time"] * columns.scales["time"] / dt) - frame
+    if not np.isfinite(began).all():
+        raise UserError(f"{table.path}, {_first(table, ~np.isfinite(began))}: no time")
+    starts = np.unique(began)
+    period = np.concatenate([[0], np.cumsum(np.diff(starts) > _SAME_PERIOD / dt)])
+    pairs = np.column_stack([group, period[np.searchsorted(starts, began)]])
+    found, group = np.unique(pairs, axis=0, return_inverse=True)
+    if len(found) > _MOST_RECORDINGS:
+        raise UserError(
+            f"{table.path}: {len(found):,} periods: frames and times have different rates; correct "
+            "the rate or the unit of time in the column map"
+        )
+    several = {word for word in found[:, 0].tolist() if (found[:, 0] == word).sum() > 1}
+    numbers = [(found[:at, 0] == word).sum() + 1 for at, word in enumerate(found[:, 0])]
+    return group.ravel(), {
+        at: names[word] + (f"-period-{numbers[at]}" if word in several else "")
+        for at, word in enumerate(found[:, 0].tolist())
+    }
 
 
 def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
@@ -97,6 +142,28 @@ def _first(table: Table, bad: np.ndarray) -> str:
     return table.row_name(int(np.argmax(bad)))
 
 
+class _NeverMovesError(Exception):
+    """A track without a heading never moves."""
+
+
+class _Directions:
+    """Directions of lanes, or of the vehicles that moved, by place."""
+
+    def __init__(self, road: RoadNetwork, states: list[np.ndarray]) -> None:
+        lines = [lanelet_points(one) for one in road.lanelets.values()]
+        moving = [one[:3, np.hypot(one[3], one[4]) >= _MOVING].T for one in states]
+        self._points, self._reach = (lines, _LANE) if lines else (moving, _PASSED)
+        self._all = np.concatenate([np.zeros((0, 3)), *self._points])
+        self._tree = KDTree(self._all[:, :2]) if len(self._all) else None
+
+    def at(self, x: float, y: float) -> float | None:
+        """Return the direction at a place, rad; None if nothing is near."""
+        if self._tree is None or not np.isfinite([x, y]).all():
+            return None
+        distance, place = self._tree.query([x, y])
+        return float(self._all[place, 2]) if distance <= self._reach else None
+
+
 class _Draft:
     """Builder of a recording from some rows of a table."""
 
@@ -107,27 +174,38 @@ class _Draft:
         users: Table | None,
         frame: np.ndarray,
         dt: float,
+        road: RoadNetwork,
     ) -> None:
         self._table, self._columns, self._users, self._dt = table, columns, users, dt
-        self._frame = frame
+        self._frame, self._road = frame, road
+        self._directions: _Directions | None = None
         self._refused: list[Refused] = []
 
-    def imported(self, rows: np.ndarray, name: str, source: dict[str, str]) -> Imported:
+    def imported(self, rows: np.ndarray, name: str, source: dict[str, Any]) -> Imported:
         n_states = len(rows)
         rows, starts = self._sorted(rows)
         self._check_heading_unit(rows)
         self._check_rate(rows, starts)
-        kept, users, states = [], [], []
+        found, standing = {}, []
         for first, end in itertools.pairwise(starts):
-            track = rows[first:end]
             try:
-                user = self._user(track)
-                states.append(self._states(track, user))
+                found[first] = self._read(rows[first:end])
+            except _NeverMovesError:
+                standing.append((first, end))
             except ValueError as error:
-                self._refuse(track, str(error))
-                continue
-            kept.append(track)
-            users.append(user)
+                self._refuse(rows[first:end], str(error))
+        if standing:
+            self._directions = _Directions(self._road, [one[2] for one in found.values()])
+        for first, end in standing:
+            try:
+                found[first] = self._read(rows[first:end])
+            except ValueError as error:
+                self._refuse(rows[first:end], str(error))
+        kept, users, states = (
+            zip(*(found[first] for first in sorted(found)), strict=True)
+            if (found)
+            else ((), (), ())
+        )
         if not kept:
             first = f"{self._refused[0].identity}: {self._refused[0].reason}"
             raise UserError(f"{self._table.path}: no track can be used; the first, {first}")
@@ -149,8 +227,12 @@ class _Draft:
             recording=name,
             source=dict(source),
         )
-        recording = Recording(tracks, RoadNetwork())
+        recording = Recording(tracks, self._road)
         return Imported(recording, tuple(self._refused), {}, n_states)
+
+    def _read(self, track: np.ndarray) -> tuple[np.ndarray, tuple[int, float, float], np.ndarray]:
+        user = self._user(track)
+        return track, user, self._states(track, user)
 
     def _refuse(self, track: np.ndarray, reason: str) -> None:
         self._refused.append(Refused(str(self._table["id"][track[0]]), one_line(reason)))
@@ -268,7 +350,7 @@ class _Draft:
         if heading is None or np.isnan(heading).all():
             heading = heading_of_motion(vx, vy)
             if heading is None and not walks:
-                raise ValueError("it never moves, so without a heading its direction is not known")
+                heading = self._standing(x, y)
             heading = np.zeros(len(x)) if heading is None else heading
         self._check_finite("the heading", track, heading)
         if "speed" in table:
@@ -276,6 +358,18 @@ class _Draft:
             self._check_finite("the speed", track, speed)
             vx, vy = speed * np.cos(heading), speed * np.sin(heading)
         return wrapped(heading), vx, vy
+
+    def _standing(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the direction of the lane in which a vehicle stands."""
+        if self._directions is None:
+            raise _NeverMovesError
+        direction = self._directions.at(float(np.median(x)), float(np.median(y)))
+        if direction is None:
+            raise ValueError(
+                "it never moves, and no lane or other vehicle shows its direction: name the map "
+                "with --road"
+            )
+        return np.full(len(x), direction)
 
     def _check_finite(self, what: str, track: np.ndarray, values: np.ndarray) -> None:
         bad = ~np.isfinite(values)

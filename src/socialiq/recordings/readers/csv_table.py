@@ -162,7 +162,7 @@ def _lines(path: Path) -> Iterator[str]:
 def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str, int]:
     if not header:
         raise UserError(f"{path} is empty: name a file with states")
-    names = [name.strip() for name in header]
+    names = _as_mapped([name.strip() for name in header], columns)
     missing = [column for column in columns.values() if column not in names]
     if missing:
         known = one_line(", ".join(names), 300)
@@ -174,6 +174,15 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
     if twice is not None:
         raise UserError(f"{path} has two columns {twice}: name each its own")
     return {name: names.index(column) for name, column in columns.items()}
+
+
+def _as_mapped(header: list[str], columns: dict[str, str]) -> list[str]:
+    """Return the header with the map's names where only the case differs.
+
+    NGSIM's CSV has v_length in one distribution, v_Length in another.
+    """
+    mapped = {name.lower(): name for name in columns.values() if name not in header}
+    return [mapped.get(name.lower(), name) for name in header]
 
 
 def _beside(path: Path, endings: tuple[str, str]) -> Path:
@@ -193,13 +202,36 @@ def rate_of(path: Path, columns: ColumnMap) -> float:
     """
     if columns.rate_file is None:
         return columns.rate
-    *endings, column = columns.rate_file
-    beside = Table(_beside(path, (endings[0], endings[1])), columns.separator, 100)
-    beside.read({"rate": column}, frozenset(), frozenset())
-    rates = np.unique(beside["rate"])
-    if len(rates) != 1 or not 0 < rates[0] < np.inf:
-        raise UserError(f"{beside.path}: {column} is not one number of frames a second")
-    return float(rates[0])
+    rate = _number_beside(path, columns, columns.rate_file[2])
+    if not 0 < rate < np.inf:
+        raise UserError(f"{path}: {columns.rate_file[2]} is not a number of frames a second")
+    return rate
+
+
+def origin_of(path: Path, columns: ColumnMap) -> tuple[float, float] | None:
+    """Return the UTM coordinates of the origin of a file's positions, m; None if not known.
+
+    Raises:
+        UserError: If the file that the column map names has other things than numbers there.
+    """
+    if columns.origin is None or columns.rate_file is None:
+        return None
+    with open_csv(_beside(path, columns.rate_file[:2])) as file:
+        header = [name.strip() for name in file.readline(_MOST_LINE).split(columns.separator)]
+    if not {*columns.origin} <= {*header}:
+        return None
+    x, y = (_number_beside(path, columns, column) for column in columns.origin)
+    return x, y
+
+
+def _number_beside(path: Path, columns: ColumnMap, column: str) -> float:
+    assert columns.rate_file is not None
+    beside = Table(_beside(path, columns.rate_file[:2]), columns.separator, 100)
+    beside.read({"number": column}, frozenset(), frozenset())
+    numbers = np.unique(beside["number"])
+    if len(numbers) != 1 or not np.isfinite(numbers[0]):
+        raise UserError(f"{beside.path}: {column} is not one number")
+    return float(numbers[0])
 
 
 def users_of(path: Path, columns: ColumnMap) -> Table | None:

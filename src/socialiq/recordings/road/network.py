@@ -18,6 +18,9 @@ from jaxtyping import Bool, Float64
 from socialiq.errors import UserError
 from socialiq.foreign import optional
 
+STEP = 2.0
+"""m between the points of a line that is compared with others."""
+
 
 class Sign(enum.IntEnum):
     """Right-of-way sign of a lanelet; NONE if the file has none."""
@@ -92,6 +95,48 @@ class RoadNetwork:
     lanelets: dict[int, Lanelet] = field(default_factory=dict)
 
 
+def lanelet_points(lanelet: Lanelet) -> Float64[np.ndarray, "point 3"]:
+    """Return x, y and direction of a lanelet's centre line, every `STEP` metres."""
+    return every_step(lanelet.centre)
+
+
+def every_step(line: Float64[np.ndarray, "corner 2"]) -> Float64[np.ndarray, "point 3"]:
+    """Return x, y in m and the direction in rad of a line, every `STEP` metres."""
+    lengths = np.hypot(*np.diff(line, axis=0).T)
+    line = line[np.concatenate([[True], lengths > 1e-9])]
+    if len(line) < 2:
+        return np.zeros((0, 3))
+    pieces = np.diff(line, axis=0)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*pieces.T))])
+    at = np.arange(0.0, along[-1], STEP)
+    piece = np.searchsorted(along, at, side="right") - 1
+    heading = np.arctan2(pieces[piece, 1], pieces[piece, 0])
+    return np.column_stack([np.interp(at, along, line[:, axis]) for axis in range(2)] + [heading])
+
+
+def equal_bounds(
+    left: Float64[np.ndarray, "left 2"], right: Float64[np.ndarray, "right 2"]
+) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, "point 2"]]:
+    """Return two bounds with as many points each, at the same shares of their lengths."""
+    if min(len(left), len(right)) < 2:
+        return left, right  # `Lanelet` refuses them
+    shares = [_shares(one) for one in (left, right)]
+    if len(left) == len(right) and np.allclose(*shares, atol=0.02):
+        return left, right
+    every = np.unique(np.concatenate(shares))
+    every = every[np.concatenate([[True], np.diff(every) > 1e-6])]
+    both = (
+        np.column_stack([np.interp(every, share, line[:, axis]) for axis in range(2)])
+        for share, line in zip(shares, (left, right), strict=True)
+    )
+    return tuple(both)  # type: ignore[return-value]
+
+
+def _shares(line: np.ndarray) -> np.ndarray:
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    return lengths / max(lengths[-1], 1e-9)
+
+
 class Conflict(enum.IntEnum):
     """Kind of conflict of two lanelets."""
 
@@ -152,7 +197,7 @@ def lanes_of(road: RoadNetwork) -> Lanes:
     if not road.lanelets:
         raise UserError(
             "the recording has no road network, and conflicts come from its lanelets: "
-            "import it together with its map"
+            "name its map with --road, here or at `socialiq data import`"
         )
     shapely = _shapely()
     areas = {number: _area(lanelet) for number, lanelet in road.lanelets.items()}
