@@ -16,7 +16,7 @@ from socialiq.errors import UserError
 from socialiq.recordings.measurement import MeasurementError
 from socialiq.recordings.recording import Refused
 from socialiq.recordings.rectangles import overlaps
-from socialiq.recordings.tracks import RoadUser, Tracks
+from socialiq.recordings.tracks import FARTHEST, RoadUser, Tracks
 
 FASTEST = 70.0
 """m/s; 252 km/h."""
@@ -31,9 +31,6 @@ LONGEST, WIDEST = 30.0, 4.5
 """m; road trains are as long, wide loads as wide."""
 SHORTEST = 0.2
 """m; a pedestrian's box."""
-
-FARTHEST = 1e8
-"""m; farther from the origin no coordinate of the Earth lies, and centimetres are lost."""
 
 _FOOT = 0.3048
 
@@ -67,8 +64,8 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
         UserError: If no track is left, or most fail in a way that a wrong unit explains.
     """
     error = error or MeasurementError()
+    tracks, far = _near(tracks)
     reasons = np.full(tracks.n_tracks, "", object)
-    _check_places(tracks, reasons)
     steps = _steps(tracks)
     for check in (_check_sizes, _check_jumps, _check_speeds, _check_directions):
         check(tracks, steps, error, reasons)
@@ -79,7 +76,8 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
         Refused(str(tracks.identity[one]), str(reasons[one]))
         for one in np.flatnonzero(reasons != "")
     ]
-    if len(refused) == tracks.n_tracks:
+    refused = far + refused
+    if len(refused) == len(far) + tracks.n_tracks:
         raise UserError(
             f"none of the {len(refused)} tracks can be true; the first, {refused[0].identity}: "
             f"{refused[0].reason}"
@@ -139,13 +137,16 @@ def _mean(values: np.ndarray, track: np.ndarray, n_tracks: int) -> np.ndarray:
     return np.bincount(track, values, n_tracks) / np.maximum(counts, 1)
 
 
-def _check_places(tracks: Tracks, reasons: np.ndarray) -> None:
-    columns = (tracks.x, tracks.y, tracks.vx, tracks.vy)
-    far = np.max([np.abs(column) for column in columns], axis=0) > FARTHEST
+def _near(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
+    """Return the tracks without numbers that no arithmetic can use, and the others' reasons."""
+    far = np.zeros(tracks.n_tracks, bool)
+    for column in (tracks.x, tracks.y, tracks.vx, tracks.vy):
+        far[tracks.track[np.abs(column) > FARTHEST]] = True
     if far.all():
-        raise UserError(f"no coordinate is below {FARTHEST:g} m: these are not metres")
-    for one in np.unique(tracks.track[far]):
-        reasons[one] = f"a position or velocity is above {FARTHEST:g} m"
+        raise UserError(f"every track has a position or velocity above {FARTHEST:g}: not metres")
+    reason = f"a position or velocity is above {FARTHEST:g}"
+    refused = [Refused(str(tracks.identity[one]), reason) for one in np.flatnonzero(far)]
+    return (tracks.kept(~far) if far.any() else tracks), refused
 
 
 def _check_sizes(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np.ndarray) -> None:
@@ -210,13 +211,16 @@ def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
     driven = np.hypot(tracks.x[after] - tracks.x[rows], tracks.y[after] - tracks.y[rows]) / time
     integrals = []
     for velocity in (tracks.vx, tracks.vy):
-        # The integral by the trapezoidal rule; differences across tracks are never used.
+        # The integral by the trapezoidal rule; differences across tracks are never used, and an
+        # absurd velocity must not cost the sums of the others their digits.
+        velocity = np.clip(velocity, -1e4, 1e4)
         steps = (velocity[:-1] + velocity[1:]) / 2 * tracks.dt
         along = np.concatenate([[0.0], np.cumsum(steps)])
         integrals.append(along[after] - along[rows])
     stated = np.hypot(*integrals) / time
-    means = (_mean(one, track, n) for one in (driven, stated, np.abs(driven - stated)))
-    return (*means, frames * tracks.dt)
+    apart = np.abs(driven - stated)
+    a, b, c = (_mean(one, track, n) for one in (driven, stated, apart))
+    return a, b, c, frames * tracks.dt
 
 
 def _check_jumps(

@@ -42,6 +42,12 @@ STATES: dict[str, type[np.generic]] = {
 }
 """Columns with a row for each state, and their types; also their order in a file."""
 
+FARTHEST = 1e8
+"""m, m/s; no coordinate of the Earth is larger, and centimetres would be lost."""
+
+STEPS = (1e-4, 1e3)
+"""s; shortest and longest time between frames that is read."""
+
 ROAD_USERS: dict[str, type[np.generic]] = {
     "identity": np.int64,
     "road_user": np.int8,

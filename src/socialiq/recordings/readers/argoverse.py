@@ -20,7 +20,7 @@ from socialiq.recordings.readers.commonroad import MOST_STATES
 from socialiq.recordings.readers.motion import wrapped
 from socialiq.recordings.recording import Imported, Recording, Refused, order_fault
 from socialiq.recordings.road.network import Lanelet, RoadNetwork, equal_bounds
-from socialiq.recordings.tracks import RoadUser, Tracks
+from socialiq.recordings.tracks import FARTHEST, RoadUser, Tracks
 from socialiq.storage import read_json
 
 DT = 0.1
@@ -106,7 +106,7 @@ def _table(path: Path, most_states: int) -> dict[str, np.ndarray]:
             )
         read = file.read(columns=list(_COLUMNS)).to_pydict()
         floats = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
-        found = {name: np.array(read[name], np.float64) for name in floats}
+        found: dict[str, np.ndarray] = {name: np.array(read[name], np.float64) for name in floats}
         found["timestep"] = np.array(read["timestep"], np.int64)
     except UserError:
         raise
@@ -136,8 +136,8 @@ def _usable(table: dict[str, np.ndarray], track: np.ndarray, refused: list[Refus
     if frames.min() < 0 or frames.max() >= 2**31:
         fault = f"frame {frames.min()} is negative or out of range"
     names = ("position_x", "position_y", "heading", "velocity_x", "velocity_y")
-    if not all(np.isfinite(table[name][track]).all() for name in names):
-        fault = "a value is not finite"
+    if not all((np.abs(table[name][track]) <= FARTHEST).all() for name in names):
+        fault = "a value is not finite or too large"
     if len({*table["kind"][track].tolist()}) > 1:
         fault = "its class changes"
     if fault:

@@ -23,7 +23,7 @@ from socialiq.recordings.readers.commonroad_xml import State
 from socialiq.recordings.readers.commonroad_xml import read as read_xml
 from socialiq.recordings.readers.motion import differences, wrapped
 from socialiq.recordings.recording import Imported, Recording, Refused, order_fault
-from socialiq.recordings.tracks import Tracks
+from socialiq.recordings.tracks import FARTHEST, STEPS, Tracks
 
 MOST_STATES = 5_000_000
 """States of a file that are read by default: 1.5 GB of memory at the peak, 300 bytes for each
@@ -79,8 +79,11 @@ class _Draft:
                 f"{', '.join(words.VERSIONS)}: convert it with commonroad-io"
             )
         self._dt = _number(attributes.get("timeStepSize", ""))
-        if not 0 < self._dt < np.inf:
-            raise UserError(f"{self._path}: timeStepSize is not a number of seconds above 0")
+        if not STEPS[0] <= self._dt <= STEPS[1]:
+            raise UserError(
+                f"{self._path}: timeStepSize is not a number of seconds from {STEPS[0]:g} to "
+                f"{STEPS[1]:g}"
+            )
         self._attributes = attributes
         self._in_seconds = version in words.IN_SECONDS
 
@@ -151,8 +154,8 @@ class _Draft:
                 raise ValueError(fault or "no state: it has no initial state and no trajectory")
             if not -1 < frames[0] <= frames[-1] < 2**31:
                 raise ValueError(f"frame {frames[0]} is negative or out of range")
-            if not np.isfinite(self._complete_velocity(first)).all():
-                raise ValueError("a value is not finite")
+            if not (np.abs(self._complete_velocity(first)) <= FARTHEST).all():
+                raise ValueError("a value is not finite or too large")
         except ValueError as error:
             self._refused.append(Refused(str(identity), one_line(str(error))))
             return
@@ -178,7 +181,7 @@ class _Draft:
         """Return the pending track's rows; missing velocities are derived from its positions."""
         rows = np.array(self._values[5 * first :]).reshape(-1, 5)
         missing = np.isnan(rows[:, 3])
-        if missing.any() and np.isfinite(rows[:, :3]).all():
+        if missing.any() and (np.abs(rows[:, :3]) <= FARTHEST).all():
             vx, vy = differences(rows[:, 0], rows[:, 1], self._dt)
             along = vx * np.cos(rows[:, 2]) + vy * np.sin(rows[:, 2])
             rows[:, 3] = np.where(missing, along, rows[:, 3])

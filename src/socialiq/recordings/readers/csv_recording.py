@@ -18,7 +18,7 @@ from socialiq.recordings.readers.csv_table import Table, origin_of, rate_of, use
 from socialiq.recordings.readers.motion import heading_of_motion, smoothed, wrapped
 from socialiq.recordings.recording import Imported, Recording, Refused, order_fault
 from socialiq.recordings.road.network import RoadNetwork, lanelet_points
-from socialiq.recordings.tracks import RoadUser, Tracks
+from socialiq.recordings.tracks import FARTHEST, RoadUser, Tracks
 
 _TURN = 2 * np.pi
 _MOST_RECORDINGS = 1_000
@@ -372,7 +372,7 @@ class _Draft:
         return np.full(len(x), direction)
 
     def _check_finite(self, what: str, track: np.ndarray, values: np.ndarray) -> None:
-        bad = ~np.isfinite(values)
+        bad = ~(np.abs(values) <= 2 * FARTHEST)  # of a sum of two
         if bad.any():
             row = self._table.row_name(int(track[np.argmax(bad)]))
-            raise ValueError(f"{row}: {what} is missing or not finite")
+            raise ValueError(f"{row}: {what} is missing, not finite or too large")

@@ -16,6 +16,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.recordings.readers.column_map import ColumnMap
+from socialiq.recordings.tracks import STEPS
 from socialiq.storage import open_csv
 
 _ROWS = 4_000
@@ -203,7 +204,7 @@ def rate_of(path: Path, columns: ColumnMap) -> float:
     if columns.rate_file is None:
         return columns.rate
     rate = _number_beside(path, columns, columns.rate_file[2])
-    if not 0 < rate < np.inf:
+    if not 1 / STEPS[1] <= rate <= 1 / STEPS[0]:
         raise UserError(f"{path}: {columns.rate_file[2]} is not a number of frames a second")
     return rate
 

@@ -1,13 +1,19 @@
 """Road networks of Lanelet2 maps (OSM XML), as inD, rounD, exiD and INTERACTION bring them.
 
 The file is read, projected and routed by the library lanelet2 (FZI and KIT, BSD; extra `lanelet2`),
-which only this module imports: its rules of vehicles in Germany say which lanelet follows which.
+which only this module imports, in a process of its own; its rules of vehicles in Germany say which
+lanelet follows which.
 The format: Poggenhans et al., "Lanelet2: A high-definition map framework" (ITSC 2018).
 """
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +25,8 @@ from socialiq.reading import read_bytes
 from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign, equal_bounds
 
 _MOST_BYTES = 64 << 20
+_MOST_SECONDS = 300
+_ANSWER = "\x1elanelets "  # before the answer, after whatever the library prints
 _NODE = re.compile(rb"<node\b[^>]*>")
 _PLACE = (re.compile(rb"\blat=['\"]([^'\"]+)"), re.compile(rb"\blon=['\"]([^'\"]+)"))
 
@@ -36,38 +44,120 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
     Raises:
         UserError: If it can't be read, holds no such lanelet, or lanelet2 is not installed.
     """
+    optional("lanelet2", "lanelet2", "a Lanelet2 map")
+    _check_content(path)
+    found = _in_a_process(path, utm_origin)
+    try:
+        road = RoadNetwork({one["identity"]: _of_plain(one) for one in found})
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    if not road.lanelets:
+        raise UserError(f"{path} holds no lanelet for vehicles: name a map that does")
+    return road
+
+
+def _check_content(path: Path) -> None:
+    content = read_bytes(path, _MOST_BYTES)
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise UserError(f"{path} declares a document type: remove it; Lanelet2 maps have none")
+
+
+def _in_a_process(path: Path, utm_origin: tuple[float, float] | None) -> list[dict[str, Any]]:
+    """Return the lanelets as plain values, read by a process of its own.
+
+    The library dereferences what a damaged file lacks, which would end this process.
+    """
+    asked = json.dumps({"path": str(path.resolve()), "utm_origin": utm_origin})
+    code = f"from {__name__} import serve; serve()"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            input=asked,
+            capture_output=True,
+            text=True,
+            timeout=_MOST_SECONDS,
+            check=False,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(one for one in sys.path if one)},
+        )
+        told = json.loads(done.stdout.rpartition(_ANSWER)[2])
+    except subprocess.TimeoutExpired as error:
+        raise UserError(f"{path}: lanelet2 needs more than {_MOST_SECONDS} s") from error
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f"{path} is not a Lanelet2 map: lanelet2 ended without an answer; check its references "
+            "of nodes, ways and regulatory elements"
+        ) from error
+    if "error" in told:
+        raise UserError(f"{path} is not a Lanelet2 map: {one_line(told['error'])}")
+    return told["lanelets"]
+
+
+def serve() -> None:
+    """Read the map that standard input names, and write its lanelets as JSON."""
+    asked = json.load(sys.stdin)
+    try:
+        told: dict[str, Any] = {"lanelets": _read(Path(asked["path"]), asked["utm_origin"])}
+    except Exception as error:  # of the library's own kinds, and ours
+        told = {"error": str(error)}
+    sys.stdout.write(_ANSWER + json.dumps(told))
+
+
+def _read(path: Path, utm_origin: tuple[float, float] | None) -> list[dict[str, Any]]:
     library = optional("lanelet2", "lanelet2", "a Lanelet2 map")
     projector, origin = _projector(library, path, utm_origin)
-    try:
-        found, errors = library.io.loadRobust(str(path), projector)
-        rules = library.traffic_rules.create(
-            library.traffic_rules.Locations.Germany, library.traffic_rules.Participants.Vehicle
-        )
-        graph = library.routing.RoutingGraph(found, rules)
-        road = _Road(graph, rules, np.array(origin)).network(list(found.laneletLayer))
-    except (RuntimeError, ValueError, IndexError) as error:
-        raise UserError(f"{path} is not a Lanelet2 map: {one_line(str(error))}") from error
-    if not road.lanelets:
-        said = f": {one_line(str(errors[0]))}" if errors else ""
-        raise UserError(f"{path} holds no lanelet for vehicles: name a map that does{said}")
-    return road
+    found, _ = library.io.loadRobust(str(path), projector)
+    rules = library.traffic_rules.create(
+        library.traffic_rules.Locations.Germany, library.traffic_rules.Participants.Vehicle
+    )
+    graph = library.routing.RoutingGraph(found, rules)
+    return [_plain(one) for one in _Road(graph, rules, np.array(origin)).lanelets(found)]
+
+
+def _plain(one: Lanelet) -> dict[str, Any]:
+    return {
+        "identity": one.identity,
+        "left": one.left.tolist(),
+        "right": one.right.tolist(),
+        "successors": one.successors,
+        "predecessors": one.predecessors,
+        "adjacent_left": one.adjacent_left,
+        "adjacent_right": one.adjacent_right,
+        "speed_limit": one.speed_limit,
+        "sign": int(one.sign),
+        "stop_line": None if one.stop_line is None else one.stop_line.tolist(),
+    }
+
+
+def _of_plain(one: dict[str, Any]) -> Lanelet:
+    beside = {
+        side: None if one[side] is None else (int(one[side][0]), bool(one[side][1]))
+        for side in ("adjacent_left", "adjacent_right")
+    }
+    return Lanelet(
+        int(one["identity"]),
+        np.array(one["left"]),
+        np.array(one["right"]),
+        tuple(one["successors"]),
+        tuple(one["predecessors"]),
+        **beside,
+        speed_limit=float(one["speed_limit"]),
+        sign=Sign(one["sign"]),
+        stop_line=None if one["stop_line"] is None else np.array(one["stop_line"]),
+    )
 
 
 def _projector(
     library: Any, path: Path, utm_origin: tuple[float, float] | None
 ) -> tuple[Any, tuple[float, float]]:
     """Return a projector to UTM, and the coordinates to subtract."""
-    content = read_bytes(path, _MOST_BYTES)
-    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-        raise UserError(f"{path} declares a document type: remove it; Lanelet2 maps have none")
-    node = _NODE.search(content)
+    node = _NODE.search(read_bytes(path, _MOST_BYTES))
     texts = [place.search(node[0]) if node else None for place in _PLACE]
     try:
         latitude, longitude = (float(text[1]) for text in texts if text)
     except ValueError as error:
-        raise UserError(f"{path} is not a Lanelet2 map: no node has lat and lon") from error
+        raise UserError("no node has lat and lon") from error
     if not (-80 <= latitude <= 84 and -180 <= longitude <= 180):
-        raise UserError(f"{path}: no UTM zone holds its first node, {latitude:g} {longitude:g}")
+        raise UserError(f"no UTM zone holds its first node, {latitude:g} {longitude:g}")
     if utm_origin is None:
         # Relative to 0° N 0° E, the library subtracts by itself.
         zero = library.io.Origin(0.0, 0.0)
@@ -83,7 +173,8 @@ class _Road:
         self._graph, self._rules, self._origin = graph, rules, origin
         self._numbers: dict[_Key, int] = {}
 
-    def network(self, lanelets: list[Any]) -> RoadNetwork:
+    def lanelets(self, found: Any) -> Iterator[Lanelet]:
+        lanelets = list(found.laneletLayer)
         driven = [one for one in lanelets if self._rules.canPass(one)]
         for one in driven:
             self._numbers[_key(one)] = one.id
@@ -91,8 +182,7 @@ class _Road:
         both = [one.invert() for one in driven if not self._rules.isOneWay(one)]
         for number, one in enumerate(both, free):
             self._numbers[_key(one)] = number
-        made = (self._lanelet(one) for one in (*driven, *both))
-        return RoadNetwork({one.identity: one for one in made})
+        return (self._lanelet(one) for one in (*driven, *both))
 
     def _lanelet(self, one: Any) -> Lanelet:
         left, right = equal_bounds(self._points(one.leftBound), self._points(one.rightBound))

@@ -140,7 +140,10 @@ def test_repeated_ids_and_any_order_and_recordings(read):
         (rows_of(2, [0, 1], heading=""), None),
         (rows_of(2, [0, 1], heading="inf"), "more than a turn"),
         (rows_of(2, [0, 1], size=","), "it has no size, nor has car a default"),
-        (rows_of(2, [0, 1], speed=float("nan")), "row 6: x or y is missing or not finite"),
+        (
+            rows_of(2, [0, 1], speed=float("nan")),
+            "row 6: x or y is missing, not finite or too large",
+        ),
         ([*rows_of(2, [0]), *rows_of(2, [1], kind="Person")], "its class changes from 'Car'"),
     ],
 )
