@@ -23,7 +23,7 @@ EXACT = 2e-4
 of NGSIM the median is 0.0006 to 0.012."""
 
 STRAIGHT = 1e-3
-"""m; root mean square beside a straight line in 1.5 s. Nobody steers so, but a rule does."""
+"""m; root mean square beside a straight line in 1.5 s. No driver steers so, but a rule does."""
 
 REPEATED = 0.05
 """Share of changing seconds that another vehicle repeats; at most 0.009 among the twelve."""
