@@ -109,6 +109,22 @@ def test_a_road_and_errors_go_with_what_has_them(tmp_path, capsys):
     assert len(files.load(out / told["file"]).road.lanelets) == 9
 
 
+def test_inspect_counts_sites_chains_and_vehicles(tmp_path, capsys):
+    out = tmp_path / "out"
+    call = ["data", "import", "commonroad", *map(str, EXAMPLES), "--out", str(out), "--json"]
+    assert main(call) == 0
+    capsys.readouterr()
+    paths = sorted(map(str, out.glob("*.safetensors")))
+    assert main(["data", "inspect", *paths, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["counts"]["recordings"] == 2 and told["counts"]["sites"] == 1
+    assert "no noise" in told["recordings"][0]["simulated"]
+    assert main(["data", "inspect", *paths]) == 0
+    assert "number of" in capsys.readouterr().out
+    assert main(["data", "inspect", paths[0], paths[0]]) == 2
+    assert "two recordings are named" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a\x1b[2Jb"])
 def test_names_of_recordings_stay_inside_the_folder(tmp_path, capsys, name):
     escaped = name.replace("\x1b", "&#27;")

@@ -28,6 +28,7 @@ SAME_SIZE = 1e-3  # m
 CHANCE = 0.05
 """Largest probability that numbers and sizes agree by chance where they count as agreeing."""
 
+_MOST_SIZES = 1000  # vehicles of a recording whose sizes say how often two are alike
 _SMALL = 50_000  # states of two recordings whose moments are compared although their sites differ
 
 
@@ -201,7 +202,8 @@ def _persisting(one: Recording, other: Recording) -> tuple[tuple[int, int], ...]
         np.column_stack([t.length, t.width, t.road_user.astype(np.float64)]) for t in (mine, theirs)
     )
     same = (np.abs(users[a] - others[b]) <= SAME_SIZE).all(axis=1)
-    every = (np.abs(users[:, None] - others[None]) <= SAME_SIZE).all(axis=2)
+    some, others = (sizes[:: 1 + len(sizes) // _MOST_SIZES] for sizes in (users, others))
+    every = (np.abs(some[:, None] - others[None]) <= SAME_SIZE).all(axis=2)
     if not same.any() or binom.sf(same.sum() - 1, len(a), every.mean()) > CHANCE:
         return ()
     return tuple(zip(a[same].tolist(), b[same].tolist(), strict=True))
