@@ -7,7 +7,7 @@ the same drivers and the same later traffic.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.learners.collect import Act
@@ -18,7 +18,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
 
 
-def branched_returns(batch: Batch, copies: Batch, follow: Act) -> RewardPair:
+def branched_returns(batch: Batch, copies: Batch, follow: Act, clock: bool = False) -> RewardPair:
     """Return the sums of rewards of each action in the present states, each (batch, actions).
 
     Each action is taken in a copy, and the policy drives the copy to the end of its episode.
@@ -28,6 +28,7 @@ def branched_returns(batch: Batch, copies: Batch, follow: Act) -> RewardPair:
         batch: Episodes, on the core; they are not changed.
         copies: Batch of the same options, three times as large.
         follow: Policy after the first action.
+        clock: Whether it observes the time, as the last feature.
     """
     size, count = batch.size, len(ACTIONS)
     now = batch.save()
@@ -42,9 +43,15 @@ def branched_returns(batch: Batch, copies: Batch, follow: Act) -> RewardPair:
         running &= made.ending == int(Ending.NONE)
         rows = np.flatnonzero(running)
         if len(rows):
-            action[rows] = follow(made.observation[rows])
+            action[rows] = follow(observed(copies, clock)[rows])
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
     return RewardPair(shared[..., 0], shared[..., 1])
+
+
+def observed(batch: Batch, clock: bool) -> Float32[np.ndarray, "batch feature"]:
+    """Return the present observations, with a clock followed by the time."""
+    seen = batch.observation
+    return np.column_stack([seen, batch.time]) if clock else seen
 
 
 def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "batch action"]:
@@ -74,16 +81,19 @@ class Branching:
         options: Scenario.
         states: Number of states labelled in a call.
         episodes: Number of episodes side by side.
+        clock: Whether observations end with the time.
 
     Raises:
         UserError: If a number is not positive.
     """
 
-    def __init__(self, options: Options, states: int, episodes: int = 256) -> None:
+    def __init__(
+        self, options: Options, states: int, episodes: int = 256, clock: bool = False
+    ) -> None:
         for name, value in (("states", states), ("episodes", episodes)):
             if value < 1:
                 raise UserError(f"{name} must be at least 1, got {value}")
-        self._states = states
+        self._states, self._clock = states, clock
         self._batch = Batch(options, min(episodes, states))
         self._copies = Batch(options, len(ACTIONS) * self._batch.size)
 
@@ -92,10 +102,11 @@ class Branching:
         batch, found = self._batch, []
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
         for _ in range(-(-self._states // batch.size)):
-            observation = batch.observation
-            found.append((observation, *branched_returns(batch, self._copies, follow)))
-            batch.step(visit(observation))
-        seen, env, social = (
+            seen = observed(batch, self._clock)
+            returns = branched_returns(batch, self._copies, follow, self._clock)
+            found.append((seen, *returns))
+            batch.step(visit(seen))
+        states, env, social = (
             np.concatenate(column)[: self._states] for column in zip(*found, strict=True)
         )
-        return Labelled(seen, RewardPair(env, social))
+        return Labelled(states, RewardPair(env, social))

@@ -24,7 +24,8 @@ class OracleLookahead:
     """Policy with oracle lookahead in the batch that it drives.
 
     Args:
-        policy: Policy that drives the copies; one without a clock.
+        policy: Policy that drives the copies; one with `n_features` one more than the
+            observation's observes the time.
         batch: Batch that it drives, on the core.
         angle: At which totals are scored, in degrees.
     """
@@ -32,6 +33,7 @@ class OracleLookahead:
     def __init__(self, policy: Policy, batch: Batch, angle: float) -> None:
         self._policy, self._batch, self._weights = policy, batch, exact_weights(angle)
         self._copies = Batch(batch.options, len(ACTIONS) * batch.size)
+        self._clock = getattr(policy, "n_features", None) == batch.observation.shape[1] + 1
 
     def predict(
         self,
@@ -46,7 +48,10 @@ class OracleLookahead:
     def totals(self) -> Float[np.ndarray, "batch action"]:
         """Return the score that each action gives from now to the end of its episode."""
         returns = branched_returns(
-            self._batch, self._copies, lambda seen: np.asarray(self._policy.predict(seen)[0])
+            self._batch,
+            self._copies,
+            lambda seen: np.asarray(self._policy.predict(seen)[0]),
+            self._clock,
         )
         return score(self._weights, returns)
 

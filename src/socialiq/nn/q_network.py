@@ -74,13 +74,25 @@ class QNetwork(eqx.Module):
         view: str = "flat",
         one_hot: tuple[tuple[int, int], ...] = (),
         scale: float = 1.0,
+        times: int = 0,
     ) -> QNetwork:
         """Draw weights and biases uniformly within ±1/sqrt(fan-in).
+
+        Args:
+            key: Random key.
+            n_features: Length of an observation.
+            hidden: Widths of the hidden layers.
+            n_actions: Number of actions.
+            activation: Activation between layers.
+            view: A name of `nn.view.CHOICES`.
+            one_hot: Smallest value and number of values of each feature; none for the view.
+            scale: Common factor of the features; only without a view.
+            times: Number of values of the time, the last feature of what a view reads.
 
         Raises:
             UserError: If the view is unknown or doesn't fit the observation.
         """
-        seen = encoding(key, n_features, view, one_hot)
+        seen = encoding(key, n_features, view, one_hot, times)
         inputs = seen.width if seen else n_features
         layers = affine_layers(key, (inputs, *hidden, n_actions))
         return QNetwork(layers, activation, seen, scale)

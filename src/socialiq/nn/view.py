@@ -226,8 +226,10 @@ class PresentRows:
     def __call__(
         self, observation: Float32[np.ndarray, "batch feature"]
     ) -> Float32[np.ndarray, "batch width"]:
-        """Encode observations."""
-        rows = observation.reshape(len(observation), -1, ROW)
+        """Encode observations; the time comes first."""
+        times = self.view.times
+        vehicles = observation[:, :-1] if times else observation
+        rows = vehicles.reshape(len(observation), -1, ROW)
         ego, others = rows[:, 0], rows[:, 1:]
         present = others[..., 0] > 0
         counts = present.sum(axis=1)
@@ -240,7 +242,9 @@ class PresentRows:
             first = np.append(0, counts[some].cumsum()[:-1])
             pooled[0, some] = np.add.reduceat(seen, first, axis=0)
             pooled[1, some] = np.maximum.reduceat(seen, first, axis=0)
-        return np.concatenate([self.view.absolute(ego), *pooled], axis=-1)
+        time = observation[:, -1:] == np.arange(times, dtype=np.float32)
+        known = [time.astype(np.float32)] if times else []
+        return np.concatenate([*known, self.view.absolute(ego), *pooled], axis=-1)
 
 
 def _turned(vector: Any, along: Any) -> list[Any]:

@@ -71,6 +71,20 @@ def test_labeller_leaves_no_trace_between_calls():
     np.testing.assert_array_equal(one.returns.social, again.returns.social)
 
 
+def test_with_a_clock_observations_end_with_the_time():
+    label = Branching(Options(), states=60, episodes=20, clock=True)
+    times = []
+
+    def late(seen):
+        times.append(seen[:, -1])
+        return np.where(seen[:, -1] >= 2, FASTER, SLOWER)
+
+    found = label(late, late, np.random.default_rng(3))
+    assert found.observation.shape == (60, 71)
+    assert found.observation[:, -1].reshape(3, 20).T.tolist() == [[0, 1, 2]] * 20
+    assert max(one.max() for one in times) > 2  # rollouts go on from the time of the state
+
+
 def test_no_states_are_refused():
     with pytest.raises(UserError, match="states must be at least 1"):
         Branching(Options(), states=0)

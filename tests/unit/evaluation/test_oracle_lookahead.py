@@ -8,7 +8,7 @@ from socialiq.evaluation.play import episodes_of
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.state import FASTER
+from socialiq.worlds.intersection.state import FASTER, SLOWER
 
 SEEDS = np.arange(600, 640)
 
@@ -34,6 +34,21 @@ def test_looking_leaves_the_episode_as_it_is():
         np.testing.assert_array_equal(column, kept)
     alone = episodes_of(Batch(Options(), 3), policy("go"), [1, 2, 3])
     np.testing.assert_allclose(totals[:, FASTER], alone.totals.env)
+
+
+def test_a_policy_with_a_clock_is_told_the_time():
+    class Late:
+        """Goes from the fifth second on."""
+
+        n_features = 71
+
+        def predict(self, seen, **_):
+            return np.where(seen[:, -1] >= 5, FASTER, SLOWER), None
+
+    plain = episodes_of(Batch(Options(), 8), Late(), SEEDS)
+    seeing = with_oracle_lookahead(Options(), Late(), SEEDS, 0.0, size=8)
+    assert (seeing.totals.env >= plain.totals.env - 1e-9).all()
+    assert plain.totals.env.mean() < seeing.totals.env.mean()
 
 
 def test_episodes_that_have_ended_are_not_looked_at():

@@ -238,8 +238,9 @@ def test_a_policy_keeps_its_places_in_its_file(tmp_path) -> None:
     np.testing.assert_array_equal(again.q_values(rows), policy.q_values(rows))
 
 
-def test_only_vehicles_that_are_there_need_to_be_encoded() -> None:
-    view = View.initialise(jax.random.key(2), "set", 35)
+@pytest.mark.parametrize("times", [0, 4])
+def test_only_vehicles_that_are_there_need_to_be_encoded(times: int) -> None:
+    view = View.initialise(jax.random.key(2), "set", 35 + bool(times), times)
     assert view is not None
     random = np.random.default_rng(0)
     rows = random.normal(size=(60, 5, 7)).astype(np.float32)
@@ -247,6 +248,8 @@ def test_only_vehicles_that_are_there_need_to_be_encoded() -> None:
     rows[:5, 1:] = 0.0  # alone on the road
     rows[..., 1:] *= rows[..., :1] > 0
     seen = rows.reshape(60, 35)
+    if times:
+        seen = np.column_stack([seen, np.arange(60, dtype=np.float32) % (times + 1)])
     found = PresentRows(view.in_numpy())(seen)
     np.testing.assert_allclose(found, view.in_numpy()(seen), atol=1e-5)
     np.testing.assert_allclose(PresentRows(view.in_numpy())(seen[:5]), found[:5], atol=1e-6)

@@ -98,6 +98,10 @@ class IterationRun:
     """Network of the atlas that it begins with; none draws one from the seed."""
     environments: int = 256
     options: Options = field(default_factory=Options)
+    """Scenario of the checks."""
+    labels: Options = field(default_factory=Options)
+    """Scenario and rewards of the rollouts. A larger loss of a collision makes a policy that
+    accepts more delay for the same risk."""
     checks: Checks = field(default_factory=lambda: Checks(times=10))
 
 
@@ -112,11 +116,12 @@ def train_by_iteration(
         return measured(config, QPolicy.of(network, numbers.temperature, {}))
 
     states = CHUNK * structure.states_per_update
-    labeller = Branching(config.options, states, config.environments)
+    clock = structure.times > 0
+    labeller = Branching(config.labels, states, config.environments, clock)
     start = atlas.load(config.start) if config.start else None
     if isinstance(start, EnsemblePolicy):
         raise UserError(f"{config.start} is an ensemble: begin with one network")
-    sizes = sizes_of(config.options)
+    sizes = sizes_of(config.options, clock)
     train = partial(iteration_training.train, structure, [numbers], [labeller], sizes, start=start)
     monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
     fit(train, folder, on_progress, [LAST], monitor)

@@ -24,6 +24,9 @@ class StaticConfig:
 
     view: str = "flat"
     """Network's view of the vehicles; a name of `nn.view.CHOICES`."""
+    times: int = 0
+    """Number of values of the time, the last feature of an observation that ends with a clock;
+    0: it doesn't."""
     hidden: tuple[int, ...] = (256, 256)
     """Widths of the hidden layers."""
     activation: str = "relu"

@@ -20,7 +20,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.errors import UserError
 from socialiq.learners import replay
@@ -118,6 +118,12 @@ class PolicyIteration(Learner):
         """Return the record of one run, with the policy that it began with."""
         begun = {"start": {"sha256": self.start_sha256}} if self.start is not None else {}
         return super().record(hyperparameters) | begun
+
+    def network(self, key: PRNGKeyArray) -> QNetwork:
+        """Draw a network, with an input for each value of the time if there is a clock."""
+        one, (n_features, n_actions) = self.static, self.sizes
+        shape = (n_features, one.hidden, n_actions, one.activation, one.view)
+        return QNetwork.initialise(key, *shape, times=one.times)
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed or take the first one, beside an empty ring."""

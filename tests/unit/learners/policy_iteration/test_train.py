@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from socialiq.errors import UserError
 from socialiq.learners.policy_iteration.config import Hyperparameters, StaticConfig
 from socialiq.learners.policy_iteration.train import (
     Labelled,
+    PolicyIteration,
     expected_return,
     regression_error,
     train,
@@ -97,6 +99,14 @@ def test_what_is_not_observed_is_averaged(regression):
     assert policy.predict(np.ones(1))[0] == 0
     if regression == 1.0:
         np.testing.assert_allclose(policy.q_values(np.ones((1, 1))), [[1.0, 0.0]], atol=0.4)
+
+
+def test_a_network_with_a_clock_has_an_input_for_each_time():
+    static = dataclasses.replace(SMALL, view="set", times=3)
+    network = PolicyIteration(static, (15, 2)).network(jax.random.key(0))
+    seen = np.zeros(15, np.float32)
+    values = [network(jnp.asarray(seen).at[-1].set(time)) for time in (0, 1, 2, 3)]
+    assert len({tuple(one.tolist()) for one in values}) == 4
 
 
 def test_expected_return_of_a_known_state():
