@@ -23,6 +23,7 @@ from socialiq.experiments.intersection.driving import BATCH, Evaluation
 from socialiq.experiments.intersection.episodes import LAST
 from socialiq.experiments.study import run
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.ensemble import members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 from socialiq.studies import intersection_ahead as ahead
@@ -33,6 +34,7 @@ from socialiq.studies import (
     poc,
     worlds,
 )
+from socialiq.studies import intersection_policy_iteration as iteration
 from socialiq.studies.audits import policies as audited
 from socialiq.studies.audits import study as audits
 from socialiq.studies.classic_control import runs as control_runs
@@ -69,6 +71,7 @@ def committed():
         "off-policy",
         "intersection-dial",
         "intersection-offline",
+        "intersection-policy-iteration",
         "compare-priors-intersection",
     )
     return {name: store.load(folder / name) for name in names}
@@ -280,6 +283,20 @@ def test_the_network_alone_drives_as_before_in_other_traffic(committed, traffic)
     for name in ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck"):
         # As above, a few episodes.
         assert found[name] == pytest.approx(theirs[name], abs=5 / theirs["episodes"]), name
+
+
+@pytest.mark.parametrize("mode", iteration.TRAINED)
+def test_the_improved_network_drives_as_before(committed, batch, mode):
+    """The network of the first seed, a member of the atlas' ensemble."""
+    results = committed["intersection-policy-iteration"]
+    name = iteration.network_name(mode, results.config["seeds"][0])
+    (theirs,) = [row for row in results.tables["policies"] if row["policy"] == name]
+    driver = members_of(atlas.load(f"iterated_{mode}"))[0]
+    seeds = np.arange(20_000_000, 20_000_000 + theirs["episodes"])
+    again = intersection_world.outcome_row(episodes_of(batch, driver, seeds))
+    for column in ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck"):
+        # As above, a few episodes.
+        assert again[column] == pytest.approx(theirs[column], abs=5 / theirs["episodes"]), column
 
 
 @pytest.mark.parametrize("angle", [0.0, 60.0])

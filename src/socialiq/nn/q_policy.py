@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -94,6 +95,24 @@ class QPolicy(ValuePolicy):
         ]
         view = jax.tree.map(jnp.asarray, self.view)
         return QNetwork(tuple(layers), self.activation, view)
+
+    def with_clock(self, times: int) -> QPolicy:
+        """Return the same policy for observations that end with the time, which it ignores.
+
+        A run that begins with it can learn to use the time.
+
+        Args:
+            times: Number of values of the time, 0, 1, ..., times - 1.
+
+        Raises:
+            UserError: If its view isn't of vehicles, or has a clock.
+        """
+        if not isinstance(self.view, View) or self.view.times:
+            raise UserError("a clock can be added to a network with a view of vehicles, once")
+        seen = dataclasses.replace(self.view, n_features=self.view.n_features + 1, times=times)
+        first, *others = self.weights
+        ignored = np.zeros((len(first), times), first.dtype)  # a view puts the time first
+        return dataclasses.replace(self, weights=(np.hstack([ignored, first]), *others), view=seen)
 
     @property
     def n_features(self) -> int:

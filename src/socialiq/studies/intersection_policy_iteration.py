@@ -46,6 +46,7 @@ from socialiq.plotting.style import head
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
 
 TRAINED = {mode: MODES[mode] for mode in ("egoistic", "prosocial")}
 TARGETS = {
@@ -72,6 +73,11 @@ class Config:
     """Gradient steps of a run."""
     episodes: int = 4000
     """Evaluation episodes of each policy, the same for all."""
+    clock: bool = False
+    """Whether the networks observe the time."""
+    collision_weight: float = -2.0
+    """Of the rollouts' r_env; evaluation has the scenario's, -2. A larger loss of a collision makes
+    a policy that accepts more delay for the same risk."""
 
     def __post_init__(self) -> None:
         """Refuse empty sizes and unknown modes."""
@@ -80,19 +86,21 @@ class Config:
             raise UserError(f"name at least one seed, and modes of {', '.join(TRAINED)}")
 
 
-def run_of(mode: str, seed: int, updates: int) -> IterationRun:
+def run_of(config: Config, mode: str, seed: int) -> IterationRun:
     """Return the training of one network."""
+    labels = Options(collision_weight=config.collision_weight)
     structure = StaticConfig(
         view="set",
+        times=labels.decisions if config.clock else 0,
         hidden=(128, 128),
         batch_size=512,
-        updates=updates,
+        updates=config.updates,
         states_per_update=40,
         first_rounds=10,
         replay_capacity=400_000,
     )
     numbers = dataclasses.replace(NUMBERS, angle=TRAINED[mode], seed=seed)
-    return IterationRun(structure, numbers, f"set_{mode}")
+    return IterationRun(structure, numbers, f"set_{mode}", labels=labels)
 
 
 def network_name(mode: str, seed: int) -> str:
@@ -139,7 +147,7 @@ def plan(config: Config) -> list[Job]:
 def _of_mode(config: Config, mode: str) -> Iterator[Job]:
     networks = [network_name(mode, seed) for seed in config.seeds]
     for name, seed in zip(networks, config.seeds, strict=True):
-        yield Job(name, train_by_iteration, run_of(mode, seed, config.updates), cost=150.0)
+        yield Job(name, train_by_iteration, run_of(config, mode, seed), cost=150.0)
     yield Job(f"ensembles/{mode}", join, Mean(), tuple(networks), cost=1.0)
     plain = Evaluation(LAST, ("greedy",), episodes=config.episodes)
     for name in (*networks, f"ensembles/{mode}"):
@@ -180,7 +188,7 @@ def _summary(config: Config, rows: Mapping[str, Row]) -> dict[str, Any]:
             "target": TARGETS[mode],
             "seeds_that_reach_it": sum(reaches(mode, rows[name]) for name in names),
         }
-    return found | {"settings": dataclasses.asdict(run_of(config.modes[0], 0, config.updates))}
+    return found | {"settings": dataclasses.asdict(run_of(config, config.modes[0], 0))}
 
 
 def reaches(mode: str, row: Row) -> bool:

@@ -57,6 +57,13 @@ def test_results_are_saved_and_drawn_from_the_files(results, tmp_path):
     assert list(drawn) == ["egoistic"]
 
 
+def test_a_careful_network_with_a_clock_begins_with_the_same_expert():
+    config = iteration.Config(seeds=(0,), clock=True, collision_weight=-8.0)
+    made = iteration.run_of(config, "prosocial", 0)
+    assert (made.structure.times, made.labels.collision_weight) == (20, -8.0)
+    assert (made.options.collision_weight, made.start) == (-2.0, "set_prosocial")
+
+
 def test_an_aim_holds_for_each_of_its_columns():
     row = {"arrival": 0.96, "collision": 0.009, "ego_struck": 0.002}
     assert iteration.reaches("prosocial", row)

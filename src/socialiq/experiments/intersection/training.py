@@ -121,6 +121,8 @@ def train_by_iteration(
     start = atlas.load(config.start) if config.start else None
     if isinstance(start, EnsemblePolicy):
         raise UserError(f"{config.start} is an ensemble: begin with one network")
+    if start is not None and clock:
+        start = start.with_clock(structure.times)
     sizes = sizes_of(config.options, clock)
     train = partial(iteration_training.train, structure, [numbers], [labeller], sizes, start=start)
     monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
