@@ -27,6 +27,7 @@ from socialiq.nn.ensemble import members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 from socialiq.studies import intersection_ahead as ahead
+from socialiq.studies import intersection_policy_iteration as iteration
 from socialiq.studies import (
     intersection_world,
     lambda_sweep,
@@ -34,7 +35,6 @@ from socialiq.studies import (
     poc,
     worlds,
 )
-from socialiq.studies import intersection_policy_iteration as iteration
 from socialiq.studies.audits import policies as audited
 from socialiq.studies.audits import study as audits
 from socialiq.studies.classic_control import runs as control_runs
