@@ -20,9 +20,9 @@ from socialiq.experiments.gridworld_runs import seen
 from socialiq.experiments.results import as_csv, versions
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained
-from socialiq.learners.offline.config import Preset
+from socialiq.learners.offline.config import Hyperparameters, Preset, StaticConfig
 from socialiq.learners.offline.train import train
-from socialiq.outputs import new_folder
+from socialiq.outputs import new_folder, whole_folder
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
@@ -56,23 +56,40 @@ class OfflineCommand:
 
     def run(self) -> int:
         """Train a dial for each seed, write the folder, print what came out."""
-        name, preset = self.preset
+        _, preset = self.preset
         data = files.load(self.data)
         structure = dataclasses.replace(preset.structure, **encoding_of(self.world, data))
         static = overridden(structure, self.static)
         chosen = overridden(preset.numbers, self.numbers)
         numbers = [dataclasses.replace(chosen, seed=seed) for seed in self.seeds]
-        new_folder(self.out)
+        new_folder(self.out).rmdir()  # refused now if it has content or can't be made
+        with whole_folder(self.out) as folder:
+            dials = self.write(folder, static, numbers, data)
+        if self.as_json:
+            print_json({"out": str(self.out), "dials": dials})
+        else:
+            print_table(dials)
+        return 0
+
+    def write(
+        self,
+        folder: Path,
+        static: StaticConfig,
+        numbers: Sequence[Hyperparameters],
+        data: Demonstrations,
+    ) -> list[Row]:
+        """Train, fill the folder with dials and their record; return the dials' entries."""
+        name, _ = self.preset
         dials: list[Row] = []
         metrics: list[Row] = []
         for number, one in enumerate(numbers):
             with Display() as display:
                 stages = train(static, one, data, _progress(display), CHUNK)
             file = f"dial_{number}.safetensors"
-            sha256 = stages["dial"].policy(0).save(self.out / file)
+            sha256 = stages["dial"].policy(0).save(folder / file)
             dials.append({"file": file, "seed": one.seed, "sha256": sha256})
             metrics += _losses(stages, one.seed)
-        write_atomically(self.out / "metrics.csv", as_csv(metrics))
+        write_atomically(folder / "metrics.csv", as_csv(metrics))
         record = {
             "structure": dataclasses.asdict(static),
             "numbers": [dataclasses.asdict(one) for one in numbers],
@@ -82,12 +99,8 @@ class OfflineCommand:
             "versions": versions(),
             "dials": dials,
         }
-        write_json(self.out / "run.json", rounded(record))
-        if self.as_json:
-            print_json({"out": str(self.out), "dials": dials})
-        else:
-            print_table(dials)
-        return 0
+        write_json(folder / "run.json", rounded(record))
+        return dials
 
 
 def encoding_of(world: str, data: Demonstrations) -> dict[str, Any]:

@@ -5,9 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from socialiq.cli import offline_dial
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.learners.callbacks import Stopped
 from socialiq.learners.offline.config import PRESETS
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.types import RewardPair
@@ -58,6 +60,20 @@ def test_a_dial_of_the_intersection(tmp_path) -> None:
     assert dial.turned.view is not None
     policy = dial.at(30.0)
     assert policy.predict(np.zeros(70))[0] in (0, 1, 2)
+
+
+@pytest.mark.parametrize("made_before", [False, True])
+def test_a_training_that_is_stopped_leaves_nothing(crossing, tmp_path, monkeypatch, made_before):
+    def interrupted(*_given):
+        raise Stopped("stopped after 10 of 20 updates; nothing was saved")
+
+    monkeypatch.setattr(offline_dial, "train", interrupted)
+    out = tmp_path / "run"
+    if made_before:
+        out.mkdir()
+    arguments = ["train-dial", "crossing5", *OFFLINE, *SMALL, "--data", str(crossing)]
+    assert main([*arguments, "--out", str(out)]) == 130
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
