@@ -5,7 +5,10 @@ A learner has two pure functions, `initialise(hyperparameters) -> (state, carry)
 them of a loss. `terms` are named scalars. Arrays that all runs share, such as demonstrations, are
 leaves of the learner, so that they are the program's input: a constant of that size would be
 compiled into it, for each set. A run whose terms or parameters are no longer finite keeps its
-last finite state and records which term broke; the other runs go on.
+last finite state and records which term broke; the other runs go on. Whether all is finite is
+looked at once a chunk, since a look at each update costs a tenth of a small network's time and a
+fifth of the compilation; a run that broke is trained again over that chunk, with a look at each
+update.
 """
 
 from __future__ import annotations
@@ -85,7 +88,6 @@ def fit(
     runs, history = begin(learner, hyperparameters), History()
     if callbacks.resume:
         runs, history = _resume(callbacks.checkpoint, fingerprint, runs)
-    advance = jax.jit(_advance_all, static_argnums=3, donate_argnums=2)
     names = term_names(learner, hyperparameters, runs)
     done = history.updates[-1] if history.updates else 0
     clock = Clock(done, total, len(jax.tree.leaves(hyperparameters)[0]))
@@ -94,13 +96,13 @@ def fit(
             if before_chunk is not None:
                 runs = before_chunk(runs, done)
             steps = min(chunk, total - done)
-            runs, terms = advance(learner, hyperparameters, runs, steps)
+            runs, terms = _advance(learner, hyperparameters, runs, steps)
             done += steps
             record = dict(zip(names, np.asarray(terms).T, strict=True))
             monitored = callbacks.monitor(runs.state) if callbacks.monitor else {}
             history.add(done, record | monitored)
             if callbacks.on_report:
-                failures = failure_lines(runs, names, callbacks.run_names)
+                failures = failure_lines(runs, names, callbacks.run_names, hyperparameters)
                 callbacks.on_report(clock.report(done, record, monitored, failures))
             if callbacks.checkpoint and (stop.is_set() or clock.minute_passed()):
                 checkpoint.save(callbacks.checkpoint, fingerprint, runs, history)
@@ -117,10 +119,13 @@ def term_names(learner: Trainable, hyperparameters: Any, runs: Runs) -> tuple[st
 
 
 def failure_lines(
-    runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...]
+    runs: Runs, names: tuple[str, ...], run_names: tuple[str, ...], hyperparameters: Any
 ) -> tuple[str, ...]:
-    """One line for each run that stopped: which, when, which term."""
-    causes = (*names, "parameters")
+    """One line for each run that stopped: which, when, which term, and what to lower."""
+    causes, lower = (*names, "parameters"), "learning_rate"
+    others = [name for name in ("strength", "prior_weight") if hasattr(hyperparameters, name)]
+    if others:
+        lower = f"{', '.join([lower, *others[:-1]])} or {others[-1]}"
     lines = []
     for run, (step, term) in enumerate(
         zip(np.asarray(runs.failed_at), np.asarray(runs.failed_term), strict=True)
@@ -128,8 +133,7 @@ def failure_lines(
         if step >= 0:
             name = run_names[run] if run_names else f"run {run}"
             lines.append(
-                f"{name} stopped at update {step}: {causes[term]} not finite; "
-                "lower learning_rate, strength or prior_weight"
+                f"{name} stopped at update {step}: {causes[term]} not finite; lower {lower}"
             )
     return tuple(lines)
 
@@ -157,12 +161,34 @@ def _start_all(learner: Trainable, hyperparameters: Any) -> Runs:
     return jax.vmap(partial(_start, learner))(hyperparameters)
 
 
-def _advance_all(
+def _advance(
     learner: Trainable, hyperparameters: Any, runs: Runs, steps: int
 ) -> tuple[Runs, Array]:
-    """Train all runs for one chunk."""
-    one = partial(_advance, learner, steps=steps)
-    return jax.vmap(one)(hyperparameters, runs)
+    """Train all runs for one chunk; return them and the means of their terms, NaN for broken runs.
+
+    The second program is compiled when a run breaks. Until then the runs as they were before the
+    chunk stay in memory beside those after it.
+    """
+    given = (learner, hyperparameters, runs, steps)
+    after, terms, finite = _all_blind(*given)
+    stopped = np.asarray(runs.failed_at) >= 0
+    breaks = ~stopped & ~np.asarray(finite)
+    if breaks.any():
+        after, terms = _choose_runs(breaks, _all_looking(*given), (after, terms))
+    if stopped.any():
+        kept = runs._replace(updates=after.updates), jnp.full_like(terms, jnp.nan)
+        after, terms = _choose_runs(stopped, kept, (after, terms))
+    return after, terms
+
+
+@partial(jax.jit, static_argnums=3)
+def _all_blind(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
+    return jax.vmap(partial(_blind, learner, steps=steps))(hyperparameters, runs)
+
+
+@partial(jax.jit, static_argnums=3)
+def _all_looking(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
+    return jax.vmap(partial(_looking, learner, steps=steps))(hyperparameters, runs)
 
 
 def _start(learner: Trainable, hyperparameters: Any) -> Runs:
@@ -171,14 +197,29 @@ def _start(learner: Trainable, hyperparameters: Any) -> Runs:
     return Runs(state, carry, zero, zero - 1, zero - 1)
 
 
-def _advance(
+def _blind(
     learner: Trainable, hyperparameters: Any, run: Runs, *, steps: int
-) -> tuple[Runs, Array]:
-    """Train one run for one chunk; return the mean of each term, NaN once the run has broken."""
+) -> tuple[Runs, Array, Array]:
+    """Train one run for one chunk; return the mean of each term, and whether all is finite."""
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
-        values = jnp.stack([terms[name] for name in _in_order(terms)])
+        after = run._replace(state=state, carry=carry, updates=run.updates + 1)
+        return after, _values(terms)
+
+    run, values = jax.lax.scan(body, run, None, length=steps)
+    means = values.mean(axis=0)
+    return run, means, jnp.isfinite(means).all() & _all_finite(run.state)
+
+
+def _looking(
+    learner: Trainable, hyperparameters: Any, run: Runs, *, steps: int
+) -> tuple[Runs, Array]:
+    """As `_blind`, but keep the last finite state; the means are NaN once the run has broken."""
+
+    def body(run: Runs, _: None) -> tuple[Runs, Array]:
+        state, carry, terms = learner.update(hyperparameters, run.state, run.carry)
+        values = _values(terms)
         finite = jnp.append(jnp.isfinite(values), _all_finite(state))
         sound = run.failed_at < 0
         breaks = sound & ~finite.all()
@@ -195,6 +236,10 @@ def _advance(
     return run, values.mean(axis=0)
 
 
+def _values(terms: dict[str, Array]) -> Array:
+    return jnp.stack([terms[name] for name in _in_order(terms)])
+
+
 def _all_finite(tree: Any) -> Array:
     leaves = [leaf for leaf in jax.tree.leaves(tree) if jnp.issubdtype(leaf.dtype, jnp.floating)]
     return jnp.stack([(jnp.abs(leaf) < _OVERFLOWS).all() for leaf in leaves]).all()
@@ -202,6 +247,10 @@ def _all_finite(tree: Any) -> Array:
 
 def _choose(condition: Array, yes: Any, no: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def _choose_runs(condition: np.ndarray, yes: Any, no: Any) -> Any:
+    return jax.vmap(_choose)(condition, yes, no)
 
 
 def _resume(path: Path | None, fingerprint: str, like: Runs) -> tuple[Runs, History]:

@@ -255,7 +255,8 @@ class Learner(eqx.Module):
             dataclasses.replace(callbacks, run_names=names),
             before_chunk,
         )
-        failures = fit.failure_lines(runs, fit.term_names(self, arrays, runs), names)
+        terms = fit.term_names(self, arrays, runs)
+        failures = fit.failure_lines(runs, terms, names, arrays)
         kept = self.kept(runs.carry)
         return Trained(self, tuple(hyperparameters), runs.state, kept, history, failures)
 

@@ -17,7 +17,7 @@ from socialiq.errors import UserError
 from socialiq.learners import callbacks as callbacks_module
 from socialiq.learners import fit
 from socialiq.learners.callbacks import Callbacks, Report, Stopped
-from socialiq.learners.state import History, Runs
+from socialiq.learners.state import History, HyperparameterArrays, Runs
 
 TOTAL, NEVER = 40, 10_000
 
@@ -156,6 +156,34 @@ def test_a_run_without_a_name_is_called_by_its_number() -> None:
     reports: list[Report] = []
     train(toys(1.0, 5.0, breaks_at=(0, 0)), on_report=reports.append)
     assert [line[:13] for line in reports[-1].failures] == ["run 0 stopped", "run 1 stopped"]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "lower"),
+    [
+        ((), "learning_rate"),
+        (("strength",), "learning_rate or strength"),
+        (("strength", "prior_weight"), "learning_rate, strength or prior_weight"),
+    ],
+)
+def test_what_to_lower_is_what_the_learner_has(numbers: tuple[str, ...], lower: str) -> None:
+    one = np.zeros(1, np.int32)
+    stopped = Runs(state=None, carry=None, updates=one, failed_at=one + 3, failed_term=one)
+    arrays = HyperparameterArrays(dict.fromkeys(numbers, jnp.ones(1)))
+    lines = fit.failure_lines(stopped, ("loss",), ("mine",), arrays)
+    assert lines == (f"mine stopped at update 3: loss not finite; lower {lower}",)
+
+
+@pytest.mark.parametrize("breaks", [0, 1, 2])
+def test_a_run_that_breaks_amid_a_chunk_keeps_its_last_sound_state(
+    assert_same, breaks: int
+) -> None:
+    runs, history = train(toys(1.0, 5.0, breaks_at=(13,), breaks=breaks), chunk=10)
+    before, _ = train(toys(1.0, 5.0), chunk=13, total=13)
+    assert runs.failed_at.tolist() == [13, -1]
+    assert runs.updates.tolist() == [TOTAL, TOTAL]
+    assert_same(runs.state["x"][0], before.state["x"][0])
+    assert np.isnan(history.array("square")[:, 0]).tolist() == [False, True, True, True]
 
 
 def test_only_the_first_failure_is_told() -> None:

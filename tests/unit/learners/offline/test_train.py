@@ -142,7 +142,8 @@ def test_episodes_with_missing_steps_are_refused() -> None:
 
 def test_a_stage_that_blows_up_is_told() -> None:
     short = StaticConfig(view="flat", hidden=(8,), updates=20, batch_size=8)
-    with pytest.raises(UserError, match="stage behaviour, seed 0 stopped"):
+    told = r"stage behaviour, seed 0 stopped at update \d+: .* not finite; lower learning_rate$"
+    with pytest.raises(UserError, match=told):
         train(short, Hyperparameters(learning_rate=1e30), two_steps(20))
 
 
