@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int64
 
 _BLOCK = 1_000_000  # rows drawn at once: 8 MB, and 16 MB of the totals that they pick
+
+_KEPT = 4_000_000  # counts kept for the next call, 32 MB: an audit draws the same for each driver
 
 
 def resample_rows(
@@ -83,10 +86,7 @@ class Moments(NamedTuple):
         env, social = np.moveaxis(gains - mean[:, None], 2, 0)
         columns = np.stack([env, social, env**2, env * social, social**2], axis=1)
         flat = columns.reshape(-1, episodes).T
-        found = [
-            _counts(rows, episodes) @ flat / episodes
-            for rows in resample_rows(episodes, resamples, seed)
-        ]
+        found = [one @ flat / episodes for one in _drawn(episodes, resamples, seed)]
         drawn = np.concatenate(found).reshape(resamples, references, 5)
         return Moments(episodes, mean, columns[:, 2:].mean(axis=2), drawn[..., :2], drawn[..., 2:])
 
@@ -121,9 +121,22 @@ def resampled_means(
     """
     drivers, episodes, _ = totals.shape
     flat = np.moveaxis(totals, 1, 0).reshape(episodes, -1)
-    drawn = resample_rows(episodes, resamples, seed)
-    found = np.concatenate([_counts(rows, episodes) @ flat / episodes for rows in drawn])
+    drawn = _drawn(episodes, resamples, seed)
+    found = np.concatenate([one @ flat / episodes for one in drawn])
     return found.reshape(resamples, drivers, 2)
+
+
+def _drawn(episodes: int, resamples: int, seed: int) -> Iterable[np.ndarray]:
+    """Return in blocks how often each resample drew each episode."""
+    if episodes * resamples <= _KEPT:
+        return _kept(episodes, resamples, seed)
+    return (_counts(rows, episodes) for rows in resample_rows(episodes, resamples, seed))
+
+
+@lru_cache(maxsize=1)
+def _kept(episodes: int, resamples: int, seed: int) -> tuple[np.ndarray, ...]:
+    rows = resample_rows(episodes, resamples, seed)
+    return tuple(_counts(one, episodes) for one in rows)
 
 
 def _counts(rows: np.ndarray, episodes: int) -> Float[np.ndarray, "block episodes"]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -70,6 +73,7 @@ def tabulate(world: GridWorld) -> Table:
     return Table(world, mdp, states, np.asarray(outcome.speed, np.float64) @ chance, signals)
 
 
+@lru_cache(maxsize=64)
 def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float, float]:
     """Return the smallest and the largest weighted sum of an episode's rewards, exactly.
 
@@ -98,7 +102,12 @@ def episode_range(world: GridWorld, weights: tuple[float, float]) -> tuple[float
 
 def _outcomes(world: GridWorld) -> Outcome:
     """Return the outcome of every state, action and chance outcome."""
-    each_chance = jax.vmap(world.rules, in_axes=(None, None, 0))
+    actions, chances = jnp.arange(world.n_actions), jnp.arange(len(world.chance))
+    return _all_outcomes(world.rules, world.states(), actions, chances)
+
+
+@partial(jax.jit, static_argnums=0)  # compiled once for the same rules
+def _all_outcomes(rules: Callable[..., Outcome], states: Any, actions: Any, chances: Any) -> Any:
+    each_chance = jax.vmap(rules, in_axes=(None, None, 0))
     each_action = jax.vmap(each_chance, in_axes=(None, 0, None))
-    each_state = jax.jit(jax.vmap(each_action, in_axes=(0, None, None)))
-    return each_state(world.states(), jnp.arange(world.n_actions), jnp.arange(len(world.chance)))
+    return jax.vmap(each_action, in_axes=(0, None, None))(states, actions, chances)

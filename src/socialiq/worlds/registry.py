@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, TypeVar
 
 from socialiq.errors import UserError, one_of
@@ -28,8 +29,17 @@ def make(name: str, **options: Any) -> GridWorld | Intersection:
         UserError: If the world, an option or an option's value is unknown.
     """
     one_of("world", name, tuple(WORLDS))
-    module = WORLDS[name]
-    return module.make(parse_options(name, module.Options, options))
+    chosen = parse_options(name, WORLDS[name].Options, options)
+    return _grid(name, chosen, repr(chosen)) if name in GRIDWORLDS else intersection.make(chosen)
+
+
+@lru_cache(maxsize=32)
+def _grid(name: str, options: Any, _written: str) -> GridWorld:
+    """Return one gridworld for equal options, so that programs of it are compiled once.
+
+    The options' text tells 1 and 1.0 apart, which are equal but named otherwise.
+    """
+    return WORLDS[name].make(options)
 
 
 def make_grid(name: str, **options: Any) -> GridWorld:

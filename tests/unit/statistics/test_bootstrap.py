@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from socialiq.social.angle import exact_weights
+from socialiq.statistics import bootstrap
 from socialiq.statistics.bootstrap import (
     Moments,
     Studentised,
@@ -38,6 +39,14 @@ def test_means_and_errors_are_those_of_the_scalar(gains, angle):
     drawn = scalar[:, rows]
     expected = (drawn.mean(axis=1) - scalar.mean(axis=1)) / (drawn.std(axis=1, ddof=1) / 20)
     np.testing.assert_allclose(found.resampled[7], expected)
+
+
+def test_few_draws_are_kept_and_many_are_made_again(gains, monkeypatch):
+    kept = Moments.of(gains, 3, 4000)
+    monkeypatch.setattr(bootstrap, "_KEPT", 0)
+    made = Moments.of(gains, 3, 4000)
+    for one, other in zip(kept, made, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_normal_data_have_students_bounds(gains):
