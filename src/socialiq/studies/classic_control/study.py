@@ -54,10 +54,12 @@ class Config:
     tasks: tuple[str, ...] = ("CartPole", "Acrobot")
     """Names of `TASKS`, also "CartPole, drifting expert" and LunarLander (optional extra box2d)."""
     protocols: tuple[str, ...] = PROTOCOLS
-    """Rows kept of one trajectory of CartPole; of the other tasks always one of each block."""
+    """Rows kept of a trajectory of CartPole; of the other tasks always one of each block."""
     trajectories: tuple[int, ...] = (1, 5)
-    """Trajectories of a set of demonstrations of CartPole, one row of each block; else it is 1."""
-    other_trajectories: int = 5
+    """Trajectories of a set of demonstrations of CartPole, one row of each block."""
+    protocol_trajectories: tuple[int, ...] = (1,)
+    """The same with the other protocols."""
+    other_trajectories: tuple[int, ...] = (5,)
     """Trajectories of a set of the other environments."""
     methods: tuple[str, ...] = tuple(METHODS)
     """Names of `METHODS`."""
@@ -82,8 +84,9 @@ class Config:
 
     def __post_init__(self) -> None:
         """Refuse unknown names and empty sizes."""
-        check_counts(self, ("sets", "other_sets", "other_trajectories", "episodes"))
-        if min((*self.trajectories, 1)) < 1:
+        check_counts(self, ("sets", "other_sets", "episodes"))
+        counts = (*self.trajectories, *self.protocol_trajectories, *self.other_trajectories)
+        if min((*counts, 1)) < 1:
             raise UserError("trajectories must be at least 1")
         for what, names, known in (
             ("task", self.tasks, TASKS),
@@ -128,13 +131,16 @@ def _folder(part: Any) -> str:
 
 def _sources(config: Config, task: str) -> list[Source]:
     if TASKS[task].env != "CartPole-v1":
-        return [_source(config, task, "rows", config.other_trajectories, config.other_sets)]
+        return [
+            _source(config, task, "rows", count, config.other_sets)
+            for count in config.other_trajectories
+        ]
     if task != "CartPole":
         return [_source(config, task, "rows", 1, config.sets)]
     return [
         _source(config, task, protocol, count, config.sets)
         for protocol in config.protocols
-        for count in (config.trajectories if protocol == "rows" else (1,))
+        for count in (config.trajectories if protocol == "rows" else config.protocol_trajectories)
     ]
 
 

@@ -127,3 +127,13 @@ def test_jobs_have_names_of_their_own() -> None:
     names = [job.name for job in plan(Config())]
     assert len(names) > 40
     assert len(set(names)) == len(names)
+    more = Config(tasks=tuple(TASKS), protocol_trajectories=(1, 5), other_trajectories=(1, 5))
+    added = {job.name for job in plan(more)} - {*names}
+    assert {name.split("/")[1] for name in added} == {
+        "CartPole-stride-5",
+        "CartPole-whole-5",
+        "CartPole__drifting_expert-rows-1",
+        "Acrobot-rows-1",
+        "LunarLander-rows-1",
+        "LunarLander-rows-5",
+    }
