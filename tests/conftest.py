@@ -6,6 +6,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+# XLA's older emitter of fused loops compiles in a third of the time. Read when XLA starts, so it
+# must be set before; processes that tests start inherit it.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+
 import jax
 import pytest
 
@@ -109,8 +113,10 @@ def quick_compiler(request: pytest.FixtureRequest, compiled: str) -> Iterator[No
 
     The learners build their programs each time, and compiling them is most of the tests' time.
     A module whose training is long, or is compared with a committed one, sets
-    `FULL_COMPILER = True`.
+    `FULL_COMPILER = True`; it takes over no program that was compiled fast.
     """
+    if getattr(request.module, "FULL_COMPILER", False):
+        jax.clear_caches()
     settings = {
         "jax_compilation_cache_dir": compiled,
         "jax_persistent_cache_min_compile_time_secs": 0,

@@ -10,22 +10,6 @@ from socialiq.cli import bench
 from socialiq.cli.main import main
 
 
-def test_bench_learners_prints_one_json_object(capsys):
-    pytest.importorskip("torch", reason="extra `bench` is not installed")
-    assert main(["bench", "learners", "--repeats", "1", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["ratio_to_torch"] > 0
-    assert found["sweep_lanes"] == 65
-
-
-def test_bench_worlds_prints_one_json_object(capsys):
-    pytest.importorskip("highway_env", reason="extra `highway` is not installed")
-    assert main(["bench", "worlds", "--repeats", "1", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["ratio"] > 0
-    assert found["steps_per_s_2_threads"] > 0
-
-
 @pytest.fixture(name="smaller")
 def smaller_benchmarks(monkeypatch) -> Callable[..., None]:
     """Constants of the next benchmark: whole, it takes minutes."""
@@ -42,6 +26,23 @@ def smaller_benchmarks(monkeypatch) -> Callable[..., None]:
         monkeypatch.setattr(bench, "load", loaded)
 
     return change
+
+
+def test_bench_learners_prints_one_json_object(smaller, capsys):
+    pytest.importorskip("torch", reason="extra `bench` is not installed")
+    smaller(UPDATES=50, SWEEP_UPDATES=10)
+    assert main(["bench", "learners", "--repeats", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ratio_to_torch"] > 0
+    assert found["sweep_lanes"] == 65
+
+
+def test_bench_worlds_prints_one_json_object(capsys):
+    pytest.importorskip("highway_env", reason="extra `highway` is not installed")
+    assert main(["bench", "worlds", "--repeats", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ratio"] > 0
+    assert found["steps_per_s_2_threads"] > 0
 
 
 def test_bench_experts_prints_one_json_object(smaller, capsys):
