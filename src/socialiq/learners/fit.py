@@ -250,7 +250,7 @@ def _choose(condition: Array, yes: Any, no: Any) -> Any:
 
 
 def _choose_runs(condition: np.ndarray, yes: Any, no: Any) -> Any:
-    return jax.vmap(_choose)(condition, yes, no)
+    return jax.vmap(_choose)(jnp.asarray(condition), yes, no)
 
 
 def _resume(path: Path | None, fingerprint: str, like: Runs) -> tuple[Runs, History]:
