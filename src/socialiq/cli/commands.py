@@ -47,6 +47,7 @@ COMMANDS = {
     "data demonstrations": "recorded:ToDemonstrations",
     "data census": "recorded:TakeCensus",
     "data decisions": "recorded_decisions:Decide",
+    "data conflicts": "recorded_conflicts:FindConflicts",
     "data agreement": "recorded:Agreement",
     "data audit": "recorded_audit:AuditRecorded",
 }

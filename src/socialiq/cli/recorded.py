@@ -43,6 +43,8 @@ class Choices:
     """Discretisation of decisions: slower, idle, faster; or levels of acceleration."""
     levels: tuple[float, ...] = LEVELS
     """Levels of acceleration, m/s², ascending."""
+    influence: Literal["observed", "reasoned"] = "observed"
+    """Losses of speed charged to the ego: every neighbour's, or those with a reason."""
     road: Path | None = None
     """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     duplicates: Duplicates = "drop"
@@ -57,6 +59,7 @@ class Choices:
             near=self.near,
             actions=self.actions,
             levels=self.levels,
+            influence=self.influence,
         )
 
 

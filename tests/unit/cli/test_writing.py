@@ -55,6 +55,7 @@ CALLS = [
     "data import commonroad {xml} --out OUT",
     pytest.param("data demonstrations {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     pytest.param("data census {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
+    pytest.param("data conflicts {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     pytest.param("data decisions {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     "export {ok}/policy.safetensors --format torch --out OUT",
     "export {ok}/policy.safetensors --format card --out OUT",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int8, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int8, Int32, Int64
 
 from socialiq.recordings.episodes import actions, decisions
 from socialiq.recordings.episodes.config import EpisodeConfig
@@ -60,8 +62,27 @@ class Driven:
     contact: int
 
 
-def driven(scene: Scene, track: int, way: Crossing, config: EpisodeConfig) -> Driven | None:
-    """Annotate a vehicle's way over a junction; None if it is shorter than one decision.
+class Prepared(NamedTuple):
+    """Records of an episode for the kernels of observation and rewards.
+
+    Attributes:
+        options: The simulator's options at the recording's rate.
+        rows: The ego's rows at every decision, and at the end of the last one.
+        snapshots: SNAPSHOT records, by row.
+        seen: SEEN records, by row and slot; slots are the vehicles present in that frame, in the
+            order of `Scene.present`.
+        contact: The ego's contact at the end.
+    """
+
+    options: Options
+    rows: Int64[np.ndarray, " decision_and_one"]
+    snapshots: np.ndarray
+    seen: np.ndarray
+    contact: Contact
+
+
+def prepare(scene: Scene, track: int, way: Crossing, config: EpisodeConfig) -> Prepared | None:
+    """Return the records of a vehicle's way over a junction; None if it lacks a decision.
 
     Args:
         scene: The recording.
@@ -79,9 +100,38 @@ def driven(scene: Scene, track: int, way: Crossing, config: EpisodeConfig) -> Dr
     snapshots = _ego(scene, way, rows)
     endings, contact = _endings(scene, track, rows, snapshots, options, config)
     last = next((k for k, one in enumerate(endings) if one), len(rows) - 1)
-    rows, snapshots, endings = rows[: last + 1], snapshots[: last + 1], endings[: last + 1]
-    snapshots["ending"] = endings
+    rows, snapshots = rows[: last + 1], snapshots[: last + 1]
+    snapshots["ending"] = endings[: last + 1]
     seen = _vehicles(scene, track, way, rows, snapshots, options, config)
+    return Prepared(options, rows, snapshots, seen, contact)
+
+
+def driven(
+    scene: Scene,
+    track: int,
+    way: Crossing,
+    config: EpisodeConfig,
+    without: Callable[[Prepared], Bool[np.ndarray, "snapshot slot"]] | None = None,
+) -> Driven | None:
+    """Annotate a vehicle's way over a junction; None if it is shorter than one decision.
+
+    Args:
+        scene: The recording.
+        track: The vehicle.
+        way: Its way over the junction.
+        config: The choices.
+        without: Function that marks losses of speed that are not the ego's doing.
+
+    Raises:
+        UserError: If the policy rate doesn't fit the recording's.
+    """
+    ready = prepare(scene, track, way, config)
+    if ready is None:
+        return None
+    options, rows, snapshots, seen, contact = ready
+    endings = snapshots["ending"].tolist()
+    if without is not None:
+        seen["lost"][without(ready)] = 0.0
     observation = np.zeros((len(rows), options.observed_vehicles, len(FEATURES)), np.float32)
     signals, pairs = np.zeros((len(rows), len(SIGNALS))), np.zeros((len(rows), 2))
     arguments = snapshots, seen, settings_of(options), observation, signals, pairs

@@ -14,6 +14,7 @@ from socialiq.worlds.intersection.state import ACTIONS
 Loss = Literal["between_decisions", "summed"]
 Contact = Literal["evidence", "overlap", "predicted"]
 Actions = Literal["meta-actions", "accelerations"]
+Influence = Literal["observed", "reasoned"]
 
 LEVELS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """m/s²; default levels of the discretisation of accelerations."""
@@ -43,6 +44,9 @@ class EpisodeConfig:
         actions: Discretisation of the decisions. "meta-actions": slower, idle, faster, by the speed
             that the simulator would reach. "accelerations": the closest of `levels`.
         levels: Accelerations of the second, m/s², ascending.
+        influence: Losses of speed that Eq 4.2 charges to the ego. "observed" is the thesis': every
+            neighbour's. "reasoned": only those with a reason (`conflicts.influence`): the ego is
+            in the other's way, moved first, and without it the other would have kept more speed.
         clock: Whether an episode times out after the options' duration, with that penalty.
             Recorded drivers have no such limit.
         options: Options and weights of the rewards; the three frequencies, speeds and the
@@ -59,6 +63,7 @@ class EpisodeConfig:
     reach: float = 20.0
     actions: Actions = "meta-actions"
     levels: tuple[float, ...] = LEVELS
+    influence: Influence = "observed"
     clock: bool = False
     options: Options = field(default_factory=Options)
 
@@ -68,6 +73,7 @@ class EpisodeConfig:
         one_of("loss", self.loss, get_args(Loss))
         one_of("contact", self.contact, get_args(Contact))
         one_of("actions", self.actions, get_args(Actions))
+        one_of("influence", self.influence, get_args(Influence))
         steps = [b - a for a, b in itertools.pairwise(self.levels)]
         if len(self.levels) < 2 or not all(0 < step < math.inf for step in steps):
             raise UserError(f"levels must be two or more ascending numbers, got {self.levels}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.recordings.conflicts.influence import unreasoned
+from socialiq.recordings.conflicts.pairs import Encounters
 from socialiq.recordings.episodes.annotate import Driven, driven
 from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.scene import Scene
@@ -118,10 +121,11 @@ def swap(recording: Recording, config: EpisodeConfig | None = None) -> Swapped:
     chosen = config or EpisodeConfig()
     scene = Scene(recording)
     chosen.options_at(scene.tracks.dt)
+    encounters = Encounters(scene) if chosen.influence == "reasoned" else None
     made: list[Driven] = []
     left_out: Counter[str] = Counter()
     for track in range(scene.tracks.n_tracks):
-        found = _episode(scene, track, chosen)
+        found = _episode(scene, track, chosen, encounters)
         if isinstance(found, str):
             left_out[found] += 1
         else:
@@ -142,7 +146,9 @@ def swap(recording: Recording, config: EpisodeConfig | None = None) -> Swapped:
     )
 
 
-def _episode(scene: Scene, track: int, config: EpisodeConfig) -> Driven | str:
+def _episode(
+    scene: Scene, track: int, config: EpisodeConfig, encounters: Encounters | None
+) -> Driven | str:
     """Return a vehicle's episode, or the reason for which there is none."""
     if track not in scene.vehicles:
         return NOT_A_VEHICLE
@@ -156,7 +162,8 @@ def _episode(scene: Scene, track: int, config: EpisodeConfig) -> Driven | str:
         return ALONE
     way = scene.crossing(track, met)
     assert way is not None  # the junction is on its way
-    found = driven(scene, track, way, config)
+    without = None if encounters is None else partial(unreasoned, encounters, track)
+    found = driven(scene, track, way, config, without)
     if found is None:
         return TOO_SHORT
     return found if found.jump <= _LARGEST_JUMP else NO_WAY
@@ -174,7 +181,8 @@ def episode_of(recording: Recording, identity: int, config: EpisodeConfig) -> Dr
         raise UserError(
             f"no vehicle {identity} in {name}: choose one of its {scene.tracks.n_tracks}"
         )
-    episode = _episode(scene, int(found[0]), config)
+    encounters = Encounters(scene) if config.influence == "reasoned" else None
+    episode = _episode(scene, int(found[0]), config, encounters)
     if isinstance(episode, str):
         raise UserError(f"vehicle {identity} of {name} makes no episode: {episode}")
     return episode

@@ -57,6 +57,12 @@ class Path(Protocol):
         """Return the longitudinal and lateral coordinates of points."""
         ...
 
+    def points_at(
+        self, along: Float64[np.ndarray, " point"]
+    ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
+        """Return points on the line at distances from its start, and its directions there, rad."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
@@ -116,6 +122,15 @@ class Polyline:
         heading = np.arctan2(unit[:, 1], unit[:, 0])[piece]
         return Coordinates(starts[piece] + inside, beside, heading)
 
+    def points_at(
+        self, along: Float64[np.ndarray, " point"]
+    ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
+        """Return points on the line or its straight extensions, and directions there, rad."""
+        piece = np.clip(np.searchsorted(self.starts, along, side="right") - 1, 0, None)
+        unit = self.steps / self._lengths[:, None]
+        found = self.points[piece] + unit[piece] * (along - self.starts[piece])[:, None]
+        return found, np.arctan2(unit[piece, 1], unit[piece, 0])
+
 
 @dataclass(frozen=True)
 class Arc:
@@ -156,6 +171,14 @@ class Arc:
         lateral = self.sense * (self.radius - np.hypot(dx, dy))
         heading = wrapped(self.phase + turned + self.sense * np.pi / 2)
         return Coordinates(self.sense * turned * self.radius, lateral, heading)
+
+    def points_at(
+        self, along: Float64[np.ndarray, " point"]
+    ) -> tuple[Float64[np.ndarray, "point 2"], Float64[np.ndarray, " point"]]:
+        """Return points on the circle, and directions of its tangent there, rad."""
+        turned = self.phase + self.sense * along / self.radius
+        found = np.stack([np.cos(turned), np.sin(turned)], axis=1) * self.radius
+        return found + np.array([self.x, self.y]), wrapped(turned + self.sense * np.pi / 2)
 
 
 def wrapped(angle: Float64[np.ndarray, " point"]) -> Float64[np.ndarray, " point"]:
