@@ -1,4 +1,4 @@
-"""The examples of docs/recorded-drivers.md; they need the extra `data`, so their fence is ```py."""
+"""The examples of pages on recorded drivers: they need the extra `data`; their fence is ```py."""
 
 import re
 from pathlib import Path
@@ -8,19 +8,20 @@ import pytest
 pytest.importorskip("shapely", reason="extra `data` is not installed")
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = DOCS / "recorded-drivers.md"
 
 
-def test_the_examples_run(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("page", "count"), [("recorded-drivers", 2), ("recorded-conflicts", 1)])
+def test_the_examples_run(tmp_path, monkeypatch, page, count):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```py\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
-    assert len(blocks) == 2
+    text = (DOCS / f"{page}.md").read_text()
+    blocks = re.findall(r"^```py\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == count
     namespace: dict = {"__name__": "page"}
     for number, block in enumerate(blocks):
-        exec(compile(block, f"{PAGE.name}, block {number}", "exec"), namespace)
+        exec(compile(block, f"{page}.md, block {number}", "exec"), namespace)
 
 
-@pytest.mark.parametrize(("page", "least"), [("recorded-drivers", 8), ("recorded-conflicts", 3)])
+@pytest.mark.parametrize(("page", "least"), [("recorded-drivers", 8), ("recorded-conflicts", 5)])
 def test_every_command_parses(page, least):
     import shlex
 

@@ -11,19 +11,19 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.cli.recorded import Choices, sources_of, swap_all
+from socialiq.cli.recorded import Choices, load_all, sources_of, swap_all
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.plotting.style import png
-from socialiq.recordings import files
 from socialiq.recordings.conflicts import pictures, rules
 from socialiq.recordings.conflicts.config import ConflictConfig
 from socialiq.recordings.conflicts.moments import moments_of
+from socialiq.recordings.conflicts.once import pairs_once
 from socialiq.recordings.conflicts.pairs import Encounters, Meeting
 from socialiq.recordings.conflicts.table import rows_of
-from socialiq.recordings.episodes.ego_swap import Swapped, check_distinct
+from socialiq.recordings.episodes.ego_swap import Swapped
 from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.readers.commonroad_road import road_of
+from socialiq.recordings.identity.identify import Identified, identify
 from socialiq.recordings.recording import Recording
 from socialiq.types import Row
 
@@ -70,9 +70,9 @@ class FindConflicts:
         config = ConflictConfig(self.largest_pet, self.horizon, self.queued, changed=self.changed)
         if self.out is not None:
             check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices)
-        check_distinct(swapped)
-        found = _find(self._scenes(), swapped, config, self.choices)
+        swapped = swap_all(self.recordings, self.choices, self.json)
+        recorded = load_all(self.recordings, self.choices.road)
+        found = _find(recorded, swapped, config, self.choices)
         if self.out is not None:
             drawn = found.drawn(self.pictures, self.seed)
             asked = _Asked(self.choices, config, self.pictures, self.seed, sources_of(swapped))
@@ -85,11 +85,6 @@ class FindConflicts:
             print_table(found.tables["recordings"], "Conflicts of unordered pairs")
             print_table(found.tables["rules"], "\nBrakings charged to egos, by rule")
         return 0
-
-    def _scenes(self) -> list[Scene]:
-        road = None if self.choices.road is None else road_of(self.choices.road)
-        recorded = [files.load(path) for path in self.recordings]
-        return [Scene(one if road is None else Recording(one.tracks, road)) for one in recorded]
 
 
 @dataclass(frozen=True)
@@ -130,29 +125,67 @@ class _Found:
 
 
 def _find(
-    scenes: list[Scene], swapped: list[Swapped], config: ConflictConfig, choices: Choices
+    recorded: list[Recording], swapped: list[Swapped], config: ConflictConfig, choices: Choices
 ) -> _Found:
     tables: dict[str, list[Row]] = {
         name: [] for name in ("recordings", "conflicts", "moments", "brakings")
     }
+    identified, every = identify(recorded), [Encounters(Scene(one), config) for one in recorded]
     places = []
-    for scene, each in zip(scenes, swapped, strict=True):
-        encounters = Encounters(scene, config)
-        meetings = encounters.meetings()
-        rows = rows_of(encounters, meetings)
-        places += [(encounters, *one) for one in zip(meetings, rows, strict=True)]
-        moments = moments_of(encounters, meetings, 1 / choices.policy_rate)
+    for place, kept in enumerate(_meetings(every, identified, choices.duplicates)):
+        encounters, each = every[place], swapped[place]
+        rows = [
+            row | _who(identified, place, one)
+            for row, one in zip(rows_of(encounters, kept), kept, strict=True)
+        ]
+        places += [(encounters, *one) for one in zip(kept, rows, strict=True)]
+        moments = [
+            row | _who(identified, place, kept[row["conflict"]])
+            for row in moments_of(encounters, kept, 1 / choices.policy_rate)
+        ]
         tables["recordings"].append(_counts(each, rows, moments))
         tables["conflicts"] += rows
         tables["moments"] += moments
-        # Eq 4.2 as it is, also where the episodes were made under `reasoned`.
         tables["brakings"] += rules.brakings(encounters, each, each.config)
     tables["rules"] = rules.summary(tables["brakings"])
     count = {
         name: sum(row[name] for row in tables["recordings"])
         for name in ("conflicts", "crossing", "merging", "with_pet", "moments")
     }
-    return _Found(tables, count | {"rules": tables["rules"]}, places)
+    vehicles = {row["ego_vehicle"] for row in tables["conflicts"]}
+    chains = {row["chain"] for row in tables["conflicts"]}
+    summary = count | {"vehicles": len(vehicles), "chains": len(chains), "rules": tables["rules"]}
+    return _Found(tables, summary, places)
+
+
+def _meetings(
+    every: list[Encounters], identified: Identified, duplicates: str
+) -> list[list[Meeting]]:
+    """Return the conflicts of each recording, those that two recordings show once."""
+    found = [encounters.meetings() for encounters in every]
+    if duplicates != "drop":
+        return found
+    sizes = {
+        (place, one.ego.track, one.other.track): len(one.frames) * one.ego.dt
+        for place, meetings in enumerate(found)
+        for one in meetings
+    }
+    kept = pairs_once(sizes, identified)
+    return [
+        [one for one in meetings if (place, one.ego.track, one.other.track) in kept]
+        for place, meetings in enumerate(found)
+    ]
+
+
+def _who(identified: Identified, place: int, meeting: Meeting) -> Row:
+    """Return site, chain and vehicles of a conflict, by which data are split and resampled."""
+    vehicle = identified.vehicle[place]
+    return {
+        "site": identified.site[place],
+        "chain": identified.chain[place],
+        "ego_vehicle": int(vehicle[meeting.ego.track]),
+        "other_vehicle": int(vehicle[meeting.other.track]),
+    }
 
 
 def _counts(swapped: Swapped, rows: list[Row], moments: list[Row]) -> Row:

@@ -11,16 +11,16 @@ import numpy as np
 import tyro
 
 from socialiq.cli.output import print_json, print_table, say
-from socialiq.cli.recorded import Choices, sources_of, swap_all
+from socialiq.cli.recorded import Choices, load_all, sources_of, swap_all
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
-from socialiq.recordings import files
+from socialiq.recordings.conflicts.once import tracks_once
 from socialiq.recordings.episodes import support
 from socialiq.recordings.episodes.annotate import Driven
 from socialiq.recordings.episodes.decisions import Decisions, decisions_at
-from socialiq.recordings.episodes.ego_swap import Swapped, check_distinct
+from socialiq.recordings.episodes.ego_swap import Swapped
 from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.readers.maps import map_of
+from socialiq.recordings.identity.identify import identify
 from socialiq.recordings.recording import Recording
 from socialiq.types import Row
 
@@ -49,9 +49,11 @@ class Decide:
         if self.out is not None:
             check_target(self.out, self.replace)
         swapped = swap_all(self.recordings, self.choices, self.json)
-        check_distinct(swapped)
-        recorded = [files.load(path) for path in self.recordings]
-        rates = support.rates([one.tracks for one in recorded])
+        recorded = load_all(self.recordings, self.choices.road)
+        every = [one.tracks for one in recorded]
+        if self.choices.duplicates == "drop":
+            every = tracks_once(every, identify(recorded))
+        rates = support.rates(every)
         config = self.choices.config()
         driven = [one for each in swapped for one in each.episodes]
         if not driven:
@@ -62,7 +64,7 @@ class Decide:
         dts = [r.tracks.dt for r, s in zip(recorded, swapped, strict=True) for _ in s.episodes]
         kinds = support.left_out(driven, dts, config)
         seconds = support.supported(rates)
-        rows = _rows(recorded, swapped, self.choices)
+        rows = _rows(recorded, swapped)
         summary = {
             "supported_seconds": seconds,
             "decision_seconds": 1 / config.policy_rate,
@@ -106,12 +108,9 @@ def _rms(ahead: list[float], beside: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(ahead) + np.square(beside))))
 
 
-def _rows(recorded: list[Recording], swapped: list[Swapped], choices: Choices) -> list[Row]:
+def _rows(recorded: list[Recording], swapped: list[Swapped]) -> list[Row]:
     rows: list[Row] = []
     for recording, each in zip(recorded, swapped, strict=True):
-        if choices.road is not None:
-            road = map_of(choices.road, recording.tracks.source)
-            recording = Recording(recording.tracks, road)
         scene = Scene(recording)
         for driven in each.episodes:
             first = scene.rows(driven.track).start

@@ -54,8 +54,8 @@ class Area:
         """Return the area with the vehicles in the other order."""
         return Area(
             self.kind,
-            self.entry[::-1],
-            self.exit[::-1],
+            (self.entry[1], self.entry[0]),
+            (self.exit[1], self.exit[0]),
             self.angle,
             self.x,
             self.y,

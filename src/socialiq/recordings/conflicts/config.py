@@ -15,7 +15,7 @@ class ConflictConfig:
 
     Attributes:
         near: s. Times in a conflict area that are further apart are no conflict: the threshold of
-            PET in FHWA's surrogate safety assessment (Gettman and Head 2003).
+            PET in FHWA's surrogate safety assessment model (FHWA-HRT-08-051, 2008).
         horizon: s ahead in which both must arrive at their present speeds.
         queued: Whether vehicles behind others of their lane are in conflict with crossing traffic.
         slack: m by which vehicles are narrower than recorded, since boxes from video err.

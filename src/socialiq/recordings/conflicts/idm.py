@@ -61,7 +61,7 @@ def acceleration(driver: Idm, speed: float, gap: float, leader_speed: float) -> 
 def ballistic(speed: float, rate: float, seconds: float) -> tuple[float, float]:
     """Return the distance driven and the speed after a step of constant acceleration.
 
-    Treiber and Kesting (2013, eqs 10.8, 10.9); a vehicle that comes to a stand stays there.
+    The ballistic update of Treiber and Kesting (2013); a vehicle that comes to a stand stays.
 
     Args:
         speed: m/s.

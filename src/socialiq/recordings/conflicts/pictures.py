@@ -15,7 +15,7 @@ from socialiq.recordings.conflicts.pairs import Encounters, Meeting
 from socialiq.recordings.conflicts.ways import BEHIND, Way
 from socialiq.types import Row
 
-_REACH = 35.0  # m around the area
+_REACH = 35.0  # m around the place where the ego enters the area
 _INKS = (COLORS["prosocial"], COLORS["egoistic"])
 
 
@@ -76,8 +76,9 @@ def _map(axes: Any, encounters: Encounters, meeting: Meeting) -> None:
         _box(axes, way, frame, ink, letter)
     finish(axes, f"at {frame * meeting.ego.dt:.1f} s; others in grey")
     axes.set_aspect("equal")
-    axes.set_xlim(area.x - _REACH, area.x + _REACH)
-    axes.set_ylim(area.y - _REACH, area.y + _REACH)
+    entry = meeting.ego.line.points_at(np.array(area.entry[:1]))[0][0]
+    axes.set_xlim(entry[0] - _REACH, entry[0] + _REACH)
+    axes.set_ylim(entry[1] - _REACH, entry[1] + _REACH)
 
 
 def _shown(meeting: Meeting) -> int:

@@ -25,7 +25,8 @@ CHANGE = 1.0
 """m/s; smallest change of speed between two decisions that counts as one."""
 
 STRONGEST = 5.0
-"""m/s²; harder accelerations are rare in traffic (Punzo, Borzacchiello and Ciuffo 2011)."""
+"""m/s²; harder accelerations are mostly errors of positions (compare Punzo, Borzacchiello and
+Ciuffo 2011, Transportation Research C 19)."""
 
 
 def reliability(

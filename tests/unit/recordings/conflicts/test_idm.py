@@ -15,7 +15,7 @@ def test_an_empty_road():
 
 
 def test_the_equilibrium_gap_holds_the_speed():
-    # s_e(v) = (s0 + v T) / sqrt(1 - (v / v0)^δ), Treiber and Kesting (2013), eq 11.19
+    # s_e(v) = (s0 + v T) / sqrt(1 - (v / v0)^δ), the equilibrium of the two equations
     for speed in (2.0, 8.0, 14.0):
         gap = (2.0 + speed * 1.0) / math.sqrt(1 - (speed / 15.0) ** 4)
         assert acceleration(Idm(), speed, gap, speed) == pytest.approx(0.0, abs=1e-12)
