@@ -1,9 +1,9 @@
 """Counterfactual driving of a vehicle without another: the same model, its own leader kept.
 
-The vehicle drives by the IDM along its own way, behind the vehicles that are recorded there. Where its way
-meets the ego's and the ego comes first, it also stops before the area for as long as it would
-arrive before the ego has left. The ego is as recorded, holds its speed, or is absent; everything
-else is equal. Signals are not in the recordings, so that they are equal too.
+The vehicle drives by the IDM along its own way, behind the vehicles that are recorded there. Where
+its way meets the ego's and the ego comes first, it also stops before the area for as long as it
+would arrive before the ego has left. The ego is as recorded, holds its speed, or is absent;
+everything else is equal. Signals are not in the recordings, so that they are equal too.
 """
 
 from __future__ import annotations
