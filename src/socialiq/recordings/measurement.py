@@ -25,6 +25,7 @@ class MeasurementError:
         speed: m/s.
         heading: Degrees.
         size: m, of length and width.
+        scale: Relative, of distances: a camera's picture is not equally large everywhere.
 
     Raises:
         UserError: If one is not a number above 0.
@@ -34,6 +35,7 @@ class MeasurementError:
     speed: float = 0.25
     heading: float = 2.0
     size: float = 0.2
+    scale: float = 0.05
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -41,12 +43,17 @@ class MeasurementError:
             if not 0 < value < math.inf:
                 raise UserError(f"error of {one.name} must be a number above 0, got {value:g}")
 
-    def mean_speed(self, seconds: float) -> float:
+    def mean_speed(self, seconds: float, driven: float) -> float:
         """Return the largest difference of driven and stated mean speed over a time, m/s.
 
         The driven distance is a difference of two positions.
+
+        Args:
+            seconds: The time.
+            driven: Driven speed, m/s.
         """
-        return COVERAGE * math.hypot(self.speed, math.sqrt(2.0) * self.position / seconds)
+        positions = math.sqrt(2.0) * self.position / seconds
+        return COVERAGE * math.hypot(self.speed, positions, self.scale * driven)
 
     def jump(self, dt: float) -> float:
         """Return the largest excess of a displacement between frames over the stated, m."""

@@ -173,7 +173,9 @@ def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
 def _check_speeds(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np.ndarray) -> None:
     """Compare the distances of about a second with the integrals of the stated velocities."""
     driven, stated, apart, seconds = _seconds(tracks)
-    allowed = np.array([error.mean_speed(max(one, tracks.dt)) for one in seconds])
+    times = np.maximum(seconds, tracks.dt).tolist()
+    pairs = zip(times, driven.tolist(), strict=True)
+    allowed = np.array([error.mean_speed(time, speed) for time, speed in pairs])
     bad = apart > allowed
     moves = np.maximum(driven, stated) > MOVING
     if 2 * (bad & moves).sum() > max(moves.sum(), 1):

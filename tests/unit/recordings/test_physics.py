@@ -40,10 +40,10 @@ def test_good_tracks_stay_as_they_are(three):
 @pytest.mark.parametrize(
     ("columns", "reason"),
     [
-        # 0.9 s of errors of 0.25 m and 0.25 m/s: 3 (0.25² + 2 (0.25 / 0.9)²)^½ = 1.40 m/s.
+        # In 0.9 s at 9 m/s: 3 (0.25² + 2 (0.25 / 0.9)² + (0.05 · 9)²)^½ = 1.94 m/s.
         (
             {"vx": lambda v: v + 2.0},
-            r"drives 9.00 m/s but states 11.00 \(means; 2.00 apart in 0.9 s, where 1.40",
+            r"drives 9.00 m/s but states 11.00 \(means; 2.00 apart in 0.9 s, where 1.94",
         ),
         ({"vx": lambda v: v * 0.0}, "drives 9.00 m/s but states 0.00"),
         ({"x": lambda x: x + 1.6 * (np.arange(10) > 4)}, "jumps 1.60 m further .* after frame 4"),
@@ -71,7 +71,7 @@ def test_what_lies_within_the_tolerances_stays(three):
 
 
 def test_tolerances_follow_from_the_stated_error(three):
-    drone = MeasurementError(position=0.05, speed=0.1, size=0.1)
+    drone = MeasurementError(position=0.05, speed=0.1, size=0.1, scale=0.01)
     assert drone.jump(0.04) == pytest.approx(3 * np.hypot(np.sqrt(2) * 0.05, 0.004))
     assert drone.overlap == pytest.approx(3 * np.sqrt(2 * 0.05**2 + 0.1**2 / 2))
     assert np.degrees(drone.direction) == pytest.approx(20.0)
