@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import gymnasium
@@ -148,17 +148,30 @@ def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) 
 
     def source(act: Act, rng: np.random.Generator) -> Batch:
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
-        rows: list[tuple[Any, ...]] = []
-        for _ in range(-(-steps // env.num_envs)):
-            action = np.asarray(act(observation))
-            follows, _, _, _, info = env.step(action)
-            after = _before_reset(follows, info)
-            rows.append((observation, action, after, info["ending"], *info["reward_pair"].T))
-            observation = follows
+        rows = stepped(env, observation, act, -(-steps // env.num_envs))
         columns = (np.concatenate(column)[:steps] for column in zip(*rows, strict=True))
         return _batch(*columns)
 
     return source
+
+
+def stepped(
+    env: gymnasium.vector.VectorEnv[Any, Any, Any], observation: np.ndarray, act: Act, rounds: int
+) -> Iterator[tuple[np.ndarray, ...]]:
+    """Step environments side by side; yield the columns of each round, in the order of `Batch`.
+
+    Args:
+        env: As of `from_vector_env`.
+        observation: What is seen now.
+        act: Action selection.
+        rounds: Steps of each environment.
+    """
+    for _ in range(rounds):
+        action = np.asarray(act(observation))
+        follows, _, _, _, info = env.step(action)
+        after = _before_reset(follows, info)
+        yield observation, action, after, info["ending"], *info["reward_pair"].T
+        observation = follows
 
 
 def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:

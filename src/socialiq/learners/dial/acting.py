@@ -78,6 +78,12 @@ class Driver:
     An environment keeps its angle for a chunk. Together the environments' angles are stratified:
     one in each of as many equal parts of the drawn angles, so every chunk sees all of them.
 
+    Args:
+        static: Of the runs.
+        numbers: Of the run.
+        network: Whose values it follows; None if `chosen` is given them.
+        rng: Random numbers of the chunk.
+
     Attributes:
         direction: Of each environment; None before the first decision.
     """
@@ -86,7 +92,7 @@ class Driver:
         self,
         static: StaticConfig,
         numbers: Hyperparameters,
-        network: DialNetwork,
+        network: DialNetwork | None,
         rng: np.random.Generator,
     ) -> None:
         self._static, self._numbers, self._network, self._rng = static, numbers, network, rng
@@ -94,12 +100,20 @@ class Driver:
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Return an action for each environment."""
-        rng, count = self._rng, len(observation)
+        assert self._network is not None  # else the values come from outside
+        direction = self.turned(len(observation))
+        q = _values(self._network, jnp.asarray(observation, jnp.float32), direction)
+        return self.chosen(np.asarray(q))
+
+    def turned(self, count: int) -> RewardPair:
+        """Return the directions of the environments, which are drawn once."""
         if self.direction is None:
-            self.direction = stratified(self._static, count, rng)
-        q = np.asarray(
-            _values(self._network, jnp.asarray(observation, jnp.float32), self.direction)
-        )
+            self.direction = stratified(self._static, count, self._rng)
+        return self.direction
+
+    def chosen(self, q: np.ndarray) -> np.ndarray:
+        """Return an action for each environment, given the values of all, (env, action)."""
+        rng, count = self._rng, len(q)
         chosen = (q / self._numbers.temperature + rng.gumbel(size=q.shape)).argmax(axis=1)
         random = rng.integers(q.shape[1], size=count)
         return np.where(rng.random(count) < self._numbers.exploration, random, chosen)

@@ -93,6 +93,9 @@ class StaticConfig:
     """The learner's own transitions of an update."""
     updates: int = 24_000
     """Gradient steps of a run."""
+    averaging: float = 0.0
+    """Share of the network that each update mixes into the average of its weights, of which the
+    policy is then made; 0: it is made of the target network."""
     environments: int = 4
     """Worlds side by side in which the learner takes one step each before a gradient step."""
     replay_capacity: int = 100_000
@@ -143,7 +146,7 @@ class StaticConfig:
             raise UserError("knots: give 0, or at least 2 and a range of angles")
         if self.driven_share and not self.online:
             raise UserError("driven_share is of the learner's own rows: train online, or leave it")
-        check_shares(self, ("driven_share", "redraw_share"))
+        check_shares(self, ("driven_share", "redraw_share", "averaging"))
         if self.high_share is None:
             return
         check_shares(self, ("high_share",))

@@ -48,6 +48,8 @@ class Carry(NamedTuple):
 class Dial(Learner):
     """IQ-Learn at every angle of a range; its policy is the target network, turned to an angle.
 
+    With `averaging` it is the average of the weights.
+
     Attributes:
         simulator: The world to act in; None offline, or when experience is collected outside JAX.
     """
@@ -75,7 +77,7 @@ class Dial(Learner):
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw networks and start episodes, from the run's seed alone."""
         key, for_network, for_acting = jax.random.split(jax.random.key(hyperparameters.seed), 3)
-        state = TrainState.of(self.network(for_network))
+        state = self.first_state(self.network(for_network))
         ring = None
         if self.static.online:
             ring = empty_ring(self.static, self.sizes[0])
@@ -126,12 +128,16 @@ class Dial(Learner):
         self, hyperparameters: Hyperparameters, state: TrainState, kept: Any = 1.0
     ) -> DialPolicy:
         """Return the trained dial of one run."""
-        network = state.target_network.values
-        return dial_of(self.static, hyperparameters, network, float(np.float64(kept)))
+        return dial_of(self.static, hyperparameters, deployed(state), float(np.float64(kept)))
 
     def run_name(self, hyperparameters: Hyperparameters) -> str:
         """Return the name of a run in messages."""
         return f"dial, seed {hyperparameters.seed}"
+
+
+def deployed(state: TrainState) -> DialNetwork:
+    """Return the network that a policy is made of: the average of the weights, else the target."""
+    return (state.target_network if state.average is None else state.average).values
 
 
 def dial_of(

@@ -42,6 +42,9 @@ FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, *ABLATIONS)
 """Kinds of policies: dials and agents without a clock, the recipe's dials with it, the same with
 settings of their angles, and the ablations."""
 
+CLOCKED = (TIMED, *ABLATIONS)
+"""Families of the recipe with a clock; the dials of all seeds are trained in one program."""
+
 _NAMES = {one.name for one in dataclasses.fields(StaticConfig)}
 
 
@@ -79,6 +82,8 @@ class Config:
     """Static config of a dial with a clock."""
     recipe_numbers: Hyperparameters = INTERSECTION.numbers
     """Hyperparameters of these dials, without the seed."""
+    recipe_steps: int = 12
+    """Environment steps for each gradient step of these dials."""
     ablation_updates: int = 6_000
     """Gradient steps of each ablation."""
     calibration_episodes: int = EPISODES
@@ -94,7 +99,14 @@ class Config:
             one_of("family", family, FAMILIES)
         if CALIBRATED in self.families and TIMED not in self.families:
             raise UserError(f"a calibrated dial is a {TIMED} one with settings: name both families")
-        counts = ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes")
+        counts = (
+            "agent_updates",
+            "steps_per_update",
+            "recipe_steps",
+            "pool_episodes",
+            "size",
+            "episodes",
+        )
         check_counts(self, (*counts, "ablation_updates", "calibration_episodes"))
 
     def recipe_of(self, family: str) -> Recipe:

@@ -20,6 +20,12 @@ from socialiq.experiments.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     atlas_demonstrations,
 )
+from socialiq.experiments.intersection.dial_programs import (
+    DialOfSeed,
+    DialPrograms,
+    pick_dial,
+    train_dials,
+)
 from socialiq.experiments.intersection.driving import (
     DialCalibration,
     DialEvaluation,
@@ -37,6 +43,7 @@ from socialiq.studies.intersection_dial.config import (
     ABLATIONS,
     AGENTS,
     CALIBRATED,
+    CLOCKED,
     DIALS,
     SHORT,
     TIMED,
@@ -51,16 +58,25 @@ _COMPARED += tuple((SHORT, other) for other in ABLATIONS if other != SHORT)
 """Pairs of families whose differences are tested, by training seed."""
 
 
+PROGRAMS = "programs"
+"""Stage of the jobs that train a recipe's dials of all seeds."""
+
+
 def plan(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
     jobs = [atlas_demonstrations(config.pool_episodes)]
+    jobs += [_program(config, family) for family in config.families if family in CLOCKED]
     for seed, family in itertools.product(config.seeds, config.families):
         if family == CALIBRATED:
             jobs += _calibration(config, seed)
-        elif family != AGENTS:
-            recipe = config.recipe_of(family)
+        elif family in CLOCKED:
             angles = config.key_angles if family in ABLATIONS else config.turned
-            jobs += _training(config, recipe, angles, folder_of(family, seed), seed)
+            name = folder_of(family, seed)
+            jobs.append(Job(name, pick_dial, DialOfSeed(seed), (f"{PROGRAMS}/{family}",)))
+            jobs += _driving(config, name, angles)
+        elif family == DIALS:
+            name, recipe = folder_of(DIALS, seed), config.recipe_of(DIALS)
+            jobs += _training(config, recipe, config.turned, name, seed)
         else:
             for angle in config.key_angles:
                 structure = dataclasses.replace(
@@ -81,6 +97,22 @@ def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
     if family == AGENTS:
         return f"agents/{angle:g}/{seed}"
     return f"dials/{seed}" if family == DIALS else f"{family}/{seed}"
+
+
+def _program(config: Config, family: str) -> Job:
+    """Train the dials of all seeds in one program."""
+    structure, numbers = config.recipe_of(family)
+    runs = DialPrograms(
+        structure=structure,
+        numbers=numbers,
+        size=config.size,
+        steps_per_update=config.recipe_steps,
+        environments=structure.environments,
+        mixture=config.mixture,
+        seeds=config.seeds,
+    )
+    cost = structure.updates * len(config.seeds) / 150
+    return Job(f"{PROGRAMS}/{family}", train_dials, runs, (DEMONSTRATIONS,), cost=cost)
 
 
 def _training(
@@ -121,13 +153,16 @@ def compute_tables(config: Config, context: Context) -> Findings:
     known = known_policies() if config.episodes == EPISODES else []
     policies = _policies(config, work, known)
     families = _families(config, policies)
-    trained = [job for job in context.jobs if job.work is train_dial]
+    alone, together, picked = (
+        [job for job in context.jobs if job.work is done]
+        for done in (train_dial, train_dials, pick_dial)
+    )
     tables = {
         "policies": policies,
         "families": families,
         "differences": _differences(config, families),
-        "curves": curves(trained, work, columns=None),
-        "times": times(trained, work),
+        "curves": curves([*alone, *picked], work, columns=None),
+        "times": times([*alone, *together], work),
     }
     files = {
         f"{family}.safetensors": (work / folder_of(family, config.seeds[0]) / DIAL).read_bytes()
