@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from socialiq.errors import UserError
+from socialiq.evaluation.play import sees_time
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.batch import Batch, State
 from socialiq.worlds.intersection.imagination import imagined
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
@@ -38,6 +39,8 @@ class Valued(Protocol):
 class RolloutPolicy:
     """Rollout policy of a network.
 
+    The time, if the network reads it, goes on in the simulated decisions, and episodes end by it.
+
     Args:
         policy: Network policy to improve.
         options: Scenario of the simulation.
@@ -46,6 +49,9 @@ class RolloutPolicy:
         decisions: Number of simulated decisions, including the first.
         doubt: Standard errors, over the draws, by which an action must exceed the network's own.
         discount: Discount γ of the network.
+
+    Attributes:
+        n_features: Length of an observation of the network; None if it doesn't tell.
 
     Raises:
         UserError: If draws or decisions are not positive.
@@ -65,6 +71,7 @@ class RolloutPolicy:
             if value < 1:
                 raise UserError(f"{name} must be at least 1, got {value}")
         self._policy, self._options, self._weights = policy, options, exact_weights(angle)
+        self.n_features = getattr(policy, "n_features", None)
         self._draws, self._decisions = draws, decisions
         self._doubt, self._discount = doubt, discount
         self._batch: Batch | None = None  # of the last call; usually the next has the same size
@@ -97,9 +104,17 @@ class RolloutPolicy:
         first = np.array([zlib.crc32(one.tobytes()) for one in observations], np.uint64) << 20
         entropy = first[:, None] + np.arange(self._draws, dtype=np.uint64)
         batch = self._batch_of(len(seen))
-        batch.restore(imagined(self._options, seen, np.repeat(entropy.ravel(), len(ACTIONS))))
+        batch.restore(self._drawn(seen, np.repeat(entropy.ravel(), len(ACTIONS))))
         action = np.tile(np.arange(len(ACTIONS)), size * self._draws)
         return self._played(batch, action).reshape(size, self._draws, len(ACTIONS))
+
+    def _drawn(self, seen: Float[np.ndarray, "copy feature"], entropy: np.ndarray) -> State:
+        """Draw a state for each observation, at its time."""
+        if not sees_time(self._policy, self._options):
+            return imagined(self._options, seen, entropy)
+        state = imagined(self._options, np.ascontiguousarray(seen[:, :-1]), entropy)
+        state.episodes["time"] = seen[:, -1] / self._options.policy_frequency
+        return state
 
     def _batch_of(self, size: int) -> Batch:
         if self._batch is None or self._batch.size != size:
@@ -118,7 +133,7 @@ class RolloutPolicy:
             factor *= self._discount
             if not running.any():
                 return total
-            values = np.asarray(self._policy.q_values(batch.observation))
+            values = np.asarray(self._policy.q_values(batch.seen_by(self._policy)))
             action, worth = values.argmax(axis=1), values.max(axis=1)
         total[running] += factor * worth[running]
         return total

@@ -54,6 +54,33 @@ def test_the_networks_drive_goes_on_after_the_first_action():
         assert two[0, 0, action] == pytest.approx(first + 0.99 * second, abs=1e-5)
 
 
+class Timed(Indifferent):
+    """Values that tell nothing, of a policy that sees the time; it notes the times."""
+
+    n_features = 71
+
+    def __init__(self):
+        self.times = []
+
+    def q_values(self, observations):
+        self.times.append(observations[:, -1])
+        return super().q_values(observations)
+
+
+def test_the_time_goes_on_in_simulated_decisions_and_ends_the_episode():
+    options = Options()
+    seen = np.repeat(Batch(options, 1).reset([3]), 2, axis=0)
+    times = np.array([2.0, options.decisions - 1.0], np.float32)
+    policy = Timed()
+    planned = RolloutPolicy(policy, options, 0.0, draws=1, decisions=3)
+    assert planned.n_features == 71
+    early, late = planned.values(np.column_stack([seen, times]))[:, 0]
+    assert [sorted({*one.tolist()})[0] for one in policy.times[:2]] == [3.0, 4.0]
+    once = RolloutPolicy(Indifferent(), options, 0.0, draws=1, decisions=1).values(seen)[1, 0]
+    np.testing.assert_allclose(late, once + options.timeout_weight, atol=1e-5)
+    assert (early > late).all()
+
+
 def test_it_depends_on_the_view_alone():
     policy = RolloutPolicy(atlas.load("set_egoistic"), Options(), 0.0, draws=2, decisions=2)
     seen = Batch(Options(), 6).reset(0)

@@ -135,7 +135,7 @@ def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
 TIMED = dataclasses.replace(
     TINY,
     seeds=(3,),
-    families=("timed", "calibrated", "short", "both_causes"),
+    families=("timed", "calibrated", "planned", "short", "both_causes"),
     recipe=dataclasses.replace(
         INTERSECTION.structure,
         view="flat",
@@ -159,7 +159,10 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
         family: [row["asked"] for row in rows if row["family"] == family] for family in FAMILIES
     }
     assert asked["timed"] == asked["calibrated"] == [0.0, 45.0, 90.0]
-    assert asked["short"] == asked["both_causes"] == [0.0, 90.0] and not asked["agents"]
+    assert (
+        asked["short"] == asked["both_causes"] == asked["planned"] == [0.0, 90.0]
+        and not asked["agents"]
+    )
     timed, told = (
         DialPolicy.load(tmp_path / "work" / name / "3" / "dial.safetensors")
         for name in ("timed", "calibrated")

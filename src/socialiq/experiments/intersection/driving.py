@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from socialiq.evaluation.dial import Sweep, calibrated
+from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.evaluation.oracle_lookahead import with_oracle_lookahead
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.episodes import (
@@ -27,6 +29,7 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 
 BATCH = 512  # episodes side by side in evaluation
+PLANNED_BATCH = 128  # the same, where each has many imagined ones
 FIRST_CALIBRATION = 15_000_000
 """First seed of the episodes that select a dial's settings."""
 HIGHWAY_EPISODES, FIRST_HIGHWAY_EPISODE = 200, 30_000_000
@@ -113,6 +116,51 @@ def evaluate_dial(
     dial = DialPolicy.load(trained / config.driver)
     for number, angle in enumerate(config.angles, start=1):
         episodes = episodes_of(Batch(config.options, BATCH), dial.at(angle), config.seeds)
+        save_episodes(folder / angle_file(angle), episodes)
+        on_progress(number / len(config.angles))
+
+
+def evaluate_calibrated(
+    config: DialEvaluation, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the outcomes of a dial with settings: those of the dial without, at the settings.
+
+    A policy of the one is a policy of the other, and both drive the same episodes. The inputs are
+    the dial, and the evaluation of the dial that it was made of.
+    """
+    made, driven = inputs.values()
+    dial = DialPolicy.load(made / DIAL)
+    for angle in config.angles:
+        shutil.copy(driven / angle_file(dial.setting(angle)), folder / angle_file(angle))
+    on_progress(1.0)
+
+
+@dataclass(frozen=True)
+class PlannedEvaluation(DialEvaluation):
+    """Episodes of a dial that plans online at some angles, in degrees."""
+
+    draws: int = 16
+    """States drawn for each observation."""
+    decisions: int = 3
+    """Decisions simulated in each."""
+    doubt: float = 1.0
+    """Standard errors by which an action must exceed the network's own."""
+
+
+def evaluate_planned(
+    config: PlannedEvaluation,
+    folder: Path,
+    inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Write the outcome of every episode of a dial that plans, one file for each angle."""
+    (trained,) = inputs.values()
+    dial = DialPolicy.load(trained / DIAL)
+    discount = dial.provenance["numbers"]["discount"]
+    settings = (config.draws, config.decisions, config.doubt, discount)
+    for number, angle in enumerate(config.angles, start=1):
+        policy = RolloutPolicy(dial.at(angle), config.options, angle, *settings)
+        episodes = episodes_of(Batch(config.options, PLANNED_BATCH), policy, config.seeds)
         save_episodes(folder / angle_file(angle), episodes)
         on_progress(number / len(config.angles))
 

@@ -20,6 +20,7 @@ from socialiq.learners.config import check_counts
 from socialiq.learners.dial.config import INTERSECTION, Hyperparameters, StaticConfig
 
 DIALS, AGENTS, TIMED, CALIBRATED, SHORT = "dial", "agents", "timed", "calibrated", "short"
+PLANNED = "planned"
 
 ABLATIONS: dict[str, dict[str, Any]] = {
     SHORT: {},
@@ -38,9 +39,9 @@ ABLATIONS: dict[str, dict[str, Any]] = {
 }
 """Dials of `ablation_updates`, and what of the recipe each changes; the first changes nothing."""
 
-FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, *ABLATIONS)
+FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, PLANNED, *ABLATIONS)
 """Kinds of policies: dials and agents without a clock, the recipe's dials with it, the same with
-settings of their angles, and the ablations."""
+settings of their angles, the same with online planning, and the ablations."""
 
 CLOCKED = (TIMED, *ABLATIONS)
 """Families of the recipe with a clock; the dials of all seeds are trained in one program."""
@@ -86,6 +87,8 @@ class Config:
     """Environment steps for each gradient step of these dials."""
     ablation_updates: int = 6_000
     """Gradient steps of each ablation."""
+    planned_seeds: int = 1
+    """Training seeds, the first ones, whose dials also drive with online planning."""
     calibration_episodes: int = EPISODES
     """Episodes of each angle, of their own, that select a dial's settings."""
 
@@ -97,8 +100,9 @@ class Config:
             raise UserError("every key angle must be among the angles at which a dial is driven")
         for family in self.families:
             one_of("family", family, FAMILIES)
-        if CALIBRATED in self.families and TIMED not in self.families:
-            raise UserError(f"a calibrated dial is a {TIMED} one with settings: name both families")
+        for family in (CALIBRATED, PLANNED):
+            if family in self.families and TIMED not in self.families:
+                raise UserError(f"a {family} dial is made of a {TIMED} one: name both families")
         counts = (
             "agent_updates",
             "steps_per_update",
@@ -107,7 +111,16 @@ class Config:
             "size",
             "episodes",
         )
-        check_counts(self, (*counts, "ablation_updates", "calibration_episodes"))
+        check_counts(self, (*counts, "ablation_updates", "calibration_episodes", "planned_seeds"))
+
+    def seeds_of(self, family: str) -> tuple[int, ...]:
+        """Return the training seeds of a family."""
+        return self.seeds[: self.planned_seeds] if family == PLANNED else self.seeds
+
+    def angles_of(self, family: str) -> tuple[float, ...]:
+        """Return the angles at which a family is driven."""
+        few = family in (AGENTS, PLANNED) or family in ABLATIONS
+        return self.key_angles if few else self.turned
 
     def recipe_of(self, family: str) -> Recipe:
         """Return how the dials of a family are trained."""

@@ -10,13 +10,14 @@ from socialiq.experiments.results import Results
 from socialiq.experiments.tables import groups, matching
 from socialiq.plotting.rows import band, line
 from socialiq.plotting.style import figure, finish
-from socialiq.studies.intersection_dial.config import AGENTS, CALIBRATED, DIALS, TIMED
+from socialiq.studies.intersection_dial.config import AGENTS, CALIBRATED, DIALS, PLANNED, TIMED
 
 _LOOKS = {
     DIALS: ("#2166ac", "o", "one dial"),
     AGENTS: ("#c23b22", "^", "an agent each"),
     TIMED: ("#1b7837", "s", "one dial with a clock"),
     CALIBRATED: ("#762a83", "D", "the same, with settings"),
+    PLANNED: ("#b8860b", "v", "the same, with online planning"),
 }
 _RATES = {"arrival": "#1b7837", "collision": "#c23b22", "timeout": "#6e6e6e"}
 
@@ -46,6 +47,8 @@ def _tradeoff(results: Results) -> Figure:
         style |= {"marker": mark, "color": color, "linewidth": 0.6, "markersize": 5, "alpha": 0.6}
         for number, seed in enumerate(results.config["seeds"]):
             rows = matching(results.tables["policies"], family=family, seed=seed)
+            if not rows:
+                continue
             named = label if number == 0 else None
             line(axes, rows, "r_env", "r_social", **style, label=named)
     labels = {"xlabel": "mean total r_env of an episode"}

@@ -7,144 +7,38 @@ intersection study's seeds.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from socialiq.evaluation.front import hypervolume
-from socialiq.experiments.intersection.demonstration_sets import (
-    DEMONSTRATIONS,
-    atlas_demonstrations,
-)
-from socialiq.experiments.intersection.dial_programs import (
-    DialOfSeed,
-    DialPrograms,
-    pick_dial,
-    train_dials,
-)
-from socialiq.experiments.intersection.driving import (
-    DialCalibration,
-    DialEvaluation,
-    calibrate_dial,
-    evaluate_dial,
-)
+from socialiq.experiments.intersection.dial_programs import pick_dial, train_dials
 from socialiq.experiments.intersection.episodes import DIAL, EPISODES, angle_file, load_episodes
 from socialiq.experiments.intersection.known import known_policies, value_at
 from socialiq.experiments.intersection.rows import curves, policy_row, times
-from socialiq.experiments.intersection.training import MixtureDialRun, train_dial
-from socialiq.experiments.jobs import Job
+from socialiq.experiments.intersection.training import train_dial
 from socialiq.experiments.study import Context, Findings, Study, view_of
 from socialiq.experiments.tables import groups, matching, numeric_means, paired_differences
 from socialiq.studies.intersection_dial.config import (
     ABLATIONS,
     AGENTS,
     CALIBRATED,
-    CLOCKED,
     DIALS,
+    PLANNED,
     SHORT,
     TIMED,
     Config,
-    Recipe,
 )
 from socialiq.studies.intersection_dial.figures import draw
+from socialiq.studies.intersection_dial.plan import folder_of, plan
 from socialiq.types import Row
 
-_COMPARED = ((DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED))
+_COMPARED = ((DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED))
 _COMPARED += tuple((SHORT, other) for other in ABLATIONS if other != SHORT)
 """Pairs of families whose differences are tested, by training seed."""
-
-
-PROGRAMS = "programs"
-"""Stage of the jobs that train a recipe's dials of all seeds."""
-
-
-def plan(config: Config) -> list[Job]:
-    """Return every job, each after its inputs."""
-    jobs = [atlas_demonstrations(config.pool_episodes)]
-    jobs += [_program(config, family) for family in config.families if family in CLOCKED]
-    for seed, family in itertools.product(config.seeds, config.families):
-        if family == CALIBRATED:
-            jobs += _calibration(config, seed)
-        elif family in CLOCKED:
-            angles = config.key_angles if family in ABLATIONS else config.turned
-            name = folder_of(family, seed)
-            jobs.append(Job(name, pick_dial, DialOfSeed(seed), (f"{PROGRAMS}/{family}",)))
-            jobs += _driving(config, name, angles)
-        elif family == DIALS:
-            name, recipe = folder_of(DIALS, seed), config.recipe_of(DIALS)
-            jobs += _training(config, recipe, config.turned, name, seed)
-        else:
-            for angle in config.key_angles:
-                structure = dataclasses.replace(
-                    config.structure,
-                    low=angle,
-                    high=angle,
-                    margin=0.0,
-                    updates=config.agent_updates,
-                )
-                name = folder_of(AGENTS, seed, angle)
-                recipe = Recipe(structure, config.numbers)
-                jobs += _training(config, recipe, (angle,), name, seed)
-    return jobs
-
-
-def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
-    """Return the folder of a dial, or of the agent of an angle."""
-    if family == AGENTS:
-        return f"agents/{angle:g}/{seed}"
-    return f"dials/{seed}" if family == DIALS else f"{family}/{seed}"
-
-
-def _program(config: Config, family: str) -> Job:
-    """Train the dials of all seeds in one program."""
-    structure, numbers = config.recipe_of(family)
-    runs = DialPrograms(
-        structure=structure,
-        numbers=numbers,
-        size=config.size,
-        steps_per_update=config.recipe_steps,
-        environments=structure.environments,
-        mixture=config.mixture,
-        seeds=config.seeds,
-    )
-    cost = structure.updates * len(config.seeds) / 150
-    return Job(f"{PROGRAMS}/{family}", train_dials, runs, (DEMONSTRATIONS,), cost=cost)
-
-
-def _training(
-    config: Config, recipe: Recipe, angles: tuple[float, ...], name: str, seed: int
-) -> Iterator[Job]:
-    """Train, then drive at these angles."""
-    structure = recipe.structure
-    run = MixtureDialRun(
-        structure=structure,
-        numbers=dataclasses.replace(recipe.numbers, seed=seed),
-        size=config.size,
-        steps_per_update=config.steps_per_update,
-        environments=structure.environments,
-        mixture=config.mixture,
-    )
-    if len(angles) == 1:
-        run = dataclasses.replace(run, check_angles=angles)
-    yield Job(name, train_dial, run, (DEMONSTRATIONS,), cost=structure.updates / 150)
-    yield from _driving(config, name, angles)
-
-
-def _calibration(config: Config, seed: int) -> Iterator[Job]:
-    """Select a dial's settings on episodes of their own, then drive."""
-    name, trained = folder_of(CALIBRATED, seed), folder_of(TIMED, seed)
-    told = DialCalibration(config.turned, episodes=config.calibration_episodes)
-    yield Job(name, calibrate_dial, told, (trained,), cost=3.0 * len(config.turned))
-    yield from _driving(config, name, config.turned)
-
-
-def _driving(config: Config, name: str, angles: tuple[float, ...]) -> Iterator[Job]:
-    driving = DialEvaluation(angles, episodes=config.episodes)
-    yield Job(f"evaluation/{name}", evaluate_dial, driving, (name,), cost=3.0 * len(angles))
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
@@ -180,8 +74,7 @@ def _policies(config: Config, work: Path, known: Sequence[Row]) -> list[Row]:
     """
     rows: list[Row] = []
     for seed, family in itertools.product(config.seeds, config.families):
-        short = family == AGENTS or family in ABLATIONS
-        for angle in config.key_angles if short else config.turned:
+        for angle in config.angles_of(family) if seed in config.seeds_of(family) else ():
             name = folder_of(family, seed, angle)
             episodes = load_episodes(work / "evaluation" / name / angle_file(angle))
             row = {"family": family, "seed": seed, "asked": angle, "value": 0.0, "regret": 0.0}
@@ -204,6 +97,8 @@ def _differences(config: Config, families: Sequence[Row]) -> list[Row]:
     for first, second in _COMPARED:
         if first in config.families and second in config.families:
             one, other = (matching(families, family=name) for name in (first, second))
+            seeds = [row["seed"] for row in one]  # online planning: of the first seeds alone
+            other = [row for row in other if row["seed"] in seeds]
             measures = [name for name in one[0] if name == "hypervolume" or "regret" in name]
             found = paired_differences(one, other, *measures, label="measure")
             rows += [{"first": first, "second": second, **row} for row in found]
@@ -220,6 +115,8 @@ def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
     corner = _points(policies).min(axis=0)
     found: list[Row] = []
     for family, seed in itertools.product(config.families, config.seeds):
+        if seed not in config.seeds_of(family):
+            continue
         rows = matching(policies, family=family, seed=seed)
         rows.sort(key=lambda row: row["asked"])
         key = [row for row in rows if row["asked"] in config.key_angles]

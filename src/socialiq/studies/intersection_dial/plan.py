@@ -1,0 +1,138 @@
+"""Jobs of the study: training, settings and driving of every policy."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+
+from socialiq.experiments.intersection.demonstration_sets import (
+    DEMONSTRATIONS,
+    atlas_demonstrations,
+)
+from socialiq.experiments.intersection.dial_programs import (
+    DialOfSeed,
+    DialPrograms,
+    pick_dial,
+    train_dials,
+)
+from socialiq.experiments.intersection.driving import (
+    DialCalibration,
+    DialEvaluation,
+    PlannedEvaluation,
+    calibrate_dial,
+    evaluate_calibrated,
+    evaluate_dial,
+    evaluate_planned,
+)
+from socialiq.experiments.intersection.training import MixtureDialRun, train_dial
+from socialiq.experiments.jobs import Job
+from socialiq.studies.intersection_dial.config import (
+    AGENTS,
+    CALIBRATED,
+    CLOCKED,
+    DIALS,
+    FAMILIES,
+    PLANNED,
+    TIMED,
+    Config,
+    Recipe,
+)
+
+PROGRAMS = "programs"
+"""Stage of the jobs that train a recipe's dials of all seeds."""
+
+
+def plan(config: Config) -> list[Job]:
+    """Return every job, each after its inputs."""
+    jobs = [atlas_demonstrations(config.pool_episodes)]
+    jobs += [_program(config, family) for family in config.families if family in CLOCKED]
+    families = [family for family in FAMILIES if family in config.families]
+    for seed, family in itertools.product(config.seeds, families):
+        name, angles = folder_of(family, seed), config.angles_of(family)
+        if family == CALIBRATED:
+            jobs += _calibration(config, seed)
+        elif family == PLANNED:
+            jobs += _planning(config, seed)
+        elif family in CLOCKED:
+            jobs.append(Job(name, pick_dial, DialOfSeed(seed), (f"{PROGRAMS}/{family}",)))
+            jobs.append(_driving(config, name, angles))
+        elif family == DIALS:
+            jobs += _training(config, config.recipe_of(DIALS), angles, name, seed)
+        else:
+            jobs += _agents(config, seed)
+    return jobs
+
+
+def _agents(config: Config, seed: int) -> Iterator[Job]:
+    """Train the agents of a seed, each for one angle, and drive."""
+    for angle in config.key_angles:
+        one = {"low": angle, "high": angle, "margin": 0.0, "updates": config.agent_updates}
+        recipe = Recipe(dataclasses.replace(config.structure, **one), config.numbers)
+        yield from _training(config, recipe, (angle,), folder_of(AGENTS, seed, angle), seed)
+
+
+def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
+    """Return the folder of a dial, or of the agent of an angle."""
+    if family == AGENTS:
+        return f"agents/{angle:g}/{seed}"
+    return f"dials/{seed}" if family == DIALS else f"{family}/{seed}"
+
+
+def _program(config: Config, family: str) -> Job:
+    """Train the dials of all seeds in one program."""
+    structure, numbers = config.recipe_of(family)
+    runs = DialPrograms(
+        structure=structure,
+        numbers=numbers,
+        size=config.size,
+        steps_per_update=config.recipe_steps,
+        environments=structure.environments,
+        mixture=config.mixture,
+        seeds=config.seeds,
+    )
+    cost = structure.updates * len(config.seeds) / 150
+    return Job(f"{PROGRAMS}/{family}", train_dials, runs, (DEMONSTRATIONS,), cost=cost)
+
+
+def _training(
+    config: Config, recipe: Recipe, angles: tuple[float, ...], name: str, seed: int
+) -> Iterator[Job]:
+    """Train, then drive at these angles."""
+    structure = recipe.structure
+    run = MixtureDialRun(
+        structure=structure,
+        numbers=dataclasses.replace(recipe.numbers, seed=seed),
+        size=config.size,
+        steps_per_update=config.steps_per_update,
+        environments=structure.environments,
+        mixture=config.mixture,
+    )
+    if len(angles) == 1:
+        run = dataclasses.replace(run, check_angles=angles)
+    yield Job(name, train_dial, run, (DEMONSTRATIONS,), cost=structure.updates / 150)
+    yield _driving(config, name, angles)
+
+
+def _calibration(config: Config, seed: int) -> Iterator[Job]:
+    """Select a dial's settings on episodes of their own, then drive."""
+    name, trained = folder_of(CALIBRATED, seed), folder_of(TIMED, seed)
+    told = DialCalibration(config.turned, episodes=config.calibration_episodes)
+    yield Job(name, calibrate_dial, told, (trained,), cost=3.0 * len(config.turned))
+    driving = DialEvaluation(config.turned, episodes=config.episodes)
+    inputs = (name, f"evaluation/{trained}")
+    yield Job(f"evaluation/{name}", evaluate_calibrated, driving, inputs)
+
+
+def _planning(config: Config, seed: int) -> Iterator[Job]:
+    """Drive the dials of the first seeds with online planning."""
+    if seed in config.seeds_of(PLANNED):
+        angles = config.angles_of(PLANNED)
+        driving = PlannedEvaluation(angles, episodes=config.episodes)
+        name, trained = f"evaluation/{folder_of(PLANNED, seed)}", folder_of(TIMED, seed)
+        yield Job(name, evaluate_planned, driving, (trained,), cost=140.0 * len(angles))
+
+
+def _driving(config: Config, name: str, angles: tuple[float, ...]) -> Job:
+    driving = DialEvaluation(angles, episodes=config.episodes)
+    return Job(f"evaluation/{name}", evaluate_dial, driving, (name,), cost=3.0 * len(angles))
