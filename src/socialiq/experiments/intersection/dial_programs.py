@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.demonstration_sets import mixture_of
@@ -25,16 +23,14 @@ from socialiq.experiments.intersection.fitting import (
     curve_rows,
     sizes_of,
 )
-from socialiq.experiments.intersection.training import MixtureDialRun
+from socialiq.experiments.intersection.training import MixtureDialRun, dial_collector
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.experiments.results import as_csv
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
-from socialiq.learners.dial.fleet import FleetCollector
 from socialiq.nn.q_network import network_of
 from socialiq.storage import write_atomically
-from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +60,8 @@ def train_dials(
     data = [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds]
     if config.clock:
         data = [one.with_clock() for one in data]
+    environments, steps = config.environments, config.steps_per_update
+    collector = dial_collector(config.structure, config.runs, config.options, environments, steps)
     checkpoint = folder / CHECKPOINT
     callbacks = Callbacks(
         lambda report: on_progress(report.done / report.total),
@@ -78,26 +76,12 @@ def train_dials(
         sizes=sizes_of(config.options, config.clock),
         callbacks=callbacks,
         chunk=CHUNK,
-        before_chunk=_collector(config),
+        before_chunk=collector,
     )
     for run, seed in enumerate(config.seeds):
         trained.policy(run).save(folder / f"{seed}.safetensors")
         write_atomically(folder / f"{seed}.csv", as_csv(curve_rows(trained.history, run)))
     checkpoint.unlink(missing_ok=True)
-
-
-def _collector(config: DialPrograms) -> FleetCollector:
-    """Return what lets all runs act, on as many threads as there are runs, or cores if fewer."""
-    count = len(config.seeds)
-    env = IntersectionVectorEnv(
-        count * config.environments,
-        threads=min(count, os.cpu_count() or 1),
-        autoreset_mode=AutoresetMode.SAME_STEP,
-        clock=config.clock,
-        **dataclasses.asdict(config.options),
-    )
-    rounds = -(-CHUNK * config.steps_per_update // config.environments)
-    return FleetCollector(env, rounds, config.structure, config.runs)
 
 
 def _monitor(config: DialPrograms) -> Monitor:

@@ -7,6 +7,7 @@ of which its fingerprint is made (`experiments.jobs`).
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -33,6 +35,7 @@ from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.dial.acting import DialCollector
+from socialiq.learners.dial.fleet import FleetCollector
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn import train as dqn_training
 from socialiq.learners.iq_learn import config as iq
@@ -45,6 +48,7 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
 
 MEASURES = ("total", "collision", "arrival", "timeout", "r_env", "r_social")
@@ -182,19 +186,31 @@ def dial_collector(
     options: Options,
     environments: int,
     steps_per_update: int,
-) -> DialCollector:
-    """Return what collects a dial's experience on the core, from intersections of each run.
+) -> DialCollector | FleetCollector:
+    """Return what collects dials' experience on the core, from intersections of each run.
+
+    Several runs act together, on as many threads as there are runs, or cores if fewer.
 
     Args:
         structure: Shared by all runs; with a clock where times are redrawn.
         numbers: Of each run.
         options: Scenario.
-        environments: Episodes side by side.
+        environments: Episodes side by side, of each run.
         steps_per_update: Rows for each update.
     """
-    clock = structure.redraw_times > 0
-    sources = [source_of(options, environments, steps_per_update, clock) for _ in numbers]
-    return DialCollector(sources, structure, numbers)
+    clock, count = structure.redraw_times > 0, len(numbers)
+    if count == 1:
+        source = source_of(options, environments, steps_per_update, clock)
+        return DialCollector([source], structure, numbers)
+    env = IntersectionVectorEnv(
+        count * environments,
+        threads=min(count, os.cpu_count() or 1),
+        autoreset_mode=AutoresetMode.SAME_STEP,
+        clock=clock,
+        **dataclasses.asdict(options),
+    )
+    rounds = -(-CHUNK * steps_per_update // environments)
+    return FleetCollector(env, rounds, structure, numbers)
 
 
 DIAL_STRUCTURE = dial.StaticConfig(

@@ -55,6 +55,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "policies": policies,
         "families": families,
         "differences": _differences(config, families),
+        "known": _best_known(config, known),
         "curves": curves([*alone, *picked], work, columns=None),
         "times": times([*alone, *together], work),
     }
@@ -88,6 +89,15 @@ def _policies(config: Config, work: Path, known: Sequence[Row]) -> list[Row]:
         if known:
             ever = max(best[angle], *(value_at(one, angle) for one in known))
             row["known_regret"] = ever - row["value"]
+    return rows
+
+
+def _best_known(config: Config, known: Sequence[Row]) -> list[Row]:
+    """Return the best of the known policies at each key angle, without those of this study."""
+    rows: list[Row] = []
+    for angle in config.key_angles if known else ():
+        best = max(known, key=lambda row: value_at(row, angle))
+        rows.append({"angle": angle, "value": value_at(best, angle), **best})
     return rows
 
 
