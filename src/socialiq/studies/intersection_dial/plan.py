@@ -25,6 +25,7 @@ from socialiq.experiments.intersection.driving import (
     evaluate_dial,
     evaluate_planned,
 )
+from socialiq.experiments.intersection.fitting import Checks
 from socialiq.experiments.intersection.training import MixtureDialRun, train_dial
 from socialiq.experiments.jobs import Job
 from socialiq.studies.intersection_dial.config import (
@@ -89,6 +90,7 @@ def _program(config: Config, family: str) -> Job:
         steps_per_update=config.recipe_steps,
         environments=structure.environments,
         mixture=config.mixture,
+        checks=Checks(times=4, episodes=200),
         seeds=config.seeds,
     )
     cost = structure.updates * len(config.seeds) / 150
