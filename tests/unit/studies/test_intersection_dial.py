@@ -135,7 +135,7 @@ def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
 TIMED = dataclasses.replace(
     TINY,
     seeds=(3,),
-    families=("timed", "calibrated", "planned", "short", "both_causes"),
+    families=("timed", "calibrated", "planned", "foresight", "short", "both_causes"),
     recipe=dataclasses.replace(
         INTERSECTION.structure,
         view="flat",
@@ -163,6 +163,10 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
         asked["short"] == asked["both_causes"] == asked["planned"] == [0.0, 90.0]
         and not asked["agents"]
     )
+    seen = found.tables["foresight"]
+    assert [row["asked"] for row in seen] == [0.0, 90.0] and not asked["foresight"]
+    plain = {row["asked"]: row["value"] for row in rows if row["family"] == "timed"}
+    assert all(row["value"] >= plain[row["asked"]] - 1e-6 for row in seen)
     timed, told = (
         DialPolicy.load(tmp_path / "work" / name / "3" / "dial.safetensors")
         for name in ("timed", "calibrated")

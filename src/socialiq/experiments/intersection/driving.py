@@ -165,6 +165,18 @@ def evaluate_planned(
         on_progress(number / len(config.angles))
 
 
+def evaluate_seeing(
+    config: DialEvaluation, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the outcome of every episode of a dial with oracle lookahead, a file for each angle."""
+    (trained,) = inputs.values()
+    dial = DialPolicy.load(trained / DIAL)
+    for number, angle in enumerate(config.angles, start=1):
+        episodes = with_oracle_lookahead(config.options, dial.at(angle), config.seeds, angle)
+        save_episodes(folder / angle_file(angle), episodes)
+        on_progress(number / len(config.angles))
+
+
 @dataclass(frozen=True)
 class DialCalibration(EpisodesRun):
     """Greedy episodes of a dial at some angles, in degrees, that select its settings."""

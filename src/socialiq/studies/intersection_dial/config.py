@@ -20,7 +20,7 @@ from socialiq.learners.config import check_counts
 from socialiq.learners.dial.config import INTERSECTION, Hyperparameters, StaticConfig
 
 DIALS, AGENTS, TIMED, CALIBRATED, SHORT = "dial", "agents", "timed", "calibrated", "short"
-PLANNED = "planned"
+PLANNED, FORESIGHT = "planned", "foresight"
 
 ABLATIONS: dict[str, dict[str, Any]] = {
     SHORT: {},
@@ -39,9 +39,10 @@ ABLATIONS: dict[str, dict[str, Any]] = {
 }
 """Dials of `ablation_updates`, and what of the recipe each changes; the first changes nothing."""
 
-FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, PLANNED, *ABLATIONS)
+FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, PLANNED, FORESIGHT, *ABLATIONS)
 """Kinds of policies: dials and agents without a clock, the recipe's dials with it, the same with
-settings of their angles, the same with online planning, and the ablations."""
+settings of their angles, with online planning and with one look at the true future, which makes no
+policy, and the ablations."""
 
 CLOCKED = (TIMED, *ABLATIONS)
 """Families of the recipe with a clock; the dials of all seeds are trained in one program."""
@@ -88,7 +89,7 @@ class Config:
     ablation_updates: int = 6_000
     """Gradient steps of each ablation."""
     planned_seeds: int = 1
-    """Training seeds, the first ones, whose dials also drive with online planning."""
+    """Training seeds, the first ones, whose dials also drive with online planning or foresight."""
     calibration_episodes: int = EPISODES
     """Episodes of each angle, of their own, that select a dial's settings."""
 
@@ -100,7 +101,7 @@ class Config:
             raise UserError("every key angle must be among the angles at which a dial is driven")
         for family in self.families:
             one_of("family", family, FAMILIES)
-        for family in (CALIBRATED, PLANNED):
+        for family in (CALIBRATED, PLANNED, FORESIGHT):
             if family in self.families and TIMED not in self.families:
                 raise UserError(f"a {family} dial is made of a {TIMED} one: name both families")
         counts = (
@@ -115,11 +116,12 @@ class Config:
 
     def seeds_of(self, family: str) -> tuple[int, ...]:
         """Return the training seeds of a family."""
-        return self.seeds[: self.planned_seeds] if family == PLANNED else self.seeds
+        few = family in (PLANNED, FORESIGHT)
+        return self.seeds[: self.planned_seeds] if few else self.seeds
 
     def angles_of(self, family: str) -> tuple[float, ...]:
         """Return the angles at which a family is driven."""
-        few = family in (AGENTS, PLANNED) or family in ABLATIONS
+        few = family in (AGENTS, PLANNED, FORESIGHT) or family in ABLATIONS
         return self.key_angles if few else self.turned
 
     def recipe_of(self, family: str) -> Recipe:

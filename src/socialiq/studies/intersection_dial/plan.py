@@ -24,6 +24,7 @@ from socialiq.experiments.intersection.driving import (
     evaluate_calibrated,
     evaluate_dial,
     evaluate_planned,
+    evaluate_seeing,
 )
 from socialiq.experiments.intersection.fitting import Checks
 from socialiq.experiments.intersection.training import MixtureDialRun, train_dial
@@ -34,6 +35,7 @@ from socialiq.studies.intersection_dial.config import (
     CLOCKED,
     DIALS,
     FAMILIES,
+    FORESIGHT,
     PLANNED,
     TIMED,
     Config,
@@ -53,8 +55,9 @@ def plan(config: Config) -> list[Job]:
         name, angles = folder_of(family, seed), config.angles_of(family)
         if family == CALIBRATED:
             jobs += _calibration(config, seed)
-        elif family == PLANNED:
-            jobs += _planning(config, seed)
+        elif family in (PLANNED, FORESIGHT):
+            if seed in config.seeds_of(family):
+                jobs.append(_ahead(config, family, seed))
         elif family in CLOCKED:
             jobs.append(Job(name, pick_dial, DialOfSeed(seed), (f"{PROGRAMS}/{family}",)))
             jobs.append(_driving(config, name, angles))
@@ -126,13 +129,13 @@ def _calibration(config: Config, seed: int) -> Iterator[Job]:
     yield Job(f"evaluation/{name}", evaluate_calibrated, driving, inputs)
 
 
-def _planning(config: Config, seed: int) -> Iterator[Job]:
-    """Drive the dials of the first seeds with online planning."""
-    if seed in config.seeds_of(PLANNED):
-        angles = config.angles_of(PLANNED)
-        driving = PlannedEvaluation(angles, episodes=config.episodes)
-        name, trained = f"evaluation/{folder_of(PLANNED, seed)}", folder_of(TIMED, seed)
-        yield Job(name, evaluate_planned, driving, (trained,), cost=140.0 * len(angles))
+def _ahead(config: Config, family: str, seed: int) -> Job:
+    """Drive a dial with online planning, or with one look at the true future."""
+    work, seconds = (evaluate_planned, 140.0) if family == PLANNED else (evaluate_seeing, 15.0)
+    kind = PlannedEvaluation if family == PLANNED else DialEvaluation
+    driving = kind(config.key_angles, episodes=config.episodes)
+    cost, trained = seconds * len(config.key_angles), folder_of(TIMED, seed)
+    return Job(f"evaluation/{folder_of(family, seed)}", work, driving, (trained,), cost)
 
 
 def _driving(config: Config, name: str, angles: tuple[float, ...]) -> Job:

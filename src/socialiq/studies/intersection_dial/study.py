@@ -27,6 +27,7 @@ from socialiq.studies.intersection_dial.config import (
     AGENTS,
     CALIBRATED,
     DIALS,
+    FORESIGHT,
     PLANNED,
     SHORT,
     TIMED,
@@ -45,7 +46,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the dial of the first seed."""
     work = context.work
     known = known_policies() if config.episodes == EPISODES else []
-    policies = _policies(config, work, known)
+    driven = _policies(config, work, known)
+    policies = [row for row in driven if row["family"] != FORESIGHT]
     families = _families(config, policies)
     alone, together, picked = (
         [job for job in context.jobs if job.work is done]
@@ -56,6 +58,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "families": families,
         "differences": _differences(config, families),
         "known": _best_known(config, known),
+        "foresight": [row for row in driven if row["family"] == FORESIGHT],
         "curves": curves([*alone, *picked], work, columns=None),
         "times": times([*alone, *together], work),
     }
@@ -71,7 +74,7 @@ def _policies(config: Config, work: Path, known: Sequence[Row]) -> list[Row]:
     """Return metrics of each policy, its J(α) at the requested angle, and its regrets there.
 
     The regret is against the best policy here, `known_regret` against the best of these and of all
-    known ones.
+    known ones. A dial with foresight is no policy: it is not among the best.
     """
     rows: list[Row] = []
     for seed, family in itertools.product(config.seeds, config.families):
@@ -81,7 +84,8 @@ def _policies(config: Config, work: Path, known: Sequence[Row]) -> list[Row]:
             row = {"family": family, "seed": seed, "asked": angle, "value": 0.0, "regret": 0.0}
             row |= policy_row(name, "greedy", episodes)
             rows.append({key: row[key] for key in row if key not in ("policy", "readout")})
-    best = {angle: max(value_at(row, angle) for row in rows) for angle in config.turned}
+    real = [row for row in rows if row["family"] != FORESIGHT]
+    best = {angle: max(value_at(row, angle) for row in real) for angle in config.turned}
     for row in rows:
         angle = row["asked"]
         row["value"] = value_at(row, angle)
@@ -125,7 +129,7 @@ def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
     corner = _points(policies).min(axis=0)
     found: list[Row] = []
     for family, seed in itertools.product(config.families, config.seeds):
-        if seed not in config.seeds_of(family):
+        if family == FORESIGHT or seed not in config.seeds_of(family):
             continue
         rows = matching(policies, family=family, seed=seed)
         rows.sort(key=lambda row: row["asked"])
