@@ -114,9 +114,9 @@ def fit(
     checkpoint.unlink(missing_ok=True)
 
 
-def curve_rows(history: History, run: int = 0) -> list[Row]:
-    """Return the checked points of a run: updates, loss terms, measured values."""
-    arrays = {name: history.array(name)[:, run] for name in history.values}
+def curve_rows(history: History) -> list[Row]:
+    """Return the checked points of the first run: updates, loss terms, measured values."""
+    arrays = {name: history.array(name)[:, 0] for name in history.values}
     return [
         {"updates": updates} | {name: rounded(float(array[i])) for name, array in arrays.items()}
         for i, updates in enumerate(history.updates)

@@ -287,7 +287,7 @@ def fit_dial(
     structure, numbers = config.structure, config.numbers
 
     def measure(state: Any, _done: int) -> dict[str, float]:
-        network = network_of(state.target_network.values, 0)
+        network = network_of(dial_training.deployed(state), 0)
         policy = dial_training.dial_of(structure, numbers, network)
         batch, seeds = config.checks.batch(config.options), config.checks.seeds
         values = [value(batch, policy.at(angle), seeds, angle) for angle in config.check_angles]

@@ -44,9 +44,6 @@ FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, PLANNED, FORESIGHT, *ABLATIONS)
 settings of their angles, with online planning and with one look at the true future, which makes no
 policy, and the ablations."""
 
-CLOCKED = (TIMED, *ABLATIONS)
-"""Families of the recipe with a clock; the dials of all seeds are trained in one program."""
-
 _NAMES = {one.name for one in dataclasses.fields(StaticConfig)}
 
 
@@ -84,8 +81,6 @@ class Config:
     """Static config of a dial with a clock."""
     recipe_numbers: Hyperparameters = INTERSECTION.numbers
     """Hyperparameters of these dials, without the seed."""
-    recipe_steps: int = 12
-    """Environment steps for each gradient step of these dials."""
     ablation_updates: int = 6_000
     """Gradient steps of each ablation."""
     planned_seeds: int = 1

@@ -10,12 +10,6 @@ from socialiq.experiments.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     atlas_demonstrations,
 )
-from socialiq.experiments.intersection.dial_programs import (
-    DialOfSeed,
-    DialPrograms,
-    pick_dial,
-    train_dials,
-)
 from socialiq.experiments.intersection.driving import (
     DialCalibration,
     DialEvaluation,
@@ -26,13 +20,11 @@ from socialiq.experiments.intersection.driving import (
     evaluate_planned,
     evaluate_seeing,
 )
-from socialiq.experiments.intersection.fitting import Checks
 from socialiq.experiments.intersection.training import MixtureDialRun, train_dial
 from socialiq.experiments.jobs import Job
 from socialiq.studies.intersection_dial.config import (
     AGENTS,
     CALIBRATED,
-    CLOCKED,
     DIALS,
     FAMILIES,
     FORESIGHT,
@@ -42,14 +34,10 @@ from socialiq.studies.intersection_dial.config import (
     Recipe,
 )
 
-PROGRAMS = "programs"
-"""Stage of the jobs that train a recipe's dials of all seeds."""
-
 
 def plan(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
     jobs = [atlas_demonstrations(config.pool_episodes)]
-    jobs += [_program(config, family) for family in config.families if family in CLOCKED]
     families = [family for family in FAMILIES if family in config.families]
     for seed, family in itertools.product(config.seeds, families):
         name, angles = folder_of(family, seed), config.angles_of(family)
@@ -58,13 +46,10 @@ def plan(config: Config) -> list[Job]:
         elif family in (PLANNED, FORESIGHT):
             if seed in config.seeds_of(family):
                 jobs.append(_ahead(config, family, seed))
-        elif family in CLOCKED:
-            jobs.append(Job(name, pick_dial, DialOfSeed(seed), (f"{PROGRAMS}/{family}",)))
-            jobs.append(_driving(config, name, angles))
-        elif family == DIALS:
-            jobs += _training(config, config.recipe_of(DIALS), angles, name, seed)
-        else:
+        elif family == AGENTS:
             jobs += _agents(config, seed)
+        else:
+            jobs += _training(config, config.recipe_of(family), angles, name, seed)
     return jobs
 
 
@@ -81,23 +66,6 @@ def folder_of(family: str, seed: int, angle: float = 0.0) -> str:
     if family == AGENTS:
         return f"agents/{angle:g}/{seed}"
     return f"dials/{seed}" if family == DIALS else f"{family}/{seed}"
-
-
-def _program(config: Config, family: str) -> Job:
-    """Train the dials of all seeds in one program."""
-    structure, numbers = config.recipe_of(family)
-    runs = DialPrograms(
-        structure=structure,
-        numbers=numbers,
-        size=config.size,
-        steps_per_update=config.recipe_steps,
-        environments=structure.environments,
-        mixture=config.mixture,
-        checks=Checks(times=4, episodes=200),
-        seeds=config.seeds,
-    )
-    cost = structure.updates * len(config.seeds) / 150
-    return Job(f"{PROGRAMS}/{family}", train_dials, runs, (DEMONSTRATIONS,), cost=cost)
 
 
 def _training(

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from socialiq.evaluation.front import hypervolume
-from socialiq.experiments.intersection.dial_programs import pick_dial, train_dials
 from socialiq.experiments.intersection.episodes import DIAL, EPISODES, angle_file, load_episodes
 from socialiq.experiments.intersection.known import known_policies, value_at
 from socialiq.experiments.intersection.rows import curves, policy_row, times
@@ -49,18 +48,15 @@ def compute_tables(config: Config, context: Context) -> Findings:
     driven = _policies(config, work, known)
     policies = [row for row in driven if row["family"] != FORESIGHT]
     families = _families(config, policies)
-    alone, together, picked = (
-        [job for job in context.jobs if job.work is done]
-        for done in (train_dial, train_dials, pick_dial)
-    )
+    trained = [job for job in context.jobs if job.work is train_dial]
     tables = {
         "policies": policies,
         "families": families,
         "differences": _differences(config, families),
         "known": _best_known(config, known),
         "foresight": [row for row in driven if row["family"] == FORESIGHT],
-        "curves": curves([*alone, *picked], work, columns=None),
-        "times": times([*alone, *together], work),
+        "curves": curves(trained, work, columns=None),
+        "times": times(trained, work),
     }
     files = {
         f"{family}.safetensors": (work / folder_of(family, config.seeds[0]) / DIAL).read_bytes()
