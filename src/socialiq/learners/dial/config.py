@@ -309,7 +309,7 @@ INTERSECTION = Preset(
         heads="pair",
         high_share=0.4,
         driven_share=0.6,
-        updates=20_000,
+        updates=40_000,
         environments=48,
         replay_capacity=200_000,
     ),

@@ -99,14 +99,7 @@ class Config:
         for family in (CALIBRATED, PLANNED, FORESIGHT):
             if family in self.families and TIMED not in self.families:
                 raise UserError(f"a {family} dial is made of a {TIMED} one: name both families")
-        counts = (
-            "agent_updates",
-            "steps_per_update",
-            "recipe_steps",
-            "pool_episodes",
-            "size",
-            "episodes",
-        )
+        counts = ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes")
         check_counts(self, (*counts, "ablation_updates", "calibration_episodes", "planned_seeds"))
 
     def seeds_of(self, family: str) -> tuple[int, ...]:
