@@ -70,7 +70,8 @@ class FleetCollector:
             chosen = [driver.chosen(one) for driver, one in zip(drivers, q, strict=True)]
             return np.concatenate(chosen)
 
-        observation, _ = self._env.reset(seed=seeds)
+        of_rows: Any = seeds  # a list, which the type of the base class does not name
+        observation, _ = self._env.reset(seed=of_rows)
         rows = stepped(self._env, observation, act, self._rounds)
         made = self._by_run(list(rows), direction)
         ring = self._add(runs.carry.replay, made)
