@@ -50,6 +50,7 @@ from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.competence import bench, methods
 from socialiq.studies.grid import study as grid
 from socialiq.studies.intersection_offline import tables as offline
+from socialiq.studies.intersection_offline.config import Config as OfflineConfig
 from socialiq.studies.theory import cases
 from socialiq.studies.theory import small_strength as lines
 from socialiq.to_json import rounded
@@ -320,7 +321,7 @@ def test_the_dial_drives_as_before(committed, batch, angle):
         assert found[name] == pytest.approx(theirs[name], abs=0.02), name
 
 
-@pytest.mark.parametrize("angle", [0.0, 60.0])
+@pytest.mark.parametrize("angle", [0.0, 90.0])
 def test_the_offline_dial_drives_as_before(committed, batch, angle):
     """The dial of the first seed, stored beside the tables."""
     results = committed["intersection-offline"]
@@ -336,6 +337,20 @@ def test_the_offline_dial_drives_as_before(committed, batch, angle):
     assert again.value(angle) == pytest.approx(theirs["value"], abs=0.02)
     for name in ("collision", "arrival", "timeout"):
         assert getattr(again, name) == pytest.approx(theirs[name], abs=5 / len(seeds)), name
+
+
+def test_the_offline_tests_follow_from_the_values(committed):
+    """Every difference and verdict, from the values of the policies."""
+    results = committed["intersection-offline"]
+    names = ("seeds", "angles", "methods", "method_angles")
+    config = OfflineConfig(**{name: tuple(results.config[name]) for name in names})
+    again = offline.compared(config, results.tables["policies"])
+    for name in ("differences", "forms"):
+        for ours, theirs in zip(again[name], results.tables[name], strict=True):
+            for key, value in theirs.items():
+                expected = pytest.approx(value, abs=2e-5) if isinstance(value, float) else value
+                assert ours[key] == expected, (name, key)
+    assert offline.summarised(again) == results.summary
 
 
 @pytest.mark.slow

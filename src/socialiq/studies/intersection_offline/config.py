@@ -17,19 +17,20 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 
-OFFLINE = (
-    "clone weighted by R(α)",
-    "IQ-Learn, dueling",
-    "IQ-Learn, dueling, reweighted",
+COMMITTED = ("clone weighted by R(α)", "IQ-Learn, dueling, reweighted")
+"""Methods of the committed results."""
+METHODS = (
+    *COMMITTED,
     "clone weighted by advantage",
-    "IQ-Learn",
     "clone of the mode",
     "clone of all",
+    "IQ-Learn, dueling",
+    "IQ-Learn",
+    "IQ-Learn online, dueling",
+    "IQ-Learn online",
 )
-"""Methods beside the dial that see the demonstrations alone, trained for each angle."""
-ONLINE = ("IQ-Learn online", "IQ-Learn online, dueling")
-"""Methods that act in the world too."""
-METHODS = (*OFFLINE, *ONLINE)
+"""Methods beside the dial, with a run for each angle; the last two act in the world, the others see
+the demonstrations alone."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Config:
     earlier versions, 100 to 102 in development."""
     angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())
     """Angles at which the dial is driven, in degrees."""
-    methods: tuple[str, ...] = OFFLINE
+    methods: tuple[str, ...] = COMMITTED
     """Methods beside the dial: each is trained for each of its angles."""
     method_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
     """Angles of these methods: those of the demonstrators."""
