@@ -8,7 +8,7 @@ discrete, of runs whose decisions are not close calls.
 import numpy as np
 import pytest
 
-from socialiq.evaluation.dial import ceiling_regrets, support_ceiling
+from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
@@ -22,6 +22,7 @@ from socialiq.experiments.intersection.demonstration_sets import (
 from socialiq.experiments.intersection.driving import BATCH, Evaluation
 from socialiq.experiments.intersection.episodes import LAST
 from socialiq.experiments.study import run
+from socialiq.experiments.tables import matching
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import members_of
 from socialiq.nn.q_policy import QPolicy
@@ -415,6 +416,25 @@ def test_the_ceiling_of_the_demonstrations_is_the_same(committed, support):
     again = ceiling_regrets(ceiling, ground.optimum, angles)
     assert len(angles) == 19
     assert list(again) == pytest.approx([regret for _, regret in theirs], abs=2e-6)
+
+
+def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
+    """The short run's dial of the first seed, evaluated exactly again."""
+    folder = packaged_results() / "dial-short"
+    results = store.load(folder)
+    assert (results.config["runs"], len(results.config["seeds"])) == (["online-short"], 20)
+    theirs = matching(results.tables["angles"], seed=200, readout="greedy")
+    angles = [row["angle"] for row in theirs]
+    swept = sweep(
+        DialPolicy.load(folder / "dial.safetensors"),
+        with_clock(Ground.of("crossing7"), clock=True).part,
+        "greedy",
+        angles,
+    )
+    assert len(angles) == 19
+    for metrics, their in zip(swept.metrics, theirs, strict=True):
+        assert metrics.r_env == pytest.approx(their["r_env"], abs=2e-6)
+        assert metrics.r_social == pytest.approx(their["r_social"], abs=2e-6)
 
 
 def test_without_data_the_hidden_skill_is_missed_as_before(committed):

@@ -54,7 +54,7 @@ class TrainDial:
     demonstrations has none."""
     preset: str | None = None
     """At the intersection: intersection. In a gridworld: online (default), online-short (a fifth of
-    its time, knots of the angle), online-quick (seconds, less exact), online-alone (no
+    its rows, knots of the angle), online-quick (seconds, less exact), online-alone (no
     demonstrations), online-clockless, offline, offline-redrawn (each transition at newly drawn
     times). In both: offline-regularised (from whole episodes alone)."""
     seed: tuple[int, ...] = (0,)

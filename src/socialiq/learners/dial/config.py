@@ -321,5 +321,5 @@ INTERSECTION = Preset(
 
 
 PRESETS = RUNS | {"online-short": SHORT, "online-quick": QUICK}
-"""The study's runs, one that takes at most ten times as long as a run of the thesis' learner, and
-one that takes less than twice as long."""
+"""The study's runs, one with a fifth of the rows of `online`, and one that takes less than twice the
+time of a run of the thesis' learner."""
