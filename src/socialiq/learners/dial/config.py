@@ -321,5 +321,5 @@ INTERSECTION = Preset(
 
 
 PRESETS = RUNS | {"online-short": SHORT, "online-quick": QUICK}
-"""The study's runs, one with a fifth of the rows of `online`, and one that takes less than twice the
-time of a run of the thesis' learner."""
+"""The study's runs, one with a fifth of the rows of `online`, and one that takes less than twice
+the time of a run of the thesis' learner."""
