@@ -67,7 +67,8 @@ class Job:
 def job_environment(work: Path) -> dict[str, str]:
     """Return the variables of the jobs' processes: equal arithmetic, and a cache of programs.
 
-    The cache is the folder that the caller's environment names, else a folder of the jobs.
+    The cache is the folder that the caller's environment names, else a folder of the jobs. Several
+    processes may share a GPU, so none takes its memory in advance.
     """
     from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
@@ -78,6 +79,7 @@ def job_environment(work: Path) -> dict[str, str]:
         **PORTABLE,
         "JAX_COMPILATION_CACHE_DIR": compiled,
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+        "XLA_PYTHON_CLIENT_PREALLOCATE": os.environ.get("XLA_PYTHON_CLIENT_PREALLOCATE", "false"),
     }
 
 

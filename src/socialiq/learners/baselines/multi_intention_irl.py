@@ -182,17 +182,25 @@ def expectation(
     hyperparameters: HyperparameterArrays,
     network: Sequence[QNetwork],
     responsibility: Float[Array, "episode intention"],
+    longest: int,
 ) -> Float[Array, "episode intention"]:
-    """Return P(intention | episode), with the priors that the last responsibilities give."""
+    """Return P(intention | episode), with the priors that the last responsibilities give.
+
+    Only the rows of the run's own set are evaluated; its episodes alone have meaning.
+    """
     table, episodes = learner.table, learner.episodes
     assert table is not None and episodes is not None
-    columns, count = table.columns, episodes.inside.shape[0]
+    count = episodes.inside.shape[0]
+    bounds = table.row_bounds[hyperparameters.dataset + jnp.arange(2)]
+    rows = bounds[0] + jnp.arange(longest)
+    columns = table.rows(jnp.minimum(rows, bounds[1] - 1))
+    episode = jnp.where(rows < bounds[1], episodes.of_row[rows], count)  # out of range: left out
     sums = [
         jax.ops.segment_sum(
             log_likelihood(
                 jax.vmap(one)(columns.observation) / hyperparameters.temperature, columns.action
             ),
-            episodes.of_row,
+            episode,
             count,
         )
         for one in network
@@ -225,7 +233,11 @@ def train(
     """
     learner = MultiIntention.of(static, datasets)
     arrays = stack(hyperparameters)
-    step = jax.jit(jax.vmap(expectation, in_axes=(None, 0, 0, 0)))
+    longest = max(len(data.action) for data in datasets)
+
+    @jax.jit
+    def step(learner: MultiIntention, *runs: Any) -> Array:  # one by one: it takes much memory
+        return jax.lax.map(lambda one: expectation(learner, one[0], one[1], one[2], longest), runs)
 
     def e_step(runs: Runs, done: int) -> Runs:
         if done == 0:  # the networks know nothing yet

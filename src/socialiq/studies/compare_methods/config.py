@@ -61,9 +61,9 @@ class Config:
 
     @property
     def peers(self) -> tuple[str, ...]:
-        """Environments of other libraries that the methods need."""
-        needed = (PEERS[BY_NAME[name].learner] for name in self.methods if name in PEERS)
-        return tuple(dict.fromkeys(needed))
+        """Environments of other libraries that the methods need in these worlds."""
+        found = (method.learner for world in self.worlds for method in self.methods_of(world))
+        return tuple(dict.fromkeys(PEERS[learner] for learner in found if learner in PEERS))
 
     def methods_of(self, world: str) -> list[Method]:
         """Return the methods that run in a world."""

@@ -21,7 +21,7 @@ from socialiq.storage import write_atomically
 from socialiq.studies.compare_methods import peers
 from socialiq.studies.compare_methods.config import trained_angles, updates_of
 from socialiq.studies.compare_methods.methods import BY_NAME, PEERS, Method, Setting
-from socialiq.studies.compare_methods.training import LEARNERS, Arena, Run
+from socialiq.studies.compare_methods.training import LEARNERS, Arena, Run, speed_row
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.gym import GridWorldEnv
@@ -76,9 +76,7 @@ def run_method(
     for run, policy in zip(runs, policies, strict=True):
         rows += rows_of(ground, config, run, policy, served[run.angle])
     write_atomically(folder / ROWS, as_csv(rounded(rows)))
-    speed = {"world": config.world, "method": method.name, "runs": len(runs)}
-    rate = float(np.mean(arena.rates))
-    write_atomically(folder / SPEED, as_csv([speed | {"updates_per_second": float(f"{rate:.2g}")}]))
+    write_atomically(folder / SPEED, as_csv([speed_row(config.world, method, arena, len(runs))]))
     on_progress(1.0)
 
 

@@ -230,6 +230,14 @@ METHODS = (
         serves="all",
     ),
     Method(
+        "dial_regularised",
+        "ours: the regularised dial, offline",
+        "dial_regularised",
+        product(temperature=(0.03, 0.1), end_temperature=(0.1, 0.3)),
+        REWARDS,
+        serves="all",
+    ),
+    Method(
         "dial_online",
         "ours: the dial, online",
         "dial_online",

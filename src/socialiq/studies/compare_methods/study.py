@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from socialiq.experiments.comparison import EPISODES_EACH, GRIDWORLDS, references
 from socialiq.experiments.comparison_figures import angle_figure, quantity
+from socialiq.experiments.intersection.episodes import FIRST_EPISODE
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results, from_csv
 from socialiq.experiments.study import Context, Findings, Study, View
@@ -64,7 +65,7 @@ def fresh_jobs(config: Config, chosen: Chosen) -> list[Job]:
     jobs = [peers.environment_job(library) for library in config.peers]
     for world in config.worlds:
         if world not in GRIDWORLDS:
-            jobs.append(intersection.demonstrations())
+            jobs += [intersection.demonstrations(), intersection.demonstrators(config)]
         for method in config.methods_of(world):
             setting = setting_of(method, chosen[world, method.name])
             jobs += _jobs(config, FRESH, world, method, (setting,))
@@ -77,7 +78,8 @@ def _jobs(
     seeds = config.seeds if phase == FRESH else config.development_seeds
     angles = config.angles if phase == FRESH else config.development_angles
     if world not in GRIDWORLDS:
-        yield from intersection.jobs_of(config, phase, method, angles, settings, seeds)
+        first = FIRST_EPISODE if phase == FRESH else intersection.FIRST_DEVELOPMENT
+        yield from intersection.jobs_of(config, phase, method, angles, settings, seeds, first)
         return
     runs = GridRuns(
         world,
@@ -117,15 +119,14 @@ def _all_rows(
             yield from intersection.rows_of(work, phase, method, settings, seeds)
 
 
-def _speeds(config: Config, work: Path, chosen: Chosen) -> Iterator[Row]:
+def _speeds(config: Config, work: Path) -> Iterator[Row]:
     """Yield updates per second of each method."""
     for world in config.worlds:
         for method in config.methods_of(world):
             if world in GRIDWORLDS:
                 yield from from_csv(work / _name(FRESH, world, method) / SPEED)
                 continue
-            setting = setting_of(method, chosen[world, method.name])
-            yield intersection.speeds_of(work, FRESH, method, setting, config.seeds)
+            yield intersection.speeds_of(work, FRESH, method)
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
@@ -134,7 +135,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     chosen = choose(developed)
     fresh = list(_all_rows(config, context.work, FRESH, chosen))
     pooled = means(fresh)
-    whole = overall(pooled, list(_speeds(config, context.work, chosen)))
+    whole = overall(pooled, list(_speeds(config, context.work)))
     tables = {
         "policies": fresh,
         "pooled": pooled,
@@ -145,6 +146,12 @@ def compute_tables(config: Config, context: Context) -> Findings:
             for world in config.worlds
             if world in GRIDWORLDS
             for row in references(world, config.angles)
+        ],
+        "demonstrators": [
+            row
+            for world in config.worlds
+            if world not in GRIDWORLDS
+            for row in from_csv(context.work / intersection.DEMONSTRATORS / ROWS)
         ],
         "development": means(developed),
     }
@@ -176,7 +183,7 @@ def table(results: Results, world: str) -> list[Row]:
         {"method": BY_NAME[row["method"]].label, "mean": row[measured]}
         | {f"{one['target_angle']:g}°": one[measured] for one in by_method[(row["method"],)]}
         | {"steering": row["steering"], "collision": row["collision"], "arrival": row["arrival"]}
-        | {"told": told(row), "updates/s": row["updates_per_second"]}
+        | {"told": told(row), "updates/s": row["updates_per_second"], "on": row["device"]}
         for row in in_order(whole)
     ]
 

@@ -50,23 +50,24 @@ def overall(pooled: Sequence[Row], speeds: Sequence[Row]) -> list[Row]:
 
     Args:
         pooled: Rows of `means`.
-        speeds: Updates per second by world and method.
+        speeds: Updates per second of each world and method, and the device.
     """
     keys = ("world", "method", "setting", "readout")
-    rates = {(row["world"], row["method"]): row["updates_per_second"] for row in speeds}
+    measured = {(row["world"], row["method"]): row for row in speeds}
     rows = []
     whole = comparison.overall(pooled, keys)
     for row, group in zip(whole, groups(pooled, *keys).values(), strict=True):
         ends = sorted(group, key=lambda one: one["target_angle"])
         steering = ends[-1]["angle"] - ends[0]["angle"]
         told = BY_NAME[row["method"]].told
+        speed = measured.get((row["world"], row["method"]), {})
         rows.append(
             row
             | {"steering": steering}
             | {"r_social_gain": ends[-1]["r_social"] - ends[0]["r_social"]}
             | {"collision": mean(group, "collision"), "arrival": mean(group, "arrival")}
             | {name: int(name in told) for name in TOLD}
-            | {"updates_per_second": rates.get((row["world"], row["method"]), "")}
+            | {name: speed.get(name, "") for name in ("updates_per_second", "device")}
         )
     return rows
 

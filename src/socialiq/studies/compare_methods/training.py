@@ -8,6 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import jax
+import numpy as np
+
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.comparison import nearest_mode, of_modes
@@ -27,7 +30,7 @@ from socialiq.learners.baselines.pareto_irl import InferredReward, Rewards, infe
 from socialiq.learners.callbacks import Callbacks, Report
 from socialiq.learners.collect import Act, Collector, Source, soft
 from socialiq.learners.dial import config as dial
-from socialiq.learners.dial.acting import acting
+from socialiq.learners.dial.acting import DialCollector, acting
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn.train import train as train_dqn
@@ -35,8 +38,12 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
+from socialiq.learners.offline import config as regularised
+from socialiq.learners.offline.train import STAGES
+from socialiq.learners.offline.train import train as train_regularised
 from socialiq.nn.q_network import network_of
 from socialiq.studies.compare_methods.methods import Method, Setting
+from socialiq.types import Row
 
 CHUNK = 200
 """Updates between two reports, two rounds of acting outside JAX, and two E steps."""
@@ -146,6 +153,22 @@ def _names(kind: type) -> set[str]:
 def _values(kind: type, source: Any) -> dict[str, Any]:
     """Return the values of the fields that both have."""
     return {name: getattr(source, name) for name in _names(kind) & _names(type(source))}
+
+
+def speed_row(world: str, method: Method, arena: Arena, runs: int) -> Row:
+    """Return updates per second of a method, summed over the runs of a program, and on what.
+
+    Args:
+        world: Name of the world.
+        method: The method.
+        arena: Its inputs, after training.
+        runs: Number of runs.
+    """
+    row: Row = {"world": world, "method": method.name, "runs": runs}
+    rate = float(f"{np.mean(arena.rates):.2g}")
+    device = jax.devices()[0]
+    kind = "one core" if device.platform == "cpu" else device.device_kind
+    return row | {"updates_per_second": rate, "device": f"{kind}, JAX {jax.__version__}"}
 
 
 Learner = Callable[[Arena, Method, Sequence[Run]], list[Any]]
@@ -295,8 +318,7 @@ def dial_collector(
     if arena.world is not None:
         return None
     source = arena.source(static.updates, static.environments)
-    seeds = [one.seed for one in numbers]
-    return Collector([source] * len(numbers), seeds, acting(static, numbers))
+    return DialCollector([source] * len(numbers), static, numbers)
 
 
 def dialled(preset: str) -> Learner:
@@ -321,6 +343,25 @@ def dialled(preset: str) -> Learner:
         )
 
     return train
+
+
+def _regularised(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
+    """Train the behaviour-regularised dial, whose three stages share the updates."""
+    preset = regularised.PRESETS["offline-regularised"]
+    names = ("hidden", "activation", "view", "batch_size")
+    static = dataclasses.replace(
+        preset.structure,
+        **{name: getattr(arena.structure, name) for name in names},
+        updates=max(arena.updates // len(STAGES), 1),
+    )
+    policies = []
+    for run in runs:
+        numbers = dataclasses.replace(preset.numbers, seed=run.seed, **dict(run.setting))
+        made = train_regularised(
+            static, numbers, arena.datasets[run.dataset], lambda _: arena.callbacks(), CHUNK
+        )
+        policies.append(made["dial"].policy(0))
+    return policies
 
 
 PARIRL_SHARE = 7
@@ -391,6 +432,7 @@ LEARNERS: Mapping[str, Learner] = {
     "rl": _reinforcement,
     "thesis": iq_learn(prior="reward", target_kind=presets.GRID.target_kind),
     "dial_offline": dialled("offline"),
+    "dial_regularised": _regularised,
     "dial_online": dialled("online-clockless"),
 }
 """By the name in `Method.learner`; those of other libraries are in `peers`."""
