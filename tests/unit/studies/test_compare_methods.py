@@ -13,6 +13,11 @@ from socialiq.evaluation.exact import evaluate_exactly
 from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
 from socialiq.experiments import results as store
 from socialiq.experiments.gridworld_runs import Ground
+from socialiq.experiments.intersection.demonstration_sets import (
+    RECORDED_EPISODES,
+    atlas_demonstrations,
+)
+from socialiq.experiments.intersection.episodes import EpisodesRun
 from socialiq.experiments.jobs import fingerprints
 from socialiq.experiments.study import run
 from socialiq.learners.collect import from_env
@@ -167,8 +172,28 @@ def test_jobs_of_the_whole_comparison_have_names_of_their_own() -> None:
     assert "environments/imitation" in names and "environments/morl" in names
     assert not any(name in job for job in names if "intersection" in job for name in PEERS)
     method = BY_NAME["clone"]
-    rows = intersection.jobs_of(config, "fresh", method, ANGLES, method.settings[:1], (300, 301))
-    assert len(list(rows)) == 2
+    made = intersection.jobs_of(
+        config, "fresh", method, ANGLES, method.settings[:1], (300, 301), 20_000_000
+    )
+    trains, *drives = made
+    assert [job.inputs for job in drives] == [(trains.name,)] * 2
+
+
+def test_environments_are_made_only_where_a_method_needs_them() -> None:
+    assert Config(worlds=("intersection",)).peers == ()
+    assert Config(worlds=("crossing5",), methods=("gail", "clone")).peers == ("imitation",)
+
+
+def test_settings_are_chosen_on_other_episodes_than_those_of_the_table() -> None:
+    config = Config(worlds=("intersection",), methods=("clone",))
+    chosen = {("intersection", "clone"): setting_name(BY_NAME["clone"].settings[0])}
+    seeds = [
+        {seed for job in jobs if isinstance(job.config, EpisodesRun) for seed in job.config.seeds}
+        for jobs in (study.development_jobs(config), study.fresh_jobs(config, chosen))
+    ]
+    recorded = atlas_demonstrations(RECORDED_EPISODES).config
+    demonstrated = {*range(recorded.first_seed, recorded.first_seed + 3 * recorded.episodes)}
+    assert (seeds[0] - demonstrated).isdisjoint(seeds[1] - demonstrated)
 
 
 SCRIPT = """

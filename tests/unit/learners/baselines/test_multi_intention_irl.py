@@ -26,11 +26,23 @@ def test_the_responsibilities_are_bayes_rule(constant, bandit) -> None:
     run = stack([Hyperparameters()])[0]
     even = jnp.full((2, 2), 0.5)
     np.testing.assert_allclose(
-        expectation(learner, run, networks, even), [[0.75, 0.25], [0.25, 0.75]], rtol=1e-5
+        expectation(learner, run, networks, even, 2), [[0.75, 0.25], [0.25, 0.75]], rtol=1e-5
     )
     uneven = jnp.array([[0.9, 0.1], [0.9, 0.1]])
-    found = expectation(learner, run, networks, uneven)
+    found = expectation(learner, run, networks, uneven, 2)
     np.testing.assert_allclose(found[0], [27 / 28, 1 / 28], rtol=1e-5)
+
+
+def test_the_responsibilities_of_a_set_do_not_depend_on_the_others(constant, bandit) -> None:
+    """A shorter set beside a longer one: rows beyond its end belong to no episode of it."""
+    short = bandit([1, 0], [0.0, 0.0], [1.0, 0.0])
+    long = bandit([0, 0, 1, 1, 1], [0.0] * 5, [1.0] * 5)
+    networks = (constant(0.0, np.log(3.0)), constant(np.log(3.0), 0.0))
+    static, run = StaticConfig(intentions=2), stack([Hyperparameters(dataset=0)])[0]
+    alone = expectation(MultiIntention.of(static, [short]), run, networks, jnp.full((2, 2), 0.5), 2)
+    both = MultiIntention.of(static, [short, long])
+    beside = expectation(both, run, networks, jnp.full((7, 2), 0.5), 5)
+    np.testing.assert_allclose(beside[:2], alone, rtol=1e-6)
 
 
 def test_one_intention_is_offline_iq_learn(constant, rows_of) -> None:
