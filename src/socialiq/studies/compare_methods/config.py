@@ -5,11 +5,20 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.comparison import GRIDWORLDS, check_choices, nearest_mode
+from socialiq.learners.config import check_counts, check_widths
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
-from socialiq.studies.compare_methods.methods import BY_NAME, PEERS, Method
+from socialiq.studies.compare_methods.methods import (
+    BY_NAME,
+    PEERS,
+    SETTINGS_EACH,
+    Method,
+    Setting,
+    middle,
+)
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 
@@ -22,7 +31,7 @@ class Config:
     """One budget and the same seeds for every method of a world."""
 
     worlds: tuple[str, ...] = GRIDWORLDS
-    """Worlds of the comparison; the intersection takes hours and is left out if not named."""
+    """Worlds of the comparison; the intersection takes long and is left out if not named."""
     methods: tuple[str, ...] = tuple(BY_NAME)
     """Names of `METHODS`."""
     angles: tuple[float, ...] = ANGLES
@@ -34,18 +43,41 @@ class Config:
     seeds: tuple[int, ...] = (300, 301, 302, 303, 304)
     """Training seeds of the table, each with its own data set."""
     updates: int = 2_000
-    """Gradient steps for each target angle, and as many steps in the world; a network that serves
-    several angles has theirs together."""
+    """Gradient steps for each target angle in a gridworld, and as many steps in the world; a
+    network that serves several angles has theirs together."""
     learning_rate: float = FASTER * presets.TABLE_C1_NUMBERS.learning_rate
     """Of methods whose grid has none."""
     polyak: float = FASTER * presets.TABLE_C1_NUMBERS.polyak
     """Of methods whose grid has none."""
-    episodes: int = 2000
+    episodes: int = 1000
     """Evaluation episodes of each policy in the intersection."""
+    intersection_updates: int = 1_000
+    """Gradient steps for each target angle in the intersection, and twice as many steps in the
+    world. A GPU affords 5,000, with the next two."""
+    intersection_hidden: tuple[int, ...] = (64, 64)
+    """Hidden layers in the intersection, over a view of the vehicles as a set. The world's own
+    learners have (256, 256)."""
+    intersection_batch: int = 64
+    """Batch in the intersection. The world's own learners have 256."""
+    intersection_settings: int = 2
+    """Settings that are tried of each method's grid in the intersection, the middle ones; at most
+    `SETTINGS_EACH`, which the gridworlds try."""
 
     def __post_init__(self) -> None:
-        """Refuse unknown worlds and methods, empty options, and seeds used twice."""
+        """Refuse unknown worlds and methods, empty options, seeds used twice, and bad sizes."""
         check_choices(self, tuple(BY_NAME), self.development_seeds, self.seeds)
+        check_counts(self, ("updates", "episodes", "intersection_updates", "intersection_batch"))
+        check_widths(self.intersection_hidden)
+        if not 1 <= self.intersection_settings <= SETTINGS_EACH:
+            raise UserError(
+                f"intersection_settings must be from 1 to {SETTINGS_EACH}, "
+                f"got {self.intersection_settings}"
+            )
+
+    def settings_of(self, world: str, method: Method) -> tuple[Setting, ...]:
+        """Return the settings of a method that are tried in a world."""
+        count = SETTINGS_EACH if world in GRIDWORLDS else self.intersection_settings
+        return middle(method.settings, count)
 
     @property
     def structure(self) -> iq.StaticConfig:

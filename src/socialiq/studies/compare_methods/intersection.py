@@ -43,11 +43,6 @@ from socialiq.worlds.intersection.options import Options
 
 WORLD = "intersection"
 
-STRUCTURE = dataclasses.replace(
-    presets.INTERSECTION_CALIBRATED, view="set", hidden=(128, 128), replay_capacity=100_000
-)
-"""Network that sees vehicles as a set, for every method."""
-
 NUMBERS = dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3)
 
 FIRST_DEVELOPMENT = 50_000_000
@@ -98,6 +93,17 @@ class DemonstratorsRun(EpisodesRun):
     """SHA-256 of the demonstrators."""
 
 
+def structure(config: Config) -> iq.StaticConfig:
+    """Return the static config of every method: a network that sees vehicles as a set."""
+    return dataclasses.replace(
+        presets.INTERSECTION_CALIBRATED,
+        view="set",
+        hidden=config.intersection_hidden,
+        batch_size=config.intersection_batch,
+        replay_capacity=100_000,
+    )
+
+
 def demonstrations() -> Job:
     """Return the job that records the demonstrations."""
     return atlas_demonstrations(RECORDED_EPISODES)
@@ -132,15 +138,15 @@ def jobs_of(
     """
     runs = IntersectionRuns(
         method=method.name,
-        structure=STRUCTURE,
+        structure=structure(config),
         numbers=NUMBERS,
-        updates=config.updates,
+        updates=config.intersection_updates,
         angles=angles,
         settings=tuple(settings),
         seeds=tuple(seeds),
     )
     count = len(settings) * len(seeds)
-    steps = updates_of(method, config.updates) * len(trained_angles(method, angles))
+    steps = updates_of(method, config.intersection_updates) * len(trained_angles(method, angles))
     trained = f"training/{WORLD}/{phase}/{method.name}"
     yield Job(trained, train_method, runs, (DEMONSTRATIONS,), 20.0 + count * steps / 300)
     for setting in settings:
@@ -197,9 +203,10 @@ def train_method(
 def _arena(config: IntersectionRuns, recordings: Path, on_progress: ProgressCallback) -> Arena:
     """Return the inputs of a method: a mixture for each seed, and intersections to act in."""
     updates = updates_of(BY_NAME[config.method], config.updates)
-    structure, steps = config.structure, updates * config.structure.env_steps_per_update
+    steps = updates * config.structure.env_steps_per_update
+    capacity = min(config.structure.replay_capacity, steps)
     return Arena(
-        dataclasses.replace(structure, replay_capacity=min(structure.replay_capacity, steps)),
+        dataclasses.replace(config.structure, replay_capacity=capacity),
         config.numbers,
         updates,
         [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds],

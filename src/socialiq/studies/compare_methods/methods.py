@@ -16,6 +16,12 @@ SETTINGS_EACH = 4
 """Settings of every method's grid: equal tuning for all."""
 
 
+def middle(settings: tuple[Setting, ...], count: int) -> tuple[Setting, ...]:
+    """Return the middle ones of a grid, where fewer than all are tried."""
+    first = (len(settings) - count) // 2
+    return settings[first : first + count]
+
+
 def product(**values: tuple[float, ...]) -> tuple[Setting, ...]:
     """Return the grid of all combinations of values."""
     combined = itertools.product(*values.values())
@@ -236,6 +242,7 @@ METHODS = (
         product(temperature=(0.03, 0.1), end_temperature=(0.1, 0.3)),
         REWARDS,
         serves="all",
+        gridworlds=False,
     ),
     Method(
         "dial_online",

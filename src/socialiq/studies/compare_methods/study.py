@@ -51,7 +51,7 @@ def development_jobs(config: Config) -> list[Job]:
         if world not in GRIDWORLDS:
             jobs.append(intersection.demonstrations())
         for method in config.methods_of(world):
-            jobs += _jobs(config, DEVELOPMENT, world, method, method.settings)
+            jobs += _jobs(config, DEVELOPMENT, world, method, config.settings_of(world, method))
     return jobs
 
 
@@ -113,7 +113,7 @@ def _all_rows(
                 yield from from_csv(work / _name(phase, world, method) / ROWS)
                 continue
             seeds = config.seeds if phase == FRESH else config.development_seeds
-            settings = method.settings
+            settings = config.settings_of(world, method)
             if chosen is not None:
                 settings = (setting_of(method, chosen[world, method.name]),)
             yield from intersection.rows_of(work, phase, method, settings, seeds)

@@ -1,0 +1,86 @@
+"""The committed comparison of methods: its tables again from its rows, and one method again."""
+
+import pytest
+
+from socialiq.experiments import results as store
+from socialiq.experiments.comparison import EPISODES_EACH
+from socialiq.experiments.results import from_csv
+from socialiq.experiments.tables import matching
+from socialiq.storage import packaged_results
+from socialiq.studies.compare_methods import tables
+from socialiq.studies.compare_methods.config import Config
+from socialiq.studies.compare_methods.gridworlds import ROWS, GridRuns, run_method, setting_of
+from socialiq.studies.compare_methods.methods import BY_NAME
+
+FULL_COMPILER = True
+
+
+@pytest.fixture(name="committed", scope="module")
+def results():
+    return store.load(packaged_results() / "compare-methods")
+
+
+def close(ours, theirs) -> None:
+    """Rows of a CSV file have six decimals, so that what follows from them may differ in the last.
+
+    P-values of differences that are 0 but for that have no meaning.
+    """
+    assert len(ours) == len(theirs)
+    for one, other in zip(ours, theirs, strict=True):
+        tied = abs(other.get("difference", 1.0)) < 1e-4
+        for name, value in other.items():
+            if isinstance(value, float) and not (tied and name in ("p", "p_holm", "low", "high")):
+                assert one[name] == pytest.approx(value, rel=1e-3, abs=1e-4), (other, name)
+            elif not isinstance(value, float):
+                assert one[name] == value or name in ("p", "p_holm"), (other, name)
+
+
+def test_the_tables_follow_from_the_rows(committed) -> None:
+    found = committed.tables
+    pooled = tables.means(found["policies"])
+    close(pooled, found["pooled"])
+    close(tables.overall(pooled, found["overall"]), found["overall"])
+    close(tables.paired(found["policies"]), found["paired"])
+
+
+def test_the_settings_are_those_that_development_chose(committed) -> None:
+    chosen = tables.choose(committed.tables["development"])
+    for row in committed.tables["overall"]:
+        assert chosen[row["world"], row["method"]] == row["setting"]
+
+
+def test_every_method_has_every_seed_and_angle(committed) -> None:
+    config = Config(**{name: tuple(committed.config[name]) for name in ("worlds", "methods")})
+    for world in config.worlds:
+        for method in config.methods_of(world):
+            rows = matching(committed.tables["policies"], world=world, method=method.name)
+            greedy = [
+                (row["seed"], row["target_angle"]) for row in rows if row["readout"] == "greedy"
+            ]
+            assert len(set(greedy)) == len(greedy) == len(config.seeds) * len(config.angles)
+
+
+def test_one_method_trained_again_is_equal(committed, tmp_path) -> None:
+    """Clones of the episodes that score best, in the 5x5 world: the ends, on one of the seeds."""
+    config, method = Config(), BY_NAME["clone_by_return"]
+    theirs = matching(committed.tables["policies"], world="crossing5", method=method.name)
+    run = GridRuns(
+        "crossing5",
+        method.name,
+        config.structure,
+        config.numbers,
+        config.updates,
+        (0.0, 90.0),
+        (setting_of(method, theirs[0]["setting"]),),
+        config.seeds[:1],
+        EPISODES_EACH["crossing5"],
+    )
+    run_method(run, tmp_path, {}, lambda _: None)
+    keys = ("target_angle", "readout", "seed")
+    wanted = {tuple(row[key] for key in keys): row for row in theirs}
+    greedy = matching(from_csv(tmp_path / ROWS), readout="greedy")
+    assert len(greedy) == 2
+    for row in greedy:
+        again = wanted[tuple(row[key] for key in keys)]
+        assert row["regret"] == pytest.approx(again["regret"], abs=1e-5)
+        assert row["angle"] == pytest.approx(again["angle"], abs=1e-3)
