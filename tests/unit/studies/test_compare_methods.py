@@ -184,6 +184,41 @@ def test_environments_are_made_only_where_a_method_needs_them() -> None:
     assert Config(worlds=("crossing5",), methods=("gail", "clone")).peers == ("imitation",)
 
 
+@pytest.mark.slow
+def test_the_intersection_has_values_beside_its_demonstrators(tmp_path: Path) -> None:
+    """A clone of all, which is one policy at every angle, and a method that acts."""
+    config = Config(
+        worlds=("intersection",),
+        methods=("clone", "dial_online"),
+        angles=(0.0, 90.0),
+        development_angles=(45.0,),
+        seeds=(10, 11),
+        episodes=4,
+        intersection_updates=2,
+        intersection_hidden=(4,),
+        intersection_batch=8,
+        intersection_settings=1,
+    )
+    found = run(STUDY, config, work=tmp_path / "work")
+    rows = found.tables["policies"]
+    assert len(rows) == 2 * 2 * 2 and {row["regret"] for row in rows} == {""}
+    for seed in config.seeds:
+        at = {
+            row["target_angle"]: row
+            for row in rows
+            if (row["method"], row["seed"]) == ("clone", seed)
+        }
+        assert at[0.0]["value"] == at[0.0]["r_env"] and at[90.0]["value"] == at[90.0]["r_social"]
+        assert at[0.0]["r_env"] == at[90.0]["r_env"]
+    own = {row["target_angle"]: row for row in found.tables["demonstrators"]}
+    assert own[0.0]["egoistic"] > own[0.0]["altruistic"]
+    assert all(row["device"] for row in found.tables["overall"])
+    (view,) = STUDY.view(found)
+    means = [row["mean"] for row in view.rows]
+    assert means == sorted(means, reverse=True)
+    assert set(STUDY.figures(found)) == {"intersection"}
+
+
 def test_settings_are_chosen_on_other_episodes_than_those_of_the_table() -> None:
     config = Config(worlds=("intersection",), methods=("clone",))
     chosen = {("intersection", "clone"): setting_name(BY_NAME["clone"].settings[0])}
@@ -296,11 +331,23 @@ def test_environments_have_pins() -> None:
         ({"worlds": ("crossing5", "crossing5")}, "named twice"),
         ({"seeds": (100,)}, "seed of development"),
         ({"angles": ()}, "at least one"),
+        ({"intersection_settings": 5}, "from 1 to 4"),
+        ({"intersection_hidden": (0,)}, "at least 1"),
+        ({"intersection_updates": 0}, "intersection_updates"),
     ],
 )
 def test_wrong_configurations_are_refused(change, mend) -> None:
     with pytest.raises(UserError, match=mend):
         Config(**change)
+
+
+@pytest.mark.parametrize(("count", "kept"), [(1, [1]), (2, [1, 2]), (4, [0, 1, 2, 3])])
+def test_fewer_settings_are_the_middle_ones(count: int, kept: list[int]) -> None:
+    grid = BY_NAME["guidance"].settings
+    config = Config(intersection_settings=count)
+    tried = config.settings_of("intersection", BY_NAME["guidance"])
+    assert [grid.index(one) for one in tried] == kept
+    assert config.settings_of("crossing7", BY_NAME["guidance"]) == grid
 
 
 def test_a_grid_is_all_combinations() -> None:
