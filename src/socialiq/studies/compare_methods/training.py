@@ -39,8 +39,7 @@ from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline import config as regularised
-from socialiq.learners.offline.train import STAGES
-from socialiq.learners.offline.train import train as train_regularised
+from socialiq.learners.offline.train import train_together
 from socialiq.nn.q_network import network_of
 from socialiq.studies.compare_methods.methods import Method, Setting
 from socialiq.types import Row
@@ -346,22 +345,23 @@ def dialled(preset: str) -> Learner:
 
 
 def _regularised(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
-    """Train the behaviour-regularised dial, whose three stages share the updates."""
+    """Train the behaviour-regularised dial, whose stages share the updates."""
     preset = regularised.PRESETS["offline-regularised"]
     names = ("hidden", "activation", "view", "batch_size")
+    share = arena.updates // (2 + preset.structure.critic_factor)  # behaviour and dial: one each
     static = dataclasses.replace(
         preset.structure,
         **{name: getattr(arena.structure, name) for name in names},
-        updates=max(arena.updates // len(STAGES), 1),
+        updates=max(share, 1),
     )
-    policies = []
-    for run in runs:
-        numbers = dataclasses.replace(preset.numbers, seed=run.seed, **dict(run.setting))
-        made = train_regularised(
-            static, numbers, arena.datasets[run.dataset], lambda _: arena.callbacks(), CHUNK
-        )
-        policies.append(made["dial"].policy(0))
-    return policies
+    made = train_together(
+        static,
+        [dataclasses.replace(preset.numbers, seed=one.seed, **dict(one.setting)) for one in runs],
+        [arena.datasets[one.dataset] for one in runs],
+        lambda _stage: arena.callbacks(),
+        CHUNK,
+    )
+    return [made["dial"].policy(number) for number in range(len(runs))]
 
 
 PARIRL_SHARE = 7
