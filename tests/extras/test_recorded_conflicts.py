@@ -288,7 +288,7 @@ def test_the_command_writes_tables_and_pictures(tmp_path, capsys):
 @pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder")
 def test_a_part_of_the_committed_conflicts_made_again():
     committed = load(RESULTS).tables["conflicts"]
-    for name in ("USA_Peach-2_1_T-1", "USA_Lanker-1_3_T-1"):
+    for name in ("USA_Peach-2_1_T-1", "USA_Lanker-1_17_T-1"):
         scene = Scene(read_commonroad(Path(FOLDER) / f"{name}.xml").recording)
         encounters = Encounters(scene)
         rows = rows_of(encounters, encounters.meetings())
