@@ -219,9 +219,10 @@ def swap_all(paths: tuple[Path, ...], choices: Choices, quiet: bool) -> list[ego
     Raises:
         UserError: If there is none, or one can't be read or swapped; the line names it.
     """
+    config = choices.config()  # a bad option before the slow work
     recordings = load_all(paths, choices.road)
     tell = None if quiet else show_overlaps
-    swapped = swap_distinct(recordings, choices.config(), choices.duplicates, tell)
+    swapped = swap_distinct(recordings, config, choices.duplicates, tell)
     for one in () if quiet else swapped:
         if one.simulated:
             name = one_line(one.recording, 60)
