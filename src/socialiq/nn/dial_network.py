@@ -110,7 +110,7 @@ def knots_between(low: float, high: float, count: int) -> tuple[float, ...]:
 
 
 def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
-    """Return the hat functions max(0, 1 - |α - k| / h) of an angle, h the distance of the knots k.
+    """Return the hat functions ``max(0, 1 - |α - k| / h)`` of an angle, with knots k at distance h.
 
     Their weighted sums are the continuous functions that are linear between knots. The values of
     an angle's best actions have kinks where the policy changes: linear pieces follow these, while
