@@ -280,6 +280,7 @@ def test_the_command_writes_tables_and_pictures(tmp_path, capsys):
     assert [one.name for one in out.glob("*.png")] == ["conflict-01.png"]
     assert main(call) == 2 and "--out" in capsys.readouterr().err
     assert main(["data", "conflicts", str(path), "--largest-pet", "0.5"]) == 0
+    assert capsys.readouterr().err.startswith("hand-made is simulated")
     assert main(["data", "conflicts", str(path), "--changed", "-1"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sys
 from dataclasses import dataclass
@@ -214,20 +215,27 @@ class _Trained:
 
 
 def swap_all(paths: tuple[Path, ...], choices: Choices, quiet: bool) -> list[ego_swap.Swapped]:
-    """Return the ego swap of some files; print what they have in common before the slow work.
+    """Return the ego swap of some files; say what they have in common before the slow work.
+
+    It goes to the standard error, as everything that is said before a result.
 
     Raises:
         UserError: If there is none, or one can't be read or swapped; the line names it.
     """
     config = choices.config()  # a bad option before the slow work
     recordings = load_all(paths, choices.road)
-    tell = None if quiet else show_overlaps
+    tell = None if quiet else _note_overlaps
     swapped = swap_distinct(recordings, config, choices.duplicates, tell)
     for one in () if quiet else swapped:
         if one.simulated:
             name = one_line(one.recording, 60)
-            sys.stdout.write(f"{name} is simulated, not human: {one_line(one.simulated[0])}\n")
+            sys.stderr.write(f"{name} is simulated, not human: {one_line(one.simulated[0])}\n")
     return swapped
+
+
+def _note_overlaps(identified: Identified) -> None:
+    with contextlib.redirect_stdout(sys.stderr):
+        show_overlaps(identified)
 
 
 def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recording]:
