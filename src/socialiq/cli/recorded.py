@@ -87,7 +87,7 @@ class ToDemonstrations:
     def run(self) -> int:
         """Convert, write, and print the counts and the reasons for omissions."""
         refuse_existing(self.out)
-        swapped = swap_all(self.recordings, self.choices, self.json)
+        _, swapped = swap_all(self.recordings, self.choices, self.json)
         table = ego_swap.demonstrations(swapped, self.as_human)
         sha256 = demonstration_files.save(self.out, table, replace=False)
         counts = [one.counts for one in swapped]
@@ -124,7 +124,7 @@ class TakeCensus:
         check_share(self.confidence)
         if self.out is not None:
             check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices, self.json)
+        _, swapped = swap_all(self.recordings, self.choices, self.json)
         found = census.take(swapped, self.seed, self.confidence)
         counts = [one.counts for one in swapped]
         population = dataclasses.asdict(found.population)
@@ -179,7 +179,7 @@ class Agreement:
     def run(self) -> int:
         """Train, predict, write, print."""
         check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices, self.json)
+        _, swapped = swap_all(self.recordings, self.choices, self.json)
         config = held_out.Config(self.angle, self.updates, hidden=self.hidden, seed=self.seed)
         found = held_out.agreement(ego_swap.demonstrations(swapped), config)
         methods = found.by_method()
@@ -214,8 +214,10 @@ class _Trained:
     sources: list[dict[str, Any]]
 
 
-def swap_all(paths: tuple[Path, ...], choices: Choices, quiet: bool) -> list[ego_swap.Swapped]:
-    """Return the ego swap of some files; say what they have in common before the slow work.
+def swap_all(
+    paths: tuple[Path, ...], choices: Choices, quiet: bool
+) -> tuple[list[Recording], list[ego_swap.Swapped]]:
+    """Return the recordings of some files and their ego swap; say first what they have in common.
 
     It goes to the standard error, as everything that is said before a result.
 
@@ -230,7 +232,7 @@ def swap_all(paths: tuple[Path, ...], choices: Choices, quiet: bool) -> list[ego
         if one.simulated:
             name = one_line(one.recording, 60)
             sys.stderr.write(f"{name} is simulated, not human: {one_line(one.simulated[0])}\n")
-    return swapped
+    return recordings, swapped
 
 
 def _note_overlaps(identified: Identified) -> None:

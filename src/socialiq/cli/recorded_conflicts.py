@@ -11,19 +11,19 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.cli.recorded import Choices, load_all, sources_of, swap_all
+from socialiq.cli.recorded import Choices, sources_of, swap_all
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.plotting.style import png
 from socialiq.recordings.conflicts import pictures, rules
 from socialiq.recordings.conflicts.config import ConflictConfig
 from socialiq.recordings.conflicts.moments import moments_of
-from socialiq.recordings.conflicts.once import pairs_once
 from socialiq.recordings.conflicts.pairs import Encounters, Meeting
 from socialiq.recordings.conflicts.table import rows_of
 from socialiq.recordings.episodes.ego_swap import Swapped
 from socialiq.recordings.episodes.scene import Scene
 from socialiq.recordings.identity.identify import Identified, identify
+from socialiq.recordings.identity.once import pairs_once
 from socialiq.recordings.recording import Recording
 from socialiq.types import Row
 
@@ -70,8 +70,7 @@ class FindConflicts:
         config = ConflictConfig(self.largest_pet, self.horizon, self.queued, changed=self.changed)
         if self.out is not None:
             check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices, self.json)
-        recorded = load_all(self.recordings, self.choices.road)
+        recorded, swapped = swap_all(self.recordings, self.choices, self.json)
         found = _find(recorded, swapped, config, self.choices)
         if self.out is not None:
             drawn = found.drawn(self.pictures, self.seed)

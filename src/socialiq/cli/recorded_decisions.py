@@ -11,16 +11,16 @@ import numpy as np
 import tyro
 
 from socialiq.cli.output import print_json, print_table, say
-from socialiq.cli.recorded import Choices, load_all, sources_of, swap_all
+from socialiq.cli.recorded import Choices, sources_of, swap_all
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
-from socialiq.recordings.conflicts.once import tracks_once
 from socialiq.recordings.episodes import support
 from socialiq.recordings.episodes.annotate import Driven
 from socialiq.recordings.episodes.decisions import Decisions, decisions_at
 from socialiq.recordings.episodes.ego_swap import Swapped
 from socialiq.recordings.episodes.scene import Scene
 from socialiq.recordings.identity.identify import identify
+from socialiq.recordings.identity.once import tracks_once
 from socialiq.recordings.recording import Recording
 from socialiq.types import Row
 
@@ -48,8 +48,7 @@ class Decide:
         """Measure, write, print."""
         if self.out is not None:
             check_target(self.out, self.replace)
-        swapped = swap_all(self.recordings, self.choices, self.json)
-        recorded = load_all(self.recordings, self.choices.road)
+        recorded, swapped = swap_all(self.recordings, self.choices, self.json)
         every = [one.tracks for one in recorded]
         if self.choices.duplicates == "drop":
             every = tracks_once(every, identify(recorded))

@@ -6,8 +6,8 @@ them of a loss. `terms` are named scalars. Arrays that all runs share, such as d
 leaves of the learner, so that they are the program's input: a constant of that size would be
 compiled into it, for each set. A run whose terms or parameters are no longer finite keeps its
 last finite state and records which term broke; the other runs go on. Whether all is finite is
-looked at once a chunk, since a look at each update costs a tenth of a small network's time and a
-fifth of the compilation; a run that broke is trained again over that chunk, with a look at each
+checked once a chunk, since a check at each update costs a tenth of a small network's time and a
+fifth of the compilation; a run that broke is trained again over that chunk, with a check at each
 update.
 """
 
@@ -170,11 +170,11 @@ def _advance(
     chunk stay in memory beside those after it.
     """
     given = (learner, hyperparameters, runs, steps)
-    after, terms, finite = _all_blind(*given)
+    after, terms, finite = _all_unchecked(*given)
     stopped = np.asarray(runs.failed_at) >= 0
     breaks = ~stopped & ~np.asarray(finite)
     if breaks.any():
-        after, terms = _choose_runs(breaks, _all_looking(*given), (after, terms))
+        after, terms = _choose_runs(breaks, _all_checked(*given), (after, terms))
     if stopped.any():
         kept = runs._replace(updates=after.updates), jnp.full_like(terms, jnp.nan)
         after, terms = _choose_runs(stopped, kept, (after, terms))
@@ -182,13 +182,13 @@ def _advance(
 
 
 @partial(jax.jit, static_argnums=3)
-def _all_blind(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
-    return jax.vmap(partial(_blind, learner, steps=steps))(hyperparameters, runs)
+def _all_unchecked(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
+    return jax.vmap(partial(_unchecked, learner, steps=steps))(hyperparameters, runs)
 
 
 @partial(jax.jit, static_argnums=3)
-def _all_looking(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
-    return jax.vmap(partial(_looking, learner, steps=steps))(hyperparameters, runs)
+def _all_checked(learner: Trainable, hyperparameters: Any, runs: Runs, steps: int) -> Any:
+    return jax.vmap(partial(_checked, learner, steps=steps))(hyperparameters, runs)
 
 
 def _start(learner: Trainable, hyperparameters: Any) -> Runs:
@@ -197,7 +197,7 @@ def _start(learner: Trainable, hyperparameters: Any) -> Runs:
     return Runs(state, carry, zero, zero - 1, zero - 1)
 
 
-def _blind(
+def _unchecked(
     learner: Trainable, hyperparameters: Any, run: Runs, *, steps: int
 ) -> tuple[Runs, Array, Array]:
     """Train one run for one chunk; return the mean of each term, and whether all is finite."""
@@ -212,10 +212,10 @@ def _blind(
     return run, means, jnp.isfinite(means).all() & _all_finite(run.state)
 
 
-def _looking(
+def _checked(
     learner: Trainable, hyperparameters: Any, run: Runs, *, steps: int
 ) -> tuple[Runs, Array]:
-    """As `_blind`, but keep the last finite state; the means are NaN once the run has broken."""
+    """As `_unchecked`, but keep the last finite state; means are NaN once the run has broken."""
 
     def body(run: Runs, _: None) -> tuple[Runs, Array]:
         state, carry, terms = learner.update(hyperparameters, run.state, run.carry)

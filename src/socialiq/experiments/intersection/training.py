@@ -35,7 +35,7 @@ from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.dial.acting import DialCollector
-from socialiq.learners.dial.fleet import FleetCollector
+from socialiq.learners.dial.vector_acting import VectorCollector
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn import train as dqn_training
 from socialiq.learners.iq_learn import config as iq
@@ -186,7 +186,7 @@ def dial_collector(
     options: Options,
     environments: int,
     steps_per_update: int,
-) -> DialCollector | FleetCollector:
+) -> DialCollector | VectorCollector:
     """Return what collects dials' experience on the core, from intersections of each run.
 
     Several runs act together, on as many threads as there are runs, or cores if fewer.
@@ -210,7 +210,7 @@ def dial_collector(
         **dataclasses.asdict(options),
     )
     rounds = -(-CHUNK * steps_per_update // environments)
-    return FleetCollector(env, rounds, structure, numbers)
+    return VectorCollector(env, rounds, structure, numbers)
 
 
 DIAL_STRUCTURE = dial.StaticConfig(

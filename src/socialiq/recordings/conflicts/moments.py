@@ -18,7 +18,7 @@ import numpy as np
 from socialiq.recordings.conflicts import occupancy
 from socialiq.recordings.conflicts.around import follower, leader, on_way
 from socialiq.recordings.conflicts.pairs import Encounters, Meeting
-from socialiq.recordings.conflicts.table import required_at, sign, ttc_at, turn
+from socialiq.recordings.conflicts.table import known, required_at, sign, ttc_at, turn
 from socialiq.recordings.conflicts.ways import Way
 from socialiq.types import Row
 
@@ -43,11 +43,7 @@ def moments_of(
         step = max(round(seconds / meeting.ego.dt), 1)
         for frame in meeting.frames[::step].tolist():
             rows.append({"conflict": number} | _moment(encounters, meeting, frame))
-    return [{name: _known(value) for name, value in row.items()} for row in rows]
-
-
-def _known(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return [{name: known(value) for name, value in row.items()} for row in rows]
 
 
 def stated(encounters: Encounters, way: Way) -> Way:

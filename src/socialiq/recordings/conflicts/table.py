@@ -56,10 +56,11 @@ def _row(encounters: Encounters, meeting: Meeting) -> Row:
     }
     for name, times in (("ego", meeting.ego_times), ("other", meeting.other_times)):
         row |= {f"{name}_enters": times.enters, f"{name}_leaves": times.leaves}
-    return {name: _known(value) for name, value in row.items()}
+    return {name: known(value) for name, value in row.items()}
 
 
-def _known(value: object) -> object:
+def known(value: object) -> object:
+    """Return a cell, None for a number that isn't known."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

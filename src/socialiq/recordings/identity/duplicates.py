@@ -11,6 +11,7 @@ from socialiq.foreign import one_line
 from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.recordings.episodes.ego_swap import DUPLICATE, Swapped, swap
 from socialiq.recordings.identity.identify import Identified, identify
+from socialiq.recordings.identity.once import once, same_moments
 from socialiq.recordings.recording import Recording
 
 Duplicates = Literal["drop", "keep", "refuse"]
@@ -114,19 +115,10 @@ def _dropped(
     recordings: Sequence[Recording], swapped: Sequence[Swapped], identified: Identified
 ) -> set[tuple[int, int]]:
     """Return recording and track of the episodes whose vehicle has a longer one elsewhere."""
-    length: dict[tuple[int, int], int] = {}
+    length: dict[tuple[int, int], float] = {}
     for place, (one, recording) in enumerate(zip(swapped, recordings, strict=True)):
         track = {int(number): at for at, number in enumerate(recording.tracks.identity)}
         for number, episode in zip(one.identity, one.episodes, strict=True):
-            length[place, track[number]] = len(episode.action)
-    same: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for one in identified.overlaps:
-        for mine, theirs in one.vehicles if one.seconds else ():
-            pair = (one.first, mine), (one.second, theirs)
-            for a, b in (pair, pair[::-1]):
-                same.setdefault(a, []).append(b)
-    kept: set[tuple[int, int]] = set()
-    for episode in sorted(length, key=lambda which: (-length[which], which)):
-        if not kept.intersection(same.get(episode, ())):
-            kept.add(episode)
-    return set(length) - kept
+            length[place, track[number]] = float(len(episode.action))
+    same = same_moments(identified)
+    return set(length) - once(length, lambda place: same.get(place, ()))

@@ -110,7 +110,9 @@ class _Draft:
             if abs(frame - round(frame)) > 1e-3:
                 raise ValueError(f"{one_line(time, 20)} s is no multiple of the step")
             return round(frame)
-        return words.whole_number(time)  # type: ignore[arg-type]
+        if isinstance(time, tuple):
+            raise ValueError("the time is an interval")
+        return words.whole_number(time)
 
     def _value(self, state: State, name: str) -> float:
         """Return a value's number, the middle of an interval, or the default of a missing value."""

@@ -125,11 +125,11 @@ def equal_bounds(
         return left, right
     every = np.unique(np.concatenate(shares))
     every = every[np.concatenate([[True], np.diff(every) > 1e-6])]
-    both = (
+    both = [
         np.column_stack([np.interp(every, share, line[:, axis]) for axis in range(2)])
         for share, line in zip(shares, (left, right), strict=True)
-    )
-    return tuple(both)  # type: ignore[return-value]
+    ]
+    return both[0], both[1]
 
 
 def _shares(line: np.ndarray) -> np.ndarray:

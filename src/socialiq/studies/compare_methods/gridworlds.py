@@ -21,7 +21,7 @@ from socialiq.storage import write_atomically
 from socialiq.studies.compare_methods import peers
 from socialiq.studies.compare_methods.config import trained_angles, updates_of
 from socialiq.studies.compare_methods.methods import BY_NAME, PEERS, Method, Setting
-from socialiq.studies.compare_methods.training import LEARNERS, Arena, Run, speed_row
+from socialiq.studies.compare_methods.training import LEARNERS, Arena, Run, runs_of, speed_row
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.gym import GridWorldEnv
@@ -61,12 +61,7 @@ def run_method(
         lambda report: on_progress(0.9 * report.done / report.total),
     )
     served = trained_angles(method, config.angles)
-    runs = [
-        Run(angle, seed, dataset, tuple((name, value) for name, value in setting))
-        for setting in config.settings
-        for angle in served
-        for dataset, seed in enumerate(config.seeds)
-    ]
+    runs = runs_of(config.settings, served, config.seeds)
     if method.learner in PEERS:
         (environment,) = inputs.values()
         policies = peers.train_tabular(arena, ground, method, runs, served, environment, folder)

@@ -34,7 +34,7 @@ from socialiq.storage import write_atomically
 from socialiq.studies.compare_methods.config import Config, trained_angles, updates_of
 from socialiq.studies.compare_methods.gridworlds import ROWS, SPEED, setting_name
 from socialiq.studies.compare_methods.methods import BY_NAME, Method, Setting
-from socialiq.studies.compare_methods.training import CHUNK, LEARNERS, Arena, Run, speed_row
+from socialiq.studies.compare_methods.training import CHUNK, LEARNERS, Arena, runs_of, speed_row
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas
@@ -178,12 +178,7 @@ def train_method(
     method, (recordings,) = BY_NAME[config.method], inputs.values()
     arena = _arena(config, recordings, on_progress)
     served = trained_angles(method, config.angles)
-    runs = [
-        Run(angle, seed, dataset, tuple((name, value) for name, value in setting))
-        for setting in config.settings
-        for angle in served
-        for dataset, seed in enumerate(config.seeds)
-    ]
+    runs = runs_of(config.settings, served, config.seeds)
     policies = LEARNERS[method.learner](arena, method, runs)
     rows: list[Row] = []
     for number, (run, policy) in enumerate(zip(runs, policies, strict=True)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -55,6 +55,17 @@ class Run(NamedTuple):
     seed: int
     dataset: int
     setting: Setting
+
+
+def runs_of(
+    settings: Sequence[Setting], angles: Iterable[float], seeds: Sequence[int]
+) -> list[Run]:
+    """Return a run for each setting, angle in degrees and seed; each seed has its own data set."""
+    return [
+        Run(angle, seed, dataset, tuple((name, value) for name, value in setting))
+        for setting, angle in itertools.product(settings, angles)
+        for dataset, seed in enumerate(seeds)
+    ]
 
 
 @dataclass

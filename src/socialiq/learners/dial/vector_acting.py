@@ -24,7 +24,7 @@ from socialiq.nn.dial_network import DialNetwork
 from socialiq.types import RewardPair
 
 
-class FleetCollector:
+class VectorCollector:
     """Fills the replays of all runs from one vector environment: the `before_chunk` of `train`.
 
     The environments of a run are next to each other. Each run has random numbers of its own, drawn
