@@ -1,0 +1,1 @@
+"""The social angle as a trait of a driver: inferred from some of its decisions, tested on others."""

@@ -1,0 +1,138 @@
+"""Traits of one number by driver: the weights that they give to the rewards of a choice.
+
+A driver takes the candidate a of a decision s with probability
+
+    p(a | s) proportional to p_base(a | s) exp(w_env r_env(s, a) + w_social r_social(s, a)).
+
+A trait is a curve in the plane of the weights. Every driver is somewhere on it, all drivers share
+one more number, and the drivers' places follow a population of some mean and spread. So all traits
+have the same freedom, and without spread they are the same model.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+STRENGTHS = (0.0, *(0.1 * 2.0 ** (third / 3) for third in range(19)))
+"""β from 0 to 6.4, per typical difference of reward (`choice_model.reward_scale`)."""
+
+PROGRESS_SPREADS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
+"""Spreads of g, per typical difference of reward."""
+
+_TURNS = 3  # of the circle beyond which a wrapped normal of 90 degrees has nothing left
+
+
+class Trait(NamedTuple):
+    """Grid of a trait: what is integrated out.
+
+    Attributes:
+        name: Name in tables.
+        shared: What all drivers have in common, by grid point.
+        value: What a driver has of its own, ascending.
+        weights: Of r_env and r_social at each of them.
+        mean: Mean of the population, by grid point of the population.
+        spread: Spread of the population; 0 if all drivers are alike.
+        population: Share of the drivers with each value, given mean and spread.
+    """
+
+    name: str
+    shared: Float[np.ndarray, " shared"]
+    value: Float[np.ndarray, " value"]
+    weights: Float[np.ndarray, "shared value 2"]
+    mean: Float[np.ndarray, " hyper"]
+    spread: Float[np.ndarray, " hyper"]
+    population: Float[np.ndarray, "hyper value"]
+
+    def alike(self) -> Trait:
+        """Return the trait without differences between drivers: only populations of spread 0."""
+        kept = self.spread == 0.0
+        return self._replace(
+            name="population",
+            mean=self.mean[kept],
+            spread=self.spread[kept],
+            population=self.population[kept],
+        )
+
+
+def wrapped_normal(
+    angle: Float[np.ndarray, " value"], mean: float, spread: float
+) -> Float[np.ndarray, " value"]:
+    """Return the shares of a wrapped normal distribution (Mardia and Jupp 2000, 3.5.7) on a grid.
+
+    On a grid of the whole circle whose step is at most the spread, sums of smooth functions over it
+    are their integrals to a relative error of about exp(-2 π²).
+
+    Args:
+        angle: The grid, degrees, evenly spaced.
+        mean: One of the grid's angles, degrees.
+        spread: Standard deviation in degrees; with 0 all is at the mean.
+    """
+    off = (angle - mean + 180.0) % 360.0 - 180.0
+    if spread == 0.0:
+        return (np.abs(off) < 1e-9).astype(np.float64)
+    turns = 360.0 * np.arange(-_TURNS, _TURNS + 1)
+    density = np.exp(-0.5 * ((off[:, None] + turns) / spread) ** 2).sum(axis=1)
+    return density / density.sum()
+
+
+def normal_on_grid(
+    value: Float[np.ndarray, " value"], mean: float, spread: float
+) -> Float[np.ndarray, " value"]:
+    """Return the shares of a normal distribution on a grid of any spacing, cut off at its ends."""
+    if spread == 0.0:
+        return (np.abs(value - mean) < 1e-9).astype(np.float64)
+    density = np.exp(-0.5 * ((value - mean) / spread) ** 2) * np.gradient(value)
+    return density / density.sum()
+
+
+def angle_grid(step: float) -> Float[np.ndarray, " value"]:
+    """Return the angles of the circle from -180 + step to 180 degrees; the step divides 360."""
+    return step * np.arange(1, round(360 / step) + 1) - 180.0
+
+
+def angle_trait(
+    step: float = 5.0,
+    largest_spread: float = 90.0,
+    strengths: tuple[float, ...] = STRENGTHS,
+    scale: float = 1.0,
+) -> Trait:
+    """Return the social angle as a trait: β (cos α r_env + sin α r_social), β shared.
+
+    Prior: β, the population's mean and its spread each even over their grids.
+
+    Args:
+        step: Of the angles and spreads, degrees; divides 360.
+        largest_spread: Of the population, degrees.
+        strengths: Grid of β times `scale`.
+        scale: Typical difference of reward between candidates.
+    """
+    angle = angle_grid(step)
+    radians, shared = np.radians(angle), np.array(strengths) / scale
+    direction = np.stack([np.cos(radians), np.sin(radians)], axis=-1)
+    spreads = np.arange(0.0, largest_spread + step / 2, step)
+    mean, spread = (one.ravel() for one in np.meshgrid(angle, spreads, indexing="ij"))
+    population = np.array([wrapped_normal(angle, m, s) for m, s in zip(mean, spread, strict=True)])
+    weights = shared[:, None, None] * direction
+    return Trait("angle", shared, angle, weights, mean, spread, population)
+
+
+def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0) -> Trait:
+    """Return the progress gain as a trait: g r_env + c r_social, g a driver's own, c shared.
+
+    It has the freedom of `angle_trait` (mean, spread, one shared number), reaches as far, and says
+    nothing about others.
+
+    Args:
+        strengths: Grid of the size of g and c times `scale`.
+        scale: Typical difference of reward between candidates.
+    """
+    sizes = np.array(sorted({0.0, *strengths})) / scale
+    value = np.concatenate([-sizes[:0:-1], sizes])
+    weights = np.stack(np.broadcast_arrays(value[None, :], value[:, None]), axis=-1)
+    spreads = np.array(PROGRESS_SPREADS) / scale
+    mean, spread = (one.ravel() for one in np.meshgrid(value, spreads, indexing="ij"))
+    population = np.array([normal_on_grid(value, m, s) for m, s in zip(mean, spread, strict=True)])
+    return Trait("progress gain", value, value, weights.copy(), mean, spread, population)

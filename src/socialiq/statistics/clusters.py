@@ -1,0 +1,109 @@
+"""Mean differences of decisions that are independent by cluster only: bootstrap and sign flips."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+from socialiq.errors import UserError
+from socialiq.statistics.bootstrap import resample_rows
+
+EXACT = 14
+"""Most clusters of which every pattern of signs is counted; above, patterns are drawn."""
+
+
+class ClusterMean(NamedTuple):
+    """Mean over all rows, with an interval and a test by cluster.
+
+    Attributes:
+        mean: Mean over rows.
+        low: Lower end of the percentile interval; NaN with fewer than two clusters.
+        high: Upper end.
+        p: Two-sided p-value of the sign-flip test.
+        clusters: Number of clusters.
+    """
+
+    mean: float
+    low: float
+    high: float
+    p: float
+    clusters: int
+
+
+def cluster_mean(
+    values: Float[np.ndarray, " row"],
+    cluster: Int64[np.ndarray, " row"],
+    seed: int,
+    resamples: int = 2000,
+    confidence: float = 0.95,
+) -> ClusterMean:
+    """Return the mean of rows with an interval from resampled clusters and a sign-flip test.
+
+    Rows of one cluster may depend on each other in any way (Cameron, Gelbach and Miller 2008).
+
+    Args:
+        values: Paired differences.
+        cluster: Cluster of each row, any numbers.
+        seed: Of the resampling.
+        resamples: Number of bootstrap resamples, and of drawn patterns of signs.
+        confidence: Of the interval.
+
+    Raises:
+        UserError: If there is no row.
+    """
+    if len(values) == 0:
+        raise UserError("a mean by cluster needs at least one row")
+    number = np.unique(cluster, return_inverse=True)[1]
+    sums, sizes = np.bincount(number, values), np.bincount(number).astype(np.float64)
+    low = high = math.nan
+    if len(sums) > 1:
+        drawn = np.concatenate(
+            [
+                sums[rows].sum(axis=1) / sizes[rows].sum(axis=1)
+                for rows in resample_rows(len(sums), resamples, seed)
+            ]
+        )
+        low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2]).tolist()
+    p = sign_flip(sums, seed, resamples)
+    return ClusterMean(float(values.mean()), low, high, p, len(sums))
+
+
+def sign_flip(sums: Float[np.ndarray, " cluster"], seed: int, draws: int = 2000) -> float:
+    """Return the two-sided p-value of the sign-flip test (Fisher 1935) of independent sums.
+
+    Under the hypothesis every sum is as likely as its negative. The test is exact: all patterns are
+    counted up to `EXACT` sums, otherwise drawn, with the pattern of the data among them.
+
+    Args:
+        sums: Sum of the differences of each cluster.
+        seed: Of the draws.
+        draws: Number of drawn patterns.
+    """
+    count = len(sums)
+    if count <= EXACT:
+        signs = 1.0 - 2.0 * ((np.arange(2**count)[:, None] >> np.arange(count)) & 1)
+    else:
+        drawn = np.random.default_rng(seed).integers(0, 2, (draws, count))
+        signs = np.vstack([np.ones(count), 1.0 - 2.0 * drawn])
+    reached = np.abs(signs @ sums) >= abs(sums.sum()) * (1 - 1e-9)
+    return float(reached.mean())
+
+
+def least_p(clusters: int) -> float:
+    """Return the smallest p-value of the two-sided sign-flip test, 2^(1 - n)."""
+    return min(1.0, 2.0 ** (1 - clusters))
+
+
+def clusters_needed(error: float, tests: int) -> int:
+    """Return the fewest clusters with which one of several tests can find anything, by Holm.
+
+    Holm's procedure compares the smallest p-value with error / tests, and `least_p` must reach it.
+
+    Args:
+        error: Level of the family, in (0, 1).
+        tests: Number of tests, at least 1.
+    """
+    return max(1, math.ceil(1 - math.log2(error / tests)))
