@@ -10,6 +10,9 @@ from scipy.special import logsumexp
 
 from socialiq.recordings.trait.traits import Trait
 
+FOLDS = 20
+"""Most folds of chains."""
+
 _BLOCK = 4_000_000  # numbers in one block of products, 32 MB
 
 
@@ -101,8 +104,7 @@ def driver_posteriors(
 ) -> Float[np.ndarray, "driver shared value"]:
     """Return each driver's posterior of its trait, jointly with the shared number.
 
-    The population must not have been found from these drivers, or hardly: its own evidence would
-    count twice. With `drivers_own` none does.
+    The population must come from other drivers: otherwise their own evidence would count twice.
 
     Args:
         log_likelihood: Of each driver.
@@ -118,11 +120,13 @@ class Inference(NamedTuple):
 
     Attributes:
         population: From all drivers.
-        others: From the drivers of other chains, by chain.
-        drivers: Posterior of each driver, with the population of the other chains as its prior.
+        fold: Number of each driver's fold, a group of chains.
+        others: From the drivers of the other folds, by fold.
+        drivers: Posterior of each driver, with the population of the other folds as its prior.
     """
 
     population: Population
+    fold: Int64[np.ndarray, " driver"]
     others: tuple[Population, ...]
     drivers: Float[np.ndarray, "driver shared value"]
 
@@ -134,22 +138,23 @@ def infer(
 ) -> Inference:
     """Infer a trait of all drivers; nothing of a driver's own chain is in its population.
 
+    Up to `FOLDS` chains are folds of their own.
+
     Args:
         log_likelihood: Of each driver.
         chain: Number of each driver's chain, from 0.
         trait: The grid.
     """
-    marginals = log_marginal(log_likelihood, trait)
+    marginals, fold = log_marginal(log_likelihood, trait), chain % FOLDS
     others = tuple(
-        population_posterior(marginals, trait, (chain != one).astype(np.float64))
-        for one in range(int(chain.max()) + 1)
+        population_posterior(marginals, trait, (fold != one).astype(np.float64))
+        for one in range(int(fold.max()) + 1)
     )
     posterior = np.empty_like(log_likelihood)
     for one, population in enumerate(others):
-        rows = np.flatnonzero(chain == one)
-        if len(rows):
-            posterior[rows] = driver_posteriors(log_likelihood[rows], population)
-    return Inference(population_posterior(marginals, trait), others, posterior)
+        rows = np.flatnonzero(fold == one)
+        posterior[rows] = driver_posteriors(log_likelihood[rows], population)
+    return Inference(population_posterior(marginals, trait), fold, others, posterior)
 
 
 def weighted_quantiles(

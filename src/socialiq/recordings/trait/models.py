@@ -128,6 +128,7 @@ def models_of(
     gain: Trait,
     of_gain: Evaluated,
     seed: int,
+    shuffles: int = SHUFFLES,
 ) -> Models:
     """Return `fit_models` of decisions whose grid points are evaluated already."""
     second, driver = sample.second, sample.driver[sample.second]
@@ -143,7 +144,7 @@ def models_of(
     progress = infer(_of_first_halves(sample, of_gain), sample.chain, gain)
     found["progress gain"] = predict(of_gain.rows(second), progress.drivers, driver)
     found |= residual_models(sample, alike)
-    turns = _shuffled(later, inferred.drivers, driver, seed)
+    turns = _shuffled(later, inferred.drivers, driver, seed, shuffles)
     found["shuffled angle"] = Prediction(
         np.mean([one.log_likelihood for one in turns], axis=0),
         np.mean([one.mean for one in turns], axis=0),
@@ -166,11 +167,12 @@ def _shuffled(
     posterior: Float[np.ndarray, "driver shared value"],
     driver: Int64[np.ndarray, " decision"],
     seed: int,
+    shuffles: int,
 ) -> list[Prediction]:
     """Return predictions by the posteriors of other drivers, who are drawn for each turn."""
     rng, count = np.random.default_rng(seed), len(posterior)
     found = []
-    for _ in range(SHUFFLES):
+    for _ in range(shuffles):
         cycle = rng.permutation(count)  # each driver gets the next one's: nobody gets its own
         other = np.empty(count, np.int64)
         other[cycle] = np.roll(cycle, 1)
@@ -191,12 +193,15 @@ def residual_models(sample: Sample, alike: Inference) -> dict[str, Prediction]:
     """
     table, second = sample.table, sample.second
     log_population = _population_choice(sample, alike)
-    chain = sample.chain[sample.driver]
+    fold = alike.fold[sample.driver]
     running = _tilted(log_population, table, table.residual)
-    of_chain = np.array(
-        [running.log_likelihood[~second & (chain != one)].sum(axis=0) for one in np.unique(chain)]
+    of_others = np.array(
+        [
+            running.log_likelihood[~second & (fold != one)].sum(axis=0)
+            for one in range(len(alike.others))
+        ]
     )
-    weight = np.exp(of_chain - of_chain.max(axis=1, keepdims=True))
+    weight = np.exp(of_others - of_others.max(axis=1, keepdims=True))
     posterior = (weight / weight.sum(axis=1, keepdims=True))[:, None, :]
     began = _known_at_the_second_half(sample)[sample.driver]
     last = _tilted(log_population, table, began)
@@ -204,7 +209,7 @@ def residual_models(sample: Sample, alike: Inference) -> dict[str, Prediction]:
         name: predict(
             Evaluated(one.log_likelihood[second, None], one.mean[second, None]),
             posterior,
-            chain[second],
+            fold[second],
         )
         for name, one in (("last residual", last), ("running residual", running))
     }
@@ -215,9 +220,9 @@ def _population_choice(
 ) -> Float[np.ndarray, "decision candidate"]:
     """Return log p of every candidate at the mean weights of the population of other chains."""
     table, rewards = sample.table, rewards_of(sample.table)
-    chain, found = sample.chain[sample.driver], np.empty_like(table.log_base)
+    fold, found = alike.fold[sample.driver], np.empty_like(table.log_base)
     for one, population in enumerate(alike.others):
-        rows = chain == one
+        rows = fold == one
         weights = np.tensordot(population.driver_prior, population.trait.weights, 2)[None]
         found[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
     return found
