@@ -1,1 +1,1 @@
-"""The social angle as a trait of a driver: inferred from some of its decisions, tested on others."""
+"""The social angle as a trait: inferred from some decisions of a driver, tested on others."""

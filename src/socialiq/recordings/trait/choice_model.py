@@ -112,7 +112,6 @@ def predict(
         driver: Row of each decision's posterior.
     """
     weight = posterior[driver]
-    top = evaluated.log_likelihood.max(axis=(1, 2), keepdims=True)
-    within = (weight * np.exp(evaluated.log_likelihood - top)).sum(axis=(1, 2))
-    mean = (weight * evaluated.mean).sum(axis=(1, 2))
-    return Prediction(np.log(within) + top[:, 0, 0], mean)
+    within = np.einsum("dsv,dsv->d", weight, np.exp(evaluated.log_likelihood))
+    mean = np.einsum("dsv,dsv->d", weight, evaluated.mean)
+    return Prediction(np.log(np.maximum(within, np.finfo(np.float64).tiny)), mean)

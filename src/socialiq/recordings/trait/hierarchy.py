@@ -40,6 +40,8 @@ def log_marginal(
     log_likelihood: Float[np.ndarray, "driver shared value"], trait: Trait
 ) -> Float[np.ndarray, "driver shared hyper"]:
     """Return log Σ_z p(z | mean, spread) p(decisions | z), a driver's trait integrated out."""
+    if not trait.spread.any():
+        return log_likelihood[..., trait.population.argmax(axis=1)]  # all drivers at the mean
     top = log_likelihood.max(axis=2, keepdims=True)
     found = np.empty((*log_likelihood.shape[:2], len(trait.mean)))
     block = max(1, _BLOCK // found[0].size)
@@ -92,10 +94,8 @@ def population_posterior(
         trait: The grid.
         counts: How often each driver counts; once by default. 0 leaves it out.
     """
-    if counts is None:
-        total = log_marginals.sum(axis=0)
-    else:
-        total = np.tensordot(counts, log_marginals, 1)
+    each = np.ones(len(log_marginals)) if counts is None else counts
+    total = np.tensordot(each, log_marginals, 1)
     return Population(trait, np.exp(total - logsumexp(total)))
 
 

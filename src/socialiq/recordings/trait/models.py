@@ -215,9 +215,7 @@ def residual_models(sample: Sample, alike: Inference) -> dict[str, Prediction]:
     }
 
 
-def _population_choice(
-    sample: Sample, alike: Inference
-) -> Float[np.ndarray, "decision candidate"]:
+def _population_choice(sample: Sample, alike: Inference) -> Float[np.ndarray, "decision candidate"]:
     """Return log p of every candidate at the mean weights of the population of other chains."""
     table, rewards = sample.table, rewards_of(sample.table)
     fold, found = alike.fold[sample.driver], np.empty_like(table.log_base)

@@ -1,0 +1,51 @@
+"""Grids of traits."""
+
+import numpy as np
+import pytest
+
+from socialiq.recordings.trait.traits import (
+    angle_grid,
+    angle_trait,
+    normal_on_grid,
+    progress_trait,
+    wrapped_normal,
+)
+
+
+@pytest.mark.parametrize("spread", [5.0, 20.0, 60.0, 90.0])
+def test_the_wrapped_normal_has_the_closed_resultant(spread):
+    """Mardia and Jupp 2000, 3.5.63: the mean resultant length is exp(-σ² / 2)."""
+    angle = angle_grid(5.0)
+    share = wrapped_normal(angle, 40.0, spread)
+    resultant = (share * np.exp(1j * np.radians(angle - 40.0))).sum()
+    assert resultant.real == pytest.approx(np.exp(-(np.radians(spread) ** 2) / 2), abs=1e-7)
+    assert resultant.imag == pytest.approx(0.0, abs=1e-12)
+
+
+def test_without_spread_all_is_at_the_mean_also_across_the_cut():
+    angle = angle_grid(15.0)
+    assert len(angle) == 24 and angle[-1] == 180.0
+    assert wrapped_normal(angle, -180.0, 0.0)[-1] == 1.0
+    assert normal_on_grid(np.array([0.0, 1.0, 3.0]), 1.0, 0.0).tolist() == [0.0, 1.0, 0.0]
+
+
+def test_an_uneven_grid_has_the_mean_of_the_normal():
+    value = np.concatenate([np.linspace(-8, 0, 400), np.linspace(0.1, 8, 100)])
+    share = normal_on_grid(value, 0.5, 1.0)
+    assert share @ value == pytest.approx(0.5, abs=1e-3)
+
+
+def test_weights_of_the_angle_are_a_circle_and_those_of_progress_lines():
+    angle, gain = angle_trait(15.0, strengths=(0.0, 1.0), scale=0.5), progress_trait((0.0, 1.0))
+    np.testing.assert_allclose(np.hypot(*angle.weights[1].T), 2.0)
+    at_45 = np.flatnonzero(angle.value == 45.0)[0]
+    np.testing.assert_allclose(angle.weights[1, at_45], [2**0.5, 2**0.5])
+    np.testing.assert_allclose(gain.weights[2], [[-1.0, 1.0], [0.0, 1.0], [1.0, 1.0]])
+
+
+def test_drivers_alike_have_no_spread():
+    trait = angle_trait(15.0)
+    alike = trait.alike()
+    assert not alike.spread.any() and len(alike.mean) == 24
+    np.testing.assert_array_equal(alike.population, np.eye(24))
+    np.testing.assert_allclose(trait.population.sum(axis=1), 1.0)

@@ -1,0 +1,52 @@
+"""Means by cluster and sign flips, by hand."""
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.statistics.clusters import cluster_mean, clusters_needed, least_p, sign_flip
+
+
+def test_the_p_value_of_three_sums_is_counted_by_hand():
+    """Of 8 patterns of (1, 2, 4) two reach 7, and four reach 5: ±(−1 + 2 + 4) and ±7."""
+    assert sign_flip(np.array([1.0, 2.0, 4.0]), seed=0) == pytest.approx(2 / 8)
+    assert sign_flip(np.array([-1.0, 2.0, 4.0]), seed=0) == pytest.approx(4 / 8)
+    assert sign_flip(np.zeros(4), seed=0) == 1.0
+
+
+def test_many_sums_are_drawn_and_never_give_zero():
+    sums = np.ones(40)
+    assert 0.0 < sign_flip(sums, seed=0, draws=999) <= 2 / 1000
+    assert sign_flip(sums, 3, 200) == sign_flip(sums, 3, 200)
+
+
+def test_the_sign_flip_test_keeps_its_level():
+    rng = np.random.default_rng(1)
+    p = np.array([sign_flip(rng.standard_normal(8), 0) for _ in range(1000)])
+    assert (p <= 0.05).mean() < 0.07
+
+
+def test_rows_of_a_cluster_count_as_one():
+    rng = np.random.default_rng(0)
+    values = np.repeat(rng.standard_normal(30), 10)
+    rows, cluster = np.arange(300), np.repeat(np.arange(30), 10)
+    apart = cluster_mean(values, rows, seed=0)
+    together = cluster_mean(values, cluster, seed=0)
+    assert apart.mean == together.mean == pytest.approx(values.mean())
+    widths = apart.high - apart.low, together.high - together.low
+    assert 2.3 < widths[1] / widths[0] < 4.2  # sqrt(10) = 3.2
+    assert (apart.clusters, together.clusters) == (300, 30)
+
+
+def test_one_cluster_has_no_interval():
+    found = cluster_mean(np.array([1.0, 2.0]), np.array([7, 7]), seed=0)
+    assert np.isnan(found.low) and found.p == 1.0
+    with pytest.raises(UserError, match="at least one row"):
+        cluster_mean(np.zeros(0), np.zeros(0, np.int64), seed=0)
+
+
+def test_clusters_needed_are_those_whose_least_p_survives_holm():
+    assert least_p(1) == 1.0 and least_p(7) == 1 / 64
+    for tests in (1, 5):
+        needed = clusters_needed(0.05, tests)
+        assert least_p(needed) <= 0.05 / tests < least_p(needed - 1)
