@@ -356,9 +356,7 @@ def power_rows(
         UserError: If all candidates of all decisions have equal rewards: nothing tells angles
             apart.
     """
-    if not (
-        np.ptp(sample.table.r_env, axis=1).any() or np.ptp(sample.table.r_social, axis=1).any()
-    ):
+    if not np.ptp(rewards_of(sample.table), axis=1).any():
         raise UserError("every candidate has the same rewards: no choice can show an angle")
     simulator, scale = Simulator(sample, config), reward_scale(sample.table)
     rows: list[Row] = []

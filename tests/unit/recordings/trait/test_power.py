@@ -104,18 +104,19 @@ def test_looking_up_is_evaluating(sample):
 
 
 def test_more_drivers_of_wider_angles_are_found_and_equal_ones_are_not(choices):
-    sample = sample_of(choices(np.zeros(12), each=16))
-    config = PowerConfig(spreads=(0.0, 60.0), strength=2.0, sizes=(1, 6), repeats=6, resamples=200)
+    sample = sample_of(choices(np.zeros(10), each=10))
+    config = PowerConfig(spreads=(0.0, 60.0), strength=3.0, sizes=(1, 5), repeats=3, resamples=200)
     rows = power_rows(sample, config)
     by = {(row["population"], row["size"]): row for row in rows}
-    assert by["spread 0", 6]["detected"] <= 1 / 6
+    assert by["spread 0", 5]["detected"] <= 1 / 3
     widest = max(row["detected"] for row in rows if row["population"] == "spread 60")
-    assert widest >= 5 / 6
+    assert widest >= 2 / 3
     assert by["spread 60", 1]["known_angle_gain"] > 0.1
     needed = {row["population"]: row for row in needed_rows(rows)}
     assert needed["spread 0"]["size_needed"] is None
-    assert 1 <= needed["spread 60"]["size_needed"] <= 6
-    assert rows == power_rows(sample, config)
+    assert 1 <= needed["spread 60"]["size_needed"] <= 5
+    again = power_rows(sample, dataclasses.replace(config, spreads=(60.0,), sizes=(1,)))
+    assert again[0] == by["spread 60", 1]
 
 
 def test_the_size_needed_is_between_two_sizes():
