@@ -173,7 +173,7 @@ def _shuffled(
     rng, count = np.random.default_rng(seed), len(posterior)
     found = []
     for _ in range(shuffles):
-        cycle = rng.permutation(count)  # each driver gets the next one's: nobody gets its own
+        cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
         other = np.empty(count, np.int64)
         other[cycle] = np.roll(cycle, 1)
         found.append(predict(evaluated, posterior, other[driver]))
