@@ -1,7 +1,7 @@
 """Power of the test of an angle: drivers of known angles decide at the recorded moments.
 
 The recorded decisions are kept: their candidates, rewards, base predictor, drivers and halves. Only
-what was chosen is drawn again, from the very model that is inferred, so the power is an upper bound.
+what was chosen is drawn again, from the very model that is inferred: the power is an upper bound.
 Larger samples repeat whole chains, with new drivers.
 """
 
