@@ -96,7 +96,7 @@ def population_posterior(
     """
     each = np.ones(len(log_marginals)) if counts is None else counts
     total = np.tensordot(each, log_marginals, 1)
-    return Population(trait, np.exp(total - logsumexp(total)))
+    return Population(trait, np.exp(total - float(logsumexp(total))))
 
 
 def driver_posteriors(

@@ -69,15 +69,15 @@ def sample_of(table: ChoiceTable) -> Sample:
         UserError: If there is no such driver.
     """
     table = table.rows(table.conflict)
-    halves = [np.unique(table.driver[table.half == half]) for half in (0, 1)]
-    both = np.intersect1d(*halves)
+    first, second = (np.unique(table.driver[table.half == half]) for half in (0, 1))
+    both = np.intersect1d(first, second)
     if len(both) == 0:
         raise UserError(
             "no driver has decisions in conflict in both halves: longer recordings are needed"
         )
     table = table.rows(np.isin(table.driver, both))
-    identity, first, driver = np.unique(table.driver, return_index=True, return_inverse=True)
-    chain = np.unique(table.chain[first], return_inverse=True)[1]
+    identity, place, driver = np.unique(table.driver, return_index=True, return_inverse=True)
+    chain = np.unique(table.chain[place], return_inverse=True)[1]
     return Sample(table, driver.astype(np.int64), chain.astype(np.int64), identity)
 
 
