@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int64
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from socialiq.recordings.trait.traits import Trait
 
@@ -96,7 +96,7 @@ def population_posterior(
     """
     each = np.ones(len(log_marginals)) if counts is None else counts
     total = np.tensordot(each, log_marginals, 1)
-    return Population(trait, np.exp(total - float(logsumexp(total))))
+    return Population(trait, softmax(total))
 
 
 def driver_posteriors(
