@@ -6,8 +6,10 @@ the same drivers and the same later traffic.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float, Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.learners.collect import Act
@@ -17,8 +19,17 @@ from socialiq.worlds.intersection.batch import Batch, State
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
 
+Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
+"""Given the number of episodes and random numbers, returns an angle for each, in degrees."""
 
-def branched_returns(batch: Batch, copies: Batch, follow: Act, clock: bool = False) -> RewardPair:
+
+def branched_returns(
+    batch: Batch,
+    copies: Batch,
+    follow: Act,
+    clock: bool = False,
+    angles: Float[np.ndarray, " batch"] | None = None,
+) -> RewardPair:
     """Return the sums of rewards of each action in the present states, each (batch, actions).
 
     Each action is taken in a copy, and the policy drives the copy to the end of its episode.
@@ -28,7 +39,8 @@ def branched_returns(batch: Batch, copies: Batch, follow: Act, clock: bool = Fal
         batch: Episodes, on the core; they are not changed.
         copies: Batch of the same options, three times as large.
         follow: Policy after the first action.
-        clock: Whether it observes the time, as the last feature.
+        clock: Whether it observes the time.
+        angles: Of each episode in degrees, if the policy observes it.
     """
     size, count = batch.size, len(ACTIONS)
     now = batch.save()
@@ -37,21 +49,26 @@ def branched_returns(batch: Batch, copies: Batch, follow: Act, clock: bool = Fal
     running = (same == np.arange(count)).ravel() & np.repeat(~now.waiting, count)
     total = np.zeros((size * count, 2))
     action = np.tile(np.arange(count), size)
+    turned = None if angles is None else np.repeat(angles, count)
     while running.any():
         made = copies.step(action, auto_reset=False, rows=running)
         total[running] += np.column_stack(made.rewards)[running]
         running &= made.ending == int(Ending.NONE)
         rows = np.flatnonzero(running)
         if len(rows):
-            action[rows] = follow(observed(copies, clock)[rows])
+            action[rows] = follow(observed(copies, clock, turned)[rows])
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
     return RewardPair(shared[..., 0], shared[..., 1])
 
 
-def observed(batch: Batch, clock: bool) -> Float32[np.ndarray, "batch feature"]:
-    """Return the present observations, with a clock followed by the time."""
-    seen = batch.observation
-    return np.column_stack([seen, batch.time]) if clock else seen
+def observed(
+    batch: Batch, clock: bool, angles: Float[np.ndarray, " batch"] | None = None
+) -> Float32[np.ndarray, "batch feature"]:
+    """Return the present observations, followed by the time with a clock, and by the angles."""
+    columns = [batch.observation]
+    columns += [batch.time] if clock else []
+    columns += [] if angles is None else [angles.astype(np.float32)]
+    return np.column_stack(columns) if len(columns) > 1 else batch.observation
 
 
 def equivalent_actions(state: State, options: Options) -> Int64[np.ndarray, "batch action"]:
@@ -82,18 +99,25 @@ class Branching:
         states: Number of states labelled in a call.
         episodes: Number of episodes side by side.
         clock: Whether observations end with the time.
+        angles: Draws the angle at which each episode is driven and its copies too; observations
+            then end with it, after the time. None for a policy of one angle.
 
     Raises:
         UserError: If a number is not positive.
     """
 
     def __init__(
-        self, options: Options, states: int, episodes: int = 256, clock: bool = False
+        self,
+        options: Options,
+        states: int,
+        episodes: int = 256,
+        clock: bool = False,
+        angles: Angles | None = None,
     ) -> None:
         for name, value in (("states", states), ("episodes", episodes)):
             if value < 1:
                 raise UserError(f"{name} must be at least 1, got {value}")
-        self._states, self._clock = states, clock
+        self._states, self._clock, self._angles = states, clock, angles
         self._batch = Batch(options, min(episodes, states))
         self._copies = Batch(options, len(ACTIONS) * self._batch.size)
 
@@ -101,9 +125,10 @@ class Branching:
         """Drive with `visit`, and label the states by rollouts of `follow`."""
         batch, found = self._batch, []
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
+        angles = self._angles(batch.size, rng) if self._angles else None
         for _ in range(-(-self._states // batch.size)):
-            seen = observed(batch, self._clock)
-            returns = branched_returns(batch, self._copies, follow, self._clock)
+            seen = observed(batch, self._clock, angles)
+            returns = branched_returns(batch, self._copies, follow, self._clock, angles)
             found.append((seen, *returns))
             batch.step(visit(seen))
         states, env, social = (

@@ -88,7 +88,7 @@ class DialNetwork(eqx.Module):
         self, observation: Float[Array, " feature"], direction: RewardPair
     ) -> Float[Array, " output"]:
         value = self.view(observation) if self.view else observation
-        turned = jnp.concatenate([value, *_angle_columns(direction, self.knots)])
+        turned = jnp.concatenate([value, *angle_columns(direction, self.knots)])
         return through(self.layers, self.activation, turned)
 
     def at(self, direction: RewardPair) -> QNetwork:
@@ -98,7 +98,7 @@ class DialNetwork(eqx.Module):
         two affine functions is one.
         """
         layers = list(self.layers)
-        layers[0] = _fixed(layers[0], jnp.concatenate(_angle_columns(direction, self.knots)))
+        layers[0] = _fixed(layers[0], jnp.concatenate(angle_columns(direction, self.knots)))
         if self.pairs:
             layers[-1] = _scored(layers[-1], direction)
         return QNetwork(tuple(layers), self.activation, self.view)
@@ -130,12 +130,21 @@ def hats(degrees: Any, knots: tuple[float, ...]) -> Any:
     return xp.maximum(1.0 - xp.abs(offset[..., None] - places) / distance, 0.0)
 
 
-def _angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Array]:
-    """Return the inputs of the first layer for a direction: (cos α, sin α), and its hats."""
-    pair = jnp.stack([direction.env, direction.social])
+def angle_columns(direction: RewardPair, knots: tuple[float, ...]) -> list[Any]:
+    """Return the inputs of the first layer for directions: (cos α, sin α), and the hats of α.
+
+    Args:
+        direction: NumPy or JAX arrays of any shape.
+        knots: Centres of the hat functions, in degrees.
+
+    Returns:
+        Arrays with one more axis, of the inputs.
+    """
+    xp = direction.env.__array_namespace__()
+    pair = xp.stack([direction.env, direction.social], axis=-1)
     if not knots:
         return [pair]
-    return [pair, hats(jnp.rad2deg(jnp.arctan2(direction.social, direction.env)), knots)]
+    return [pair, hats(xp.rad2deg(xp.arctan2(direction.social, direction.env)), knots)]
 
 
 def _fixed(first: eqx.nn.Linear, angle: Float[Array, " input"]) -> eqx.nn.Linear:

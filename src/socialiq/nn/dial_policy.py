@@ -64,6 +64,11 @@ class DialPolicy:
         policy = QPolicy.of(turned, temperature, provenance)
         return DialPolicy(policy, low, high, network.pairs, knots=network.knots)
 
+    def network(self) -> DialNetwork:
+        """Return the network, which can be trained: the inverse of `of`, without settings."""
+        turned = self.turned.network()
+        return DialNetwork(turned.layers, turned.activation, turned.view, self.pairs, self.knots)
+
     @property
     def n_features(self) -> int:
         """Length of an observation."""

@@ -26,6 +26,7 @@ from socialiq.experiments.intersection.driving import (
 from socialiq.experiments.intersection.episodes import LAST, EpisodesRun, save_episodes
 from socialiq.experiments.intersection.experts import atlas_files
 from socialiq.experiments.intersection.plots import Runs, dots
+from socialiq.experiments.intersection.policy_iteration import IterationRun, train_by_iteration
 from socialiq.experiments.intersection.rows import (
     SHARES,
     VIEW_OF_SHARES,
@@ -34,7 +35,6 @@ from socialiq.experiments.intersection.rows import (
     policy_rows,
     times,
 )
-from socialiq.experiments.intersection.training import IterationRun, train_by_iteration
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study

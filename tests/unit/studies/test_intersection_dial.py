@@ -8,6 +8,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection.known import known_policies, value_at
+from socialiq.experiments.intersection.policy_iteration import ITERATION
 from socialiq.experiments.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq.experiments.study import run
 from socialiq.learners.dial.acting import stratified
@@ -135,7 +136,7 @@ def test_a_key_angle_at_which_no_dial_is_driven_is_refused() -> None:
 TIMED = dataclasses.replace(
     TINY,
     seeds=(3,),
-    families=("timed", "calibrated", "planned", "foresight", "short", "both_causes"),
+    families=("timed", "calibrated", "iterated", "planned", "foresight", "short", "both_causes"),
     recipe=dataclasses.replace(
         INTERSECTION.structure,
         view="flat",
@@ -145,6 +146,15 @@ TIMED = dataclasses.replace(
         replay_batch=8,
         replay_capacity=5000,
         environments=4,
+    ),
+    iteration=dataclasses.replace(
+        ITERATION,
+        view="flat",
+        times=0,
+        hidden=(8,),
+        updates=30,
+        states_per_update=1,
+        first_rounds=1,
     ),
     ablation_updates=20,
     calibration_episodes=10,
@@ -158,7 +168,7 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
     asked = {
         family: [row["asked"] for row in rows if row["family"] == family] for family in FAMILIES
     }
-    assert asked["timed"] == asked["calibrated"] == [0.0, 45.0, 90.0]
+    assert asked["timed"] == asked["calibrated"] == asked["iterated"] == [0.0, 45.0, 90.0]
     assert (
         asked["short"] == asked["both_causes"] == asked["planned"] == [0.0, 90.0]
         and not asked["agents"]
@@ -172,6 +182,9 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
         for name in ("timed", "calibrated")
     )
     assert timed.pairs and timed.n_features == 71 and not timed.settings and told.settings
+    better = DialPolicy.load(tmp_path / "work" / "iterated" / "3" / "dial.safetensors")
+    assert better.provenance["start"] == {"sha256": timed.turned.sha256}
+    assert better.n_features == 71 and better.pairs
     hidden = DialPolicy.load(tmp_path / "work" / "both_causes" / "3" / "dial.safetensors")
     assert hidden.n_features == 70
     structure = hidden.provenance["structure"]
@@ -180,7 +193,7 @@ def test_dials_with_a_clock_are_calibrated_and_ablated(tmp_path) -> None:
         0,
         20,
     )
-    assert set(found.files) == {"timed.safetensors", "calibrated.safetensors"}
+    assert set(found.files) == {f"{one}.safetensors" for one in ("timed", "calibrated", "iterated")}
     assert list(png(STUDY.figures(found))) == ["tradeoff", "regret", "turning", "learning"]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.episodes import CURVE
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.experiments.results import as_csv
@@ -22,7 +23,7 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.state import History
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
-from socialiq.types import Row
+from socialiq.types import Policy, Row
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
@@ -30,6 +31,9 @@ from socialiq.worlds.intersection.world import Intersection
 
 CHECKPOINT = "checkpoint.safetensors"
 CHUNK = 200  # updates between two rounds of acting
+
+MEASURES = ("total", "collision", "arrival", "timeout", "r_env", "r_social")
+"""Measures of a check; `total` is J(α), the mean total scored at the run's own angle."""
 
 Monitor = Callable[[Any], dict[str, np.ndarray]]
 """Called with the `TrainState` after each chunk; values are each (1,)."""
@@ -57,6 +61,18 @@ class Checks:
     def batch(self, options: Options) -> Batch:
         """Return the intersections in which the episodes are driven."""
         return Batch(options, min(self.episodes, 256))
+
+    def measured(self, options: Options, policy: Policy, angle: float) -> dict[str, float]:
+        """Return `MEASURES` of a policy's greedy episodes.
+
+        Args:
+            options: Scenario.
+            policy: The policy.
+            angle: α of `total`, in degrees.
+        """
+        metrics = episodes_of(self.batch(options), policy, self.seeds).metrics()
+        found = {"total": metrics.value(angle)}
+        return found | {name: getattr(metrics, name) for name in MEASURES[1:]}
 
     def due(self, chunk: int, chunks: int) -> bool:
         """Whether a run of so many chunks is checked after this one (from 1)."""

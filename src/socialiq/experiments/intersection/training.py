@@ -18,13 +18,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError
-from socialiq.evaluation.branching import Branching
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq.experiments.intersection.episodes import BEST, DIAL, LAST
 from socialiq.experiments.intersection.fitting import (
     CHUNK,
+    MEASURES,
     Checks,
     fit,
     sizes_of,
@@ -40,19 +39,12 @@ from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn import train as dqn_training
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.learners.policy_iteration import config as iteration
-from socialiq.learners.policy_iteration import train as iteration_training
-from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Policy, Row
-from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
-
-MEASURES = ("total", "collision", "arrival", "timeout", "r_env", "r_social")
-"""Measures of a check; `total` is J(α), the mean total scored at the run's own angle."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +66,7 @@ def train_expert(
 
     def measure(state: Any, done: int) -> dict[str, float]:
         policy = dqn_training.policy_of(structure, numbers, network_of(state.network, 0))
-        found = measured(config, policy)
+        found = config.checks.measured(config.options, policy, numbers.angle)
         made = {"updates": done, "total": found["total"], "episodes": config.checks.episodes}
         _keep_best(policy, made, folder / BEST)
         return found
@@ -90,47 +82,6 @@ def _keep_best(policy: QPolicy, made: Row, file: Path) -> None:
     if file.is_file() and QPolicy.load(file).provenance["check"]["total"] >= made["total"]:
         return
     dataclasses.replace(policy, provenance={**policy.provenance, "check": made}).save(file)
-
-
-@dataclass(frozen=True)
-class IterationRun:
-    """One run of direct policy iteration."""
-
-    structure: iteration.StaticConfig
-    numbers: iteration.Hyperparameters
-    start: str = ""
-    """Network of the atlas that it begins with; none draws one from the seed."""
-    environments: int = 256
-    options: Options = field(default_factory=Options)
-    """Scenario of the checks."""
-    labels: Options = field(default_factory=Options)
-    """Scenario and rewards of the rollouts. A larger loss of a collision makes a policy that
-    accepts more delay for the same risk."""
-    checks: Checks = field(default_factory=lambda: Checks(times=10))
-
-
-def train_by_iteration(
-    config: IterationRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
-    """Write the last policy of a run, and its learning curve."""
-    structure, numbers = config.structure, config.numbers
-
-    def measure(state: Any, _done: int) -> dict[str, float]:
-        network = network_of(state.target_network, 0)
-        return measured(config, QPolicy.of(network, numbers.temperature, {}))
-
-    states = CHUNK * structure.states_per_update
-    clock = structure.times > 0
-    labeller = Branching(config.labels, states, config.environments, clock)
-    start = atlas.load(config.start) if config.start else None
-    if isinstance(start, EnsemblePolicy):
-        raise UserError(f"{config.start} is an ensemble: begin with one network")
-    if start is not None and clock:
-        start = start.with_clock(structure.times)
-    sizes = sizes_of(config.options, clock)
-    train = partial(iteration_training.train, structure, [numbers], [labeller], sizes, start=start)
-    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
-    fit(train, folder, on_progress, [LAST], monitor)
 
 
 @dataclass(frozen=True)
@@ -156,7 +107,8 @@ def train_learner(
     data = mixture_of(recordings, config.mixture, config.size, numbers.seed)
 
     def measure(state: Any, _done: int) -> dict[str, float]:
-        return measured(config, QPolicy.of(network_of(state.network, 0), numbers.temperature, {}))
+        policy = QPolicy.of(network_of(state.network, 0), numbers.temperature, {})
+        return config.checks.measured(config.options, policy, numbers.angle)
 
     collector = None
     if structure.online:
@@ -165,15 +117,6 @@ def train_learner(
     train = partial(train_iq, structure, [numbers], [data], before_chunk=collector)
     monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
     fit(train, folder, on_progress, [LAST], monitor)
-
-
-def measured(config: ExpertRun | IterationRun | LearnerRun, policy: Policy) -> dict[str, float]:
-    """Return `MEASURES` of a policy's greedy episodes in a check of a run."""
-    metrics = episodes_of(
-        config.checks.batch(config.options), policy, config.checks.seeds
-    ).metrics()
-    found = {"total": metrics.value(config.numbers.angle)}
-    return found | {name: getattr(metrics, name) for name in MEASURES[1:]}
 
 
 STEPS_PER_UPDATE = 12

@@ -15,7 +15,7 @@ from socialiq.learners import replay
 from socialiq.learners.collect import Act, Behaviour, Collector, Source
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.objective import Networks
-from socialiq.learners.dial.rows import Driven, angles_at, draw_directions
+from socialiq.learners.dial.rows import Driven, draw_directions, stratified_angles
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.dial_network import DialNetwork
@@ -163,12 +163,7 @@ class DialCollector(Collector):
 
 def stratified(static: StaticConfig, count: int, rng: np.random.Generator) -> RewardPair:
     """Directions (cos α, sin α): α as drawn within each of `count` equal parts of the angles."""
-    places = np.arange(count) + rng.random(count)
-    if static.high_share is None:
-        low, high = static.low - static.margin, static.high + static.margin
-        angles = low + (high - low) * places / count
-    else:
-        angles = angles_at(places / count, static)
+    angles = stratified_angles(static, count, rng)
     pairs = np.array([exact_weights(angle) for angle in angles.tolist()], np.float32)
     return RewardPair(pairs[:, 0], pairs[:, 1])
 

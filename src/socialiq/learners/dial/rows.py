@@ -6,7 +6,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, PRNGKeyArray
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.learners import replay
 from socialiq.learners.dial.clock import at_other_times
@@ -189,3 +190,14 @@ def angles_at(shares: Any, static: AngleRange) -> Any:
         low + (middle - low) * shares / max(below, 1e-12),
         high - (high - middle) * (1.0 - shares) / max(static.high_share, 1e-12),
     )
+
+
+def stratified_angles(
+    static: AngleRange, count: int, rng: np.random.Generator
+) -> Float[np.ndarray, " count"]:
+    """Return α in degrees, one as drawn within each of `count` equal parts of the angles."""
+    places = np.arange(count) + rng.random(count)
+    if static.high_share is None:
+        low, high = static.low - static.margin, static.high + static.margin
+        return low + (high - low) * places / count
+    return angles_at(places / count, static)

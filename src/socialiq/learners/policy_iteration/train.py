@@ -109,7 +109,7 @@ class PolicyIteration(Learner):
         start_sha256: Of its file, for the record.
     """
 
-    start: QNetwork | None = None
+    start: Any = None
     start_sha256: str = eqx.field(static=True, default="")
 
     name: ClassVar[str] = "policy-iteration"
@@ -119,7 +119,7 @@ class PolicyIteration(Learner):
         begun = {"start": {"sha256": self.start_sha256}} if self.start is not None else {}
         return super().record(hyperparameters) | begun
 
-    def network(self, key: PRNGKeyArray) -> QNetwork:
+    def network(self, key: PRNGKeyArray) -> Any:
         """Draw a network, with an input for each value of the time if there is a clock."""
         one, (n_features, n_actions) = self.static, self.sizes
         shape = (n_features, one.hidden, n_actions, one.activation, one.view)
@@ -130,10 +130,14 @@ class PolicyIteration(Learner):
         state, key = super().initialise(hyperparameters)
         if self.start is not None:
             state = self.first_state(self.start)
-        n_features, n_actions = self.sizes
-        column = jnp.zeros(n_actions, jnp.float32)
-        row = Labelled(jnp.zeros(n_features, jnp.float32), RewardPair(column, column))
+        column = jnp.zeros(self.sizes[1], jnp.float32)
+        row = Labelled(jnp.zeros(self.labelled_features, jnp.float32), RewardPair(column, column))
         return state, Carry(key, replay.empty_of(self.static.replay_capacity, row))
+
+    @property
+    def labelled_features(self) -> int:
+        """Length of a labelled observation."""
+        return self.sizes[0]
 
     def draw(
         self,
@@ -166,12 +170,16 @@ class PolicyIteration(Learner):
         one = hyperparameters
         return linear(one.learning_rate, one.final_learning_rate, done, self.static.updates)
 
+    def greedy(self, network: Any) -> Act:
+        """Return the greedy actions of a network."""
+        return greedy(QPolicy.of(network, 1.0, {}))
+
     def policy(
         self,
         hyperparameters: Hyperparameters,
         state: TrainState,
         kept: Any = None,  # noqa: ARG002
-    ) -> QPolicy:
+    ) -> Any:
         """Return the running average of the network as a policy."""
         record = self.record(hyperparameters)
         return QPolicy.of(state.target_network, hyperparameters.temperature, record)
@@ -184,18 +192,19 @@ class LabelCollector:
     run sees the same states as an uninterrupted one.
 
     Args:
-        static: Shared by all runs.
+        learner: Of all runs.
         hyperparameters: One entry for each run.
         labellers: One for each run.
     """
 
     def __init__(
         self,
-        static: StaticConfig,
+        learner: PolicyIteration,
         hyperparameters: Sequence[Hyperparameters],
         labellers: Sequence[Labeller],
     ) -> None:
-        self._static, self._numbers, self._labellers = static, hyperparameters, labellers
+        self._learner, self._static = learner, learner.static
+        self._numbers, self._labellers = hyperparameters, labellers
         self._add = jax.jit(jax.vmap(replay.add_many))
 
     def __call__(self, runs: Runs, done: int) -> Runs:
@@ -208,12 +217,12 @@ class LabelCollector:
     def _labelled(self, runs: Runs, run: int, done: int) -> Labelled:
         numbers = self._numbers[run]
         rng = np.random.default_rng(np.random.SeedSequence([numbers.seed, done]))
-        policy = QPolicy.of(network_of(runs.state.target_network, run), 1.0, {})
-        follow = greedy(policy)
+        follow = self._learner.greedy(network_of(runs.state.target_network, run))
+        n_actions = self._learner.sizes[1]
         share = numbers.exploring(done / self._static.updates)
 
         def visit(observation: np.ndarray) -> np.ndarray:
-            random = rng.integers(policy.n_actions, size=len(observation))
+            random = rng.integers(n_actions, size=len(observation))
             return np.where(rng.random(len(observation)) < share, random, follow(observation))
 
         rounds = 1 if done else self._static.first_rounds
@@ -224,11 +233,21 @@ class LabelCollector:
 
 
 def greedy(policy: QPolicy) -> Act:
-    """Return a policy's greedy actions, fast: a pooled view encodes the present vehicles alone."""
-    if not (isinstance(policy.view, View) and policy.view.choice.pooled):
-        return lambda observation: policy.predict(observation)[0]
-    encode, encoded = PresentRows(policy.view), dataclasses.replace(policy, view=None)
-    return lambda observation: encoded.predict(encode(observation))[0]
+    """Return a policy's greedy actions, fast."""
+    encode, layers = split(policy)
+    return lambda observation: layers.predict(encode(observation))[0]
+
+
+def split(policy: QPolicy) -> tuple[Callable[[np.ndarray], np.ndarray], QPolicy]:
+    """Return a policy's view, and its layers as a policy of what the view gives.
+
+    A pooled view encodes the present vehicles alone, which is faster.
+    """
+    view = policy.view
+    layers = dataclasses.replace(policy, view=None)
+    if isinstance(view, View) and view.choice.pooled:
+        return PresentRows(view), layers
+    return view or (lambda observation: observation), layers
 
 
 def train(
@@ -256,26 +275,39 @@ def train(
         UserError: If there is no run, not one labeller for each, or another first network.
         Stopped: On Ctrl-C.
     """
+    learner = PolicyIteration(static, sizes)
+    if start is not None:
+        network = checked(start.network(), learner)
+        learner = PolicyIteration(static, sizes, start=network, start_sha256=start.sha256)
+    return trained(learner, hyperparameters, labellers, callbacks, chunk)
+
+
+def trained(
+    learner: PolicyIteration,
+    hyperparameters: Sequence[Hyperparameters],
+    labellers: Sequence[Labeller],
+    callbacks: Callbacks | None,
+    chunk: int,
+) -> Trained:
+    """Train the runs of a learner, each with its labeller.
+
+    Raises:
+        UserError: If there is no run, or not one labeller for each.
+    """
     if not hyperparameters or len(labellers) != len(hyperparameters):
         raise UserError(
             f"{len(hyperparameters)} runs and {len(labellers)} labellers: pass one for each"
         )
-    collector = LabelCollector(static, hyperparameters, labellers)
-    learner = PolicyIteration(static, sizes)
-    if start is not None:
-        learner = PolicyIteration(
-            static, sizes, start=_checked(start, learner), start_sha256=start.sha256
-        )
+    collector = LabelCollector(learner, hyperparameters, labellers)
     return learner.train(hyperparameters, callbacks, chunk, collector, learner.start_sha256)
 
 
-def _checked(start: QPolicy, learner: PolicyIteration) -> QNetwork:
+def checked(network: Any, learner: PolicyIteration) -> Any:
     """Return the network of a first policy.
 
     Raises:
         UserError: If it is not of the structure that the learner draws.
     """
-    network = start.network()
     wanted = jax.eval_shape(learner.network, jax.random.key(0))
     shapes = [[one.shape for one in jax.tree.leaves(tree)] for tree in (network, wanted)]
     if shapes[0] != shapes[1] or network.activation != learner.static.activation:

@@ -15,12 +15,15 @@ from socialiq.experiments.intersection.demonstration_sets import (
     SIZE,
 )
 from socialiq.experiments.intersection.episodes import EPISODES
+from socialiq.experiments.intersection.policy_iteration import ITERATION, ITERATION_NUMBERS
 from socialiq.experiments.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq.learners.config import check_counts
 from socialiq.learners.dial.config import INTERSECTION, Hyperparameters, StaticConfig
+from socialiq.learners.policy_iteration import config as policy_iteration
+from socialiq.learners.policy_iteration import dial as dial_iteration
 
 DIALS, AGENTS, TIMED, CALIBRATED, SHORT = "dial", "agents", "timed", "calibrated", "short"
-PLANNED, FORESIGHT = "planned", "foresight"
+ITERATED, PLANNED, FORESIGHT = "iterated", "planned", "foresight"
 
 ABLATIONS: dict[str, dict[str, Any]] = {
     SHORT: {},
@@ -39,10 +42,10 @@ ABLATIONS: dict[str, dict[str, Any]] = {
 }
 """Dials of `ablation_updates`, and what of the recipe each changes; the first changes nothing."""
 
-FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, PLANNED, FORESIGHT, *ABLATIONS)
+FAMILIES = (DIALS, AGENTS, TIMED, CALIBRATED, ITERATED, PLANNED, FORESIGHT, *ABLATIONS)
 """Kinds of policies: dials and agents without a clock, the recipe's dials with it, the same with
-settings of their angles, with online planning and with one look at the true future, which makes no
-policy, and the ablations."""
+settings of their angles, improved by policy iteration, with online planning and with one look at
+the true future, which makes no policy, and the ablations."""
 
 _NAMES = {one.name for one in dataclasses.fields(StaticConfig)}
 
@@ -81,6 +84,10 @@ class Config:
     """Static config of a dial with a clock."""
     recipe_numbers: Hyperparameters = INTERSECTION.numbers
     """Hyperparameters of these dials, without the seed."""
+    iteration: dial_iteration.StaticConfig = ITERATION
+    """Static config of the policy iteration that begins with such a dial."""
+    iteration_numbers: policy_iteration.Hyperparameters = ITERATION_NUMBERS
+    """Hyperparameters of it, without the seed."""
     ablation_updates: int = 6_000
     """Gradient steps of each ablation."""
     planned_seeds: int = 1
@@ -96,7 +103,7 @@ class Config:
             raise UserError("every key angle must be among the angles at which a dial is driven")
         for family in self.families:
             one_of("family", family, FAMILIES)
-        for family in (CALIBRATED, PLANNED, FORESIGHT):
+        for family in (CALIBRATED, ITERATED, PLANNED, FORESIGHT):
             if family in self.families and TIMED not in self.families:
                 raise UserError(f"a {family} dial is made of a {TIMED} one: name both families")
         counts = ("agent_updates", "steps_per_update", "pool_episodes", "size", "episodes")

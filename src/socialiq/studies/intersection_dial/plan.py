@@ -20,6 +20,10 @@ from socialiq.experiments.intersection.driving import (
     evaluate_planned,
     evaluate_seeing,
 )
+from socialiq.experiments.intersection.policy_iteration import (
+    DialIterationRun,
+    train_dial_by_iteration,
+)
 from socialiq.experiments.intersection.training import MixtureDialRun, train_dial
 from socialiq.experiments.jobs import Job
 from socialiq.studies.intersection_dial.config import (
@@ -28,6 +32,7 @@ from socialiq.studies.intersection_dial.config import (
     DIALS,
     FAMILIES,
     FORESIGHT,
+    ITERATED,
     PLANNED,
     TIMED,
     Config,
@@ -43,6 +48,8 @@ def plan(config: Config) -> list[Job]:
         name, angles = folder_of(family, seed), config.angles_of(family)
         if family == CALIBRATED:
             jobs += _calibration(config, seed)
+        elif family == ITERATED:
+            jobs += _iteration(config, seed)
         elif family in (PLANNED, FORESIGHT):
             if seed in config.seeds_of(family):
                 jobs.append(_ahead(config, family, seed))
@@ -95,6 +102,15 @@ def _calibration(config: Config, seed: int) -> Iterator[Job]:
     driving = DialEvaluation(config.turned, episodes=config.episodes)
     inputs = (name, f"evaluation/{trained}")
     yield Job(f"evaluation/{name}", evaluate_calibrated, driving, inputs)
+
+
+def _iteration(config: Config, seed: int) -> Iterator[Job]:
+    """Improve a dial by policy iteration, then drive."""
+    name, structure = folder_of(ITERATED, seed), config.iteration
+    run = DialIterationRun(structure, dataclasses.replace(config.iteration_numbers, seed=seed))
+    inputs = (folder_of(TIMED, seed),)
+    yield Job(name, train_dial_by_iteration, run, inputs, cost=structure.updates / 20)
+    yield _driving(config, name, config.turned)
 
 
 def _ahead(config: Config, family: str, seed: int) -> Job:

@@ -17,6 +17,7 @@ import numpy as np
 from socialiq.evaluation.front import hypervolume
 from socialiq.experiments.intersection.episodes import DIAL, EPISODES, angle_file, load_episodes
 from socialiq.experiments.intersection.known import known_policies, value_at
+from socialiq.experiments.intersection.policy_iteration import train_dial_by_iteration
 from socialiq.experiments.intersection.rows import curves, policy_row, times
 from socialiq.experiments.intersection.training import train_dial
 from socialiq.experiments.study import Context, Findings, Study, view_of
@@ -27,6 +28,7 @@ from socialiq.studies.intersection_dial.config import (
     CALIBRATED,
     DIALS,
     FORESIGHT,
+    ITERATED,
     PLANNED,
     SHORT,
     TIMED,
@@ -37,6 +39,7 @@ from socialiq.studies.intersection_dial.plan import folder_of, plan
 from socialiq.types import Row
 
 _COMPARED = ((DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED))
+_COMPARED += ((ITERATED, TIMED), (ITERATED, PLANNED))
 _COMPARED += tuple((SHORT, other) for other in ABLATIONS if other != SHORT)
 """Pairs of families whose differences are tested, by training seed."""
 
@@ -48,7 +51,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     driven = _policies(config, work, known)
     policies = [row for row in driven if row["family"] != FORESIGHT]
     families = _families(config, policies)
-    trained = [job for job in context.jobs if job.work is train_dial]
+    trained = [job for job in context.jobs if job.work in (train_dial, train_dial_by_iteration)]
     tables = {
         "policies": policies,
         "families": families,
@@ -60,7 +63,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     }
     files = {
         f"{family}.safetensors": (work / folder_of(family, config.seeds[0]) / DIAL).read_bytes()
-        for family in (DIALS, TIMED, CALIBRATED)
+        for family in (DIALS, TIMED, CALIBRATED, ITERATED)
         if family in config.families
     }
     return Findings(tables, _summary(config, tables), files)

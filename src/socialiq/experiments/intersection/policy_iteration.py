@@ -1,0 +1,135 @@
+"""Training jobs of policy iteration in the intersection: networks of one angle, and dials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.evaluation.branching import Branching
+from socialiq.experiments.intersection.episodes import DIAL, LAST
+from socialiq.experiments.intersection.fitting import CHUNK, MEASURES, Checks, fit, sizes_of
+from socialiq.experiments.jobs import ProgressCallback
+from socialiq.learners.dial.rows import stratified_angles
+from socialiq.learners.policy_iteration import config as one_angle
+from socialiq.learners.policy_iteration import dial, train
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.ensemble import EnsemblePolicy
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.options import Options
+
+
+@dataclass(frozen=True)
+class IterationRun:
+    """One run of direct policy iteration."""
+
+    structure: one_angle.StaticConfig
+    numbers: one_angle.Hyperparameters
+    start: str = ""
+    """Network of the atlas that it begins with; none draws one from the seed."""
+    environments: int = 256
+    options: Options = field(default_factory=Options)
+    """Scenario of the checks."""
+    labels: Options = field(default_factory=Options)
+    """Scenario and rewards of the rollouts. A larger loss of a collision makes a policy that
+    accepts more delay for the same risk."""
+    checks: Checks = field(default_factory=lambda: Checks(times=10))
+
+
+def train_by_iteration(
+    config: IterationRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the last policy of a run, and its learning curve."""
+    structure, numbers = config.structure, config.numbers
+
+    def measure(state: Any, _done: int) -> dict[str, float]:
+        policy = QPolicy.of(network_of(state.target_network, 0), numbers.temperature, {})
+        return config.checks.measured(config.options, policy, numbers.angle)
+
+    states = CHUNK * structure.states_per_update
+    clock = structure.times > 0
+    labeller = Branching(config.labels, states, config.environments, clock)
+    start = atlas.load(config.start) if config.start else None
+    if isinstance(start, EnsemblePolicy):
+        raise UserError(f"{config.start} is an ensemble: begin with one network")
+    if start is not None and clock:
+        start = start.with_clock(structure.times)
+    sizes = sizes_of(config.options, clock)
+    fitting = partial(train.train, structure, [numbers], [labeller], sizes, start=start)
+    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
+    fit(fitting, folder, on_progress, [LAST], monitor)
+
+
+ITERATION = dial.StaticConfig(
+    view="set",
+    times=20,
+    hidden=(256, 256),
+    batch_size=512,
+    updates=8_000,
+    states_per_update=40,
+    first_rounds=10,
+    replay_capacity=400_000,
+)
+"""Static config that improves dials of the intersection's preset, with their network."""
+
+ITERATION_NUMBERS = one_angle.Hyperparameters()
+"""Hyperparameters beside it."""
+
+
+@dataclass(frozen=True)
+class DialIterationRun:
+    """One run of direct policy iteration of a dial, which begins with the job's input."""
+
+    structure: dial.StaticConfig
+    numbers: one_angle.Hyperparameters
+    environments: int = 256
+    options: Options = field(default_factory=Options)
+    checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
+    check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
+    """Angles of a check, in degrees."""
+
+
+def train_dial_by_iteration(
+    config: DialIterationRun,
+    folder: Path,
+    inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Improve the dial of the input; write it and its learning curve, which is of J(α)."""
+    structure, numbers = config.structure, config.numbers
+    (begun,) = inputs.values()
+
+    def measure(state: Any, _done: int) -> dict[str, float]:
+        network = network_of(state.target_network, 0)
+        policy = DialPolicy.of(network, 1.0, structure.low, structure.high, {})
+        values = [
+            config.checks.measured(config.options, policy.at(angle), angle)["total"]
+            for angle in config.check_angles
+        ]
+        return {"total": float(np.mean(values))}
+
+    start = DialPolicy.load(begun / DIAL)
+    clock = start.n_features > sizes_of(config.options)[0]
+
+    def angles(count: int, rng: np.random.Generator) -> np.ndarray:
+        return stratified_angles(structure, count, rng)
+
+    states = CHUNK * structure.states_per_update
+    labeller = Branching(config.options, states, config.environments, clock, angles)
+    fitting = partial(
+        dial.train,
+        structure,
+        [numbers],
+        [labeller],
+        sizes_of(config.options, clock),
+        start=start,
+    )
+    monitor = config.checks.monitor(structure.updates, measure, "total")
+    fit(fitting, folder, on_progress, [DIAL], monitor)

@@ -1,0 +1,163 @@
+"""Direct policy iteration of a dial: one network for all angles, improved by rollouts.
+
+Every episode has an angle. Its states are labelled by rollouts of the dial at this angle, and the
+network is fitted to the returns of both rewards, and then to their score. So the dial of each
+angle is improved as a policy of one angle is (`train`), and neighbouring angles share what is
+learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, PRNGKeyArray
+
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.collect import Act
+from socialiq.learners.kernel import Terms, Trained
+from socialiq.learners.policy_iteration import config
+from socialiq.learners.policy_iteration.train import (
+    Labeller,
+    PolicyIteration,
+    checked,
+    expected_return,
+    regression_error,
+    split,
+    trained,
+)
+from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.nn.dial_network import DialNetwork, angle_columns, knots_between
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.social.angle import score
+from socialiq.types import RewardPair
+
+
+@dataclass(frozen=True)
+class StaticConfig(config.StaticConfig):
+    """Choices that shape the program."""
+
+    low: float = 0.0
+    """Smallest social angle trained for, in degrees."""
+    high: float = 90.0
+    """Largest social angle trained for, in degrees."""
+    margin: float = 5.0
+    """Degrees beyond both ends in which angles are also drawn."""
+    high_from: float = 65.0
+    """Angle in degrees from which `high_share` counts."""
+    high_share: float | None = 0.4
+    """Share of the drawn angles beyond `high_from`; None: uniform."""
+    knots: int = 0
+    """Number of hat functions of the angle that the network reads."""
+
+
+class DialIteration(PolicyIteration):
+    """Direct policy iteration at every angle of a range; the policy is a dial."""
+
+    name: ClassVar[str] = "dial-policy-iteration"
+
+    def network(self, key: PRNGKeyArray) -> DialNetwork:
+        """Draw a network with a pair of values for each action."""
+        one, (n_features, n_actions) = self.static, self.sizes
+        knots = knots_between(one.low - one.margin, one.high + one.margin, one.knots)
+        shape = (n_features, one.hidden, n_actions, one.activation, one.view)
+        return DialNetwork.initialise(key, *shape, times=one.times, pairs=True, knots=knots)
+
+    @property
+    def labelled_features(self) -> int:
+        """Length of a labelled observation, which ends with its angle."""
+        return self.sizes[0] + 1
+
+    def loss(
+        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+    ) -> tuple[Array, Terms]:
+        """The regression's loss of both rewards, or at the end the expected score's."""
+        del target_network
+        observation, angle = batch.states.observation[:, :-1], batch.states.observation[:, -1]
+        radians = jnp.deg2rad(angle)
+        direction = RewardPair(jnp.cos(radians), jnp.sin(radians))
+        both = jax.vmap(network.both)(observation, direction)
+        errors = [
+            regression_error(output, value, hyperparameters.value_weight).mean()
+            for output, value in zip(both, batch.states.returns, strict=True)
+        ]
+        outputs, returns = (
+            score(_of_rows(direction), pair) for pair in (both, batch.states.returns)
+        )
+        gain, entropy = expected_return(outputs, returns, hyperparameters.temperature)
+        gain, entropy, error = gain.mean(), entropy.mean(), errors[0] + errors[1]
+        ending = -gain - hyperparameters.entropy * entropy
+        loss = jnp.where(batch.progress < hyperparameters.regression, error, ending)
+        return loss, {"loss": loss, "error": error, "gain": gain, "entropy": entropy}
+
+    def greedy(self, network: DialNetwork) -> Act:
+        """Return the greedy actions of observations that end with their angle."""
+        return greedy(DialPolicy.of(network, 1.0, 0.0, 90.0, {}))
+
+    def policy(
+        self,
+        hyperparameters: config.Hyperparameters,
+        state: TrainState,
+        kept: Any = None,  # noqa: ARG002
+    ) -> DialPolicy:
+        """Return the running average of the network as a dial."""
+        one, record = self.static, self.record(hyperparameters)
+        temperature = hyperparameters.temperature
+        return DialPolicy.of(state.target_network, temperature, one.low, one.high, record)
+
+
+def greedy(dial: DialPolicy) -> Act:
+    """Return a dial's greedy actions, of observations that end with their angle in degrees."""
+    encode, layers = split(dial.turned)
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        seen, angle = observation[:, :-1], observation[:, -1]
+        radians = np.deg2rad(angle)
+        direction = RewardPair(np.cos(radians), np.sin(radians))
+        columns = [encode(seen), *angle_columns(direction, dial.knots)]
+        values = layers.q_values(np.concatenate(columns, axis=-1))
+        if dial.pairs:
+            values = score(_of_rows(direction), RewardPair(*np.split(values, 2, axis=1)))
+        return values.argmax(axis=1)
+
+    return act
+
+
+def _of_rows(direction: RewardPair) -> RewardPair:
+    """Return directions with an axis for the actions."""
+    return RewardPair(direction.env[:, None], direction.social[:, None])
+
+
+def train(
+    static: StaticConfig,
+    hyperparameters: Sequence[config.Hyperparameters],
+    labellers: Sequence[Labeller],
+    sizes: tuple[int, int],
+    callbacks: Callbacks | None = None,
+    chunk: int = 200,
+    start: DialPolicy | None = None,
+) -> Trained:
+    """Train one dial for each entry of `hyperparameters`, all in one compiled program.
+
+    Args:
+        static: Shared by all runs.
+        hyperparameters: One entry for each run; their angle is not used.
+        labellers: One for each run, of observations that end with their angle in degrees.
+        sizes: Features of an observation without the angle, and number of actions.
+        callbacks: Progress, monitor, checkpoint.
+        chunk: Updates between two calls of the callbacks, and between two rounds of labelling.
+        start: Dial that every run improves.
+
+    Raises:
+        UserError: If there is no run, not one labeller for each, or another first network.
+        Stopped: On Ctrl-C.
+    """
+    learner = DialIteration(static, sizes)
+    if start is not None:
+        network = checked(start.network(), learner)
+        learner = DialIteration(static, sizes, start=network, start_sha256=start.turned.sha256)
+    return trained(learner, hyperparameters, labellers, callbacks, chunk)
