@@ -19,6 +19,7 @@ COMMANDS = {
     "collect": "collect:Collect",
     "train": "train:Train",
     "train-dial": "train_dial:TrainDial",
+    "improve-dial": "improve_dial:ImproveDial",
     "sweep": "sweep:Sweep",
     "dial": "dial:Dial",
     "turn": "export:Turn",

@@ -111,7 +111,7 @@ class TrainDial:
                 before_chunk=collector,
                 budget=budget,
             )
-        dials = _dials(folder, trained, budget)
+        dials = saved_dials(folder, trained, budget)
         record = {
             "preset": name,
             "world": self.world,
@@ -190,7 +190,7 @@ class TrainDial:
         return Budget(exact_regret(ground, static, hyperparameters), budgets)
 
 
-def _dials(folder: RunFolder, trained: Trained, budget: Budget | None) -> list[Row]:
+def saved_dials(folder: RunFolder, trained: Trained, budget: Budget | None = None) -> list[Row]:
     """Write the dials; return each one's file, seed, last loss and outcome of the budget."""
     losses = np.asarray(trained.history.array("loss"))[-1]
     dials = []

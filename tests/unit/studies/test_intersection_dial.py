@@ -148,13 +148,7 @@ TIMED = dataclasses.replace(
         environments=4,
     ),
     iteration=dataclasses.replace(
-        ITERATION,
-        view="flat",
-        times=0,
-        hidden=(8,),
-        updates=30,
-        states_per_update=1,
-        first_rounds=1,
+        ITERATION, batch_size=8, updates=30, states_per_update=1, first_rounds=1
     ),
     ablation_updates=20,
     calibration_episodes=10,

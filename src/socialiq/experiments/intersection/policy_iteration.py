@@ -68,18 +68,17 @@ def train_by_iteration(
 
 
 ITERATION = dial.StaticConfig(
-    view="set",
-    times=20,
-    hidden=(256, 256),
     batch_size=512,
-    updates=8_000,
+    updates=20_000,
     states_per_update=40,
     first_rounds=10,
     replay_capacity=400_000,
 )
-"""Static config that improves dials of the intersection's preset, with their network."""
+"""Static config that improves dials of the intersection's preset; the network is the dial's."""
 
-ITERATION_NUMBERS = one_angle.Hyperparameters()
+ITERATION_NUMBERS = one_angle.Hyperparameters(
+    learning_rate=4e-4, regression=0.0, exploration_fall=1e-6
+)
 """Hyperparameters beside it."""
 
 
@@ -103,8 +102,10 @@ def train_dial_by_iteration(
     on_progress: ProgressCallback,
 ) -> None:
     """Improve the dial of the input; write it and its learning curve, which is of J(α)."""
-    structure, numbers = config.structure, config.numbers
     (begun,) = inputs.values()
+    start = DialPolicy.load(begun / DIAL)
+    clock = observes_time(start, config.options)
+    structure, numbers = dial.with_network_of(config.structure, start), config.numbers
 
     def measure(state: Any, _done: int) -> dict[str, float]:
         network = network_of(state.target_network, 0)
@@ -115,14 +116,7 @@ def train_dial_by_iteration(
         ]
         return {"total": float(np.mean(values))}
 
-    start = DialPolicy.load(begun / DIAL)
-    clock = start.n_features > sizes_of(config.options)[0]
-
-    def angles(count: int, rng: np.random.Generator) -> np.ndarray:
-        return stratified_angles(structure, count, rng)
-
-    states = CHUNK * structure.states_per_update
-    labeller = Branching(config.options, states, config.environments, clock, angles)
+    labeller = dial_labeller(structure, config.options, config.environments, clock)
     fitting = partial(
         dial.train,
         structure,
@@ -133,3 +127,30 @@ def train_dial_by_iteration(
     )
     monitor = config.checks.monitor(structure.updates, measure, "total")
     fit(fitting, folder, on_progress, [DIAL], monitor)
+
+
+def observes_time(start: DialPolicy, options: Options) -> bool:
+    """Whether a dial of the intersection observes the time.
+
+    Raises:
+        UserError: If it is of another world.
+    """
+    (n_features, n_actions) = sizes_of(options)
+    if start.n_actions != n_actions or start.n_features not in (n_features, n_features + 1):
+        raise UserError(
+            f"this dial takes {start.n_features} features and has {start.n_actions} actions: "
+            "give one of the intersection"
+        )
+    return start.n_features > n_features
+
+
+def dial_labeller(
+    structure: dial.StaticConfig, options: Options, environments: int, clock: bool
+) -> Branching:
+    """Return the labeller of one run, whose episodes have angles of their own."""
+
+    def angles(count: int, rng: np.random.Generator) -> np.ndarray:
+        return stratified_angles(structure, count, rng)
+
+    states = CHUNK * structure.states_per_update
+    return Branching(options, states, environments, clock, angles)

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 from socialiq.errors import UserError, one_of
 from socialiq.learners.config import (
@@ -147,13 +147,7 @@ class StaticConfig:
         if self.driven_share and not self.online:
             raise UserError("driven_share is of the learner's own rows: train online, or leave it")
         check_shares(self, ("driven_share", "redraw_share", "averaging"))
-        if self.high_share is None:
-            return
-        check_shares(self, ("high_share",))
-        if not self.low < self.high_from < self.high:
-            raise UserError(
-                f"high_from {self.high_from:g} must lie between {self.low:g} and {self.high:g}"
-            )
+        check_high_share(self)
 
     @property
     def times(self) -> int:
@@ -200,6 +194,21 @@ class Hyperparameters:
         check_rate(self, ("polyak",))
         check_shares(self, ("discount", "final_rate", "exploration"))
         check_seed(self.seed)
+
+
+def check_high_share(static: Any) -> None:
+    """Refuse a share of the drawn angles, of a config with `high_share`, that is none.
+
+    Raises:
+        UserError: If it is no share, or its first angle is not between the ends.
+    """
+    if static.high_share is None:
+        return
+    check_shares(static, ("high_share",))
+    if not static.low < static.high_from < static.high:
+        raise UserError(
+            f"high_from {static.high_from:g} must lie between {static.low:g} and {static.high:g}"
+        )
 
 
 def check_fit(

@@ -9,7 +9,7 @@ learned.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import jax
@@ -17,8 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PRNGKeyArray
 
+from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Act
+from socialiq.learners.config import check_not_negative
+from socialiq.learners.dial.config import check_high_share
 from socialiq.learners.kernel import Terms, Trained
 from socialiq.learners.policy_iteration import config
 from socialiq.learners.policy_iteration.train import (
@@ -33,6 +36,7 @@ from socialiq.learners.policy_iteration.train import (
 from socialiq.learners.state import HyperparameterArrays, TrainState
 from socialiq.nn.dial_network import DialNetwork, angle_columns, knots_between
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.view import CHOICES
 from socialiq.social.angle import score
 from socialiq.types import RewardPair
 
@@ -53,6 +57,39 @@ class StaticConfig(config.StaticConfig):
     """Share of the drawn angles beyond `high_from`; None: uniform."""
     knots: int = 0
     """Number of hat functions of the angle that the network reads."""
+
+    def __post_init__(self) -> None:
+        """Refuse names, sizes and angles that make no run."""
+        super().__post_init__()
+        check_not_negative(self, ("margin", "knots"))
+        check_high_share(self)
+
+
+def with_network_of(static: StaticConfig, dial: DialPolicy) -> StaticConfig:
+    """Return a static config for runs that begin with a dial: with its network and angles.
+
+    Raises:
+        UserError: If the dial has no pair of values for each action, or reads one-hot inputs.
+    """
+    view = dial.turned.view
+    if not dial.pairs:
+        raise UserError(
+            "this dial has no pair of values for each action: train it with --heads pair"
+        )
+    names = [name for name, choice in CHOICES.items() if choice == getattr(view, "choice", None)]
+    if not names or (view is None) != (names == ["flat"]):
+        raise UserError("this dial reads a gridworld: give one of the intersection")
+    return replace(
+        static,
+        view=names[0],
+        times=getattr(view, "times", 0),
+        hidden=tuple(len(bias) for bias in dial.turned.biases[:-1]),
+        activation=dial.turned.activation,
+        knots=len(dial.knots),
+        low=dial.low,
+        high=dial.high,
+        high_share=static.high_share if dial.low < static.high_from < dial.high else None,
+    )
 
 
 class DialIteration(PolicyIteration):

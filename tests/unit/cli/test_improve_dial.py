@@ -1,0 +1,54 @@
+"""`improve-dial`: runs that begin with a dial, and dials that it refuses."""
+
+import json
+
+import jax
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.worlds.intersection.options import Options
+
+SHORT = ["--updates", "3", "--states-per-update", "1", "--first-rounds", "1", "--batch-size", "8"]
+
+
+def dial(path, pairs=True, n_features=71, view="set"):
+    times = Options().decisions if view == "set" else 0
+    network = DialNetwork.initialise(
+        jax.random.key(0), n_features, (8,), 3, view=view, times=times, pairs=pairs
+    )
+    DialPolicy.of(network, 0.03, 0.0, 90.0, {}).save(path)
+    return path
+
+
+def test_a_dial_is_improved_into_a_folder(tmp_path, capsys):
+    begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
+    arguments = ["improve-dial", str(begun), "--out", str(out), "--seed", "4", "--json", *SHORT]
+    assert main([*arguments, "--environments", "8"]) == 0
+    assert json.loads(capsys.readouterr().out)["dials"][0]["seed"] == 4
+    better = DialPolicy.load(out / "dial_0.safetensors")
+    assert better.pairs and (better.low, better.high, better.n_features) == (0.0, 90.0, 71)
+    record = json.loads((out / "run.json").read_text())
+    assert record["structure"]["hidden"] == [8] and record["structure"]["times"] == 20
+    assert better.provenance["start"]["sha256"] == DialPolicy.load(begun).turned.sha256
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"pairs": False}, "no pair of values"),
+        ({"n_features": 30, "view": "flat"}, "give one of the intersection"),
+    ],
+)
+def test_another_dial_is_refused_in_a_line(tmp_path, capsys, changes, said):
+    begun, out = dial(tmp_path / "dial.safetensors", **changes), tmp_path / "out"
+    assert main(["improve-dial", str(begun), "--out", str(out)]) == 2
+    assert said in capsys.readouterr().err and not out.exists()
+
+
+def test_bad_numbers_are_refused_before_the_folder_is_made(tmp_path, capsys):
+    begun, out = dial(tmp_path / "dial.safetensors"), tmp_path / "out"
+    for options in (["--environments", "0"], ["--high-share", "2"], ["--updates", "0"]):
+        assert main(["improve-dial", str(begun), "--out", str(out), *options]) == 2
+        assert options[0][2:].replace("-", "_") in capsys.readouterr().err and not out.exists()
