@@ -77,7 +77,7 @@ ITERATION = dial.StaticConfig(
 """Static config that improves dials of the intersection's preset; the network is the dial's."""
 
 ITERATION_NUMBERS = one_angle.Hyperparameters(
-    learning_rate=4e-4, regression=0.0, exploration_fall=1e-6
+    learning_rate=1e-3, regression=0.0, exploration_fall=1e-6
 )
 """Hyperparameters beside it."""
 
