@@ -4,27 +4,37 @@ A recording gives the vehicle's reward pair by the declared weights, and no more
 primary test of an audit, needs reference drivers on the same episodes, which a recording does not
 have. So only the direction of the mean rewards is compared with the declared margin of degrees, and
 the share of collisions with the declared floor.
+
+Neighbouring decisions are alike, so those of one episode count as fewer independent ones. A
+direction decides only from a least number of them (`verdict.least_evidence`), and collisions break
+the floor only from the second one: a single one may be an error of the boxes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Outcomes
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.audit.verdict.least_evidence import least_units
 from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.annotate import Driven
 from socialiq.recordings.episodes.config import EpisodeConfig
 from socialiq.social.angle import DirectionInterval, angle_difference, angle_of, direction_interval
+from socialiq.statistics.autocorrelation import fit_serial
 from socialiq.worlds.intersection.world import Intersection
 
 LEAST = 3
 """Episodes, or else decisions, that a confidence region needs."""
+
+LEAST_COLLISIONS = 2
+"""Collisions of a kind with which the floor can be broken."""
 
 TESTED = ("at_fault", "struck")
 """Criteria of the floor that can be tested on a recording."""
@@ -60,6 +70,8 @@ class RecordedVerdict:
         decisions: Number of decisions in them.
         unit: Independent unit of the intervals: "episode", or "decision" if there are fewer than
             three episodes.
+        evidence: Number of independent units that the episodes or decisions are worth.
+        evidence_needed: Least number with which the direction decides.
         r_env: Mean of r_env over the units.
         r_social: Mean of r_social over the units.
         shown: α̂ with its interval, of all episodes together; None if every direction is possible.
@@ -76,6 +88,8 @@ class RecordedVerdict:
     episodes: int
     decisions: int
     unit: str
+    evidence: float
+    evidence_needed: int
     r_env: float
     r_social: float
     shown: MeanDirection | None
@@ -108,6 +122,7 @@ def judge_recorded(profile: Profile, driven: Sequence[Driven]) -> RecordedVerdic
 
     Either error is at most 1 - confidence, as far as the units are independent: a pass needs
     direction and collisions to pass, a fail shares its error between the two, as in `verdict`.
+    Below the least evidence the direction is inconclusive, whatever it looks like.
 
     Args:
         profile: The declaration.
@@ -118,26 +133,30 @@ def judge_recorded(profile: Profile, driven: Sequence[Driven]) -> RecordedVerdic
     """
     if not driven:
         raise UserError("the vehicle has no episode: name another track")
-    outcomes = _outcomes(driven)
-    unit = "episode" if len(driven) >= LEAST else "decision"
-    rows = outcomes.totals if unit == "episode" else np.concatenate([one.pair for one in driven])
-    error = round(1.0 - profile.confidence, 9)
+    outcomes, error = _outcomes(driven), round(1.0 - profile.confidence, 9)
+    units = _units(driven, outcomes)
     tests = floor_tests(outcomes, profile.competence, error, error / 2)
-    competence = tuple(one for one in tests if one.name in TESTED)
-    region = direction_interval(rows, 1.0 - error) if len(rows) >= LEAST else None
-    wider = direction_interval(rows, 1.0 - error / 2) if len(rows) >= LEAST else None
+    competence = tuple(_with_evidence(one) for one in tests if one.name in TESTED)
+    enough = len(units.rows) >= LEAST
+    region = direction_interval(units.rows, 1.0 - error) if enough else None
+    wider = direction_interval(units.rows, 1.0 - error / 2) if enough else None
+    needed = least_units(error / 2)
     direction = _direction(profile.angle, profile.margin.degrees, region, wider)
+    if units.evidence < needed:
+        direction = Decision.INCONCLUSIVE
     decision = joint_decision([direction, *(one.decision for one in competence)])
-    env, social = rows.mean(axis=0).tolist()
+    env, social = units.rows.mean(axis=0).tolist()
     shown = MeanDirection(angle_of(env, social), *region) if region is not None else None
     return RecordedVerdict(
         decision=decision,
-        reason=_reason(decision, direction, shown, competence, len(driven), len(rows), unit),
+        reason=_reason(decision, direction, shown, competence, len(driven), units, needed),
         declared=profile.angle,
         margin=profile.margin.degrees,
         episodes=len(driven),
         decisions=sum(len(one.action) for one in driven),
-        unit=unit,
+        unit=units.name,
+        evidence=units.evidence,
+        evidence_needed=needed,
         r_env=env,
         r_social=social,
         shown=shown,
@@ -146,6 +165,38 @@ def judge_recorded(profile: Profile, driven: Sequence[Driven]) -> RecordedVerdic
         not_tested=NOT_TESTED,
         confidence=profile.confidence,
     )
+
+
+class _Units(NamedTuple):
+    """Units of the direction.
+
+    Attributes:
+        name: "episode" or "decision".
+        rows: Their reward pairs; those of decisions with deviations that make their mean as
+            uncertain as that of `evidence` independent ones.
+        evidence: Number of independent units that they are worth.
+    """
+
+    name: str
+    rows: np.ndarray
+    evidence: float
+
+
+def _units(driven: Sequence[Driven], outcomes: Outcomes) -> _Units:
+    if len(driven) >= LEAST:
+        return _Units("episode", outcomes.totals, float(len(driven)))
+    pairs = [one.pair for one in driven]
+    serial, rows = fit_serial(pairs), np.concatenate(pairs)
+    evidence = sum(serial.worth(len(one)) for one in pairs)
+    mean = rows.mean(axis=0)
+    return _Units("decision", mean + (rows - mean) * (len(rows) / evidence) ** 0.5, evidence)
+
+
+def _with_evidence(test: FloorTest) -> FloorTest:
+    """Return a test of collisions that a single collision does not break."""
+    if test.decision is Decision.FAIL and test.count < LEAST_COLLISIONS:
+        return replace(test, decision=Decision.INCONCLUSIVE)
+    return test
 
 
 def _direction_of(one: Driven) -> float | None:
@@ -188,10 +239,11 @@ def _reason(
     shown: MeanDirection | None,
     competence: Sequence[FloorTest],
     episodes: int,
-    rows: int,
-    unit: str,
+    units: _Units,
+    needed: int,
 ) -> str:
     """Return the reason in one sentence."""
+    rows, unit = len(units.rows), units.name
     if decision is Decision.PASS:
         return "the angle α̂ is within the declared margin, and collisions are below the floor"
     if decision is Decision.FAIL:
@@ -203,6 +255,9 @@ def _reason(
         return f"{episodes} episodes are too few to bound the share of collisions"
     if rows < LEAST:
         return f"{rows} decisions are too few for a direction: at least {LEAST} are needed"
+    if units.evidence < needed:
+        worth = "" if unit == "episode" else f", worth {units.evidence:.1f} independent ones,"
+        return f"{rows} {unit}s{worth} are too few to decide: at least {needed} are needed"
     if shown is None:
         return f"with {rows} {unit}s every direction is possible"
     return f"with {rows} {unit}s the angle α̂ may be inside or outside the margin"

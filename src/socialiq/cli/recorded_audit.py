@@ -28,7 +28,8 @@ class AuditRecorded:
     """Check whether a recorded vehicle's driving is consistent with a declared profile.
 
     Exit status: 0 consistent, 1 not consistent, 2 a mistake in the call, 3 undecided. A vehicle
-    has few decisions, so most answers are 3. Regret can't be computed from a recording.
+    has few decisions: below the least evidence the answer is 3, and most answers are. Regret can't
+    be computed from a recording.
 
     Example: socialiq data audit junction.safetensors --track 17 --profile profile.toml
     """
@@ -101,6 +102,15 @@ def _show(verdict: RecordedVerdict) -> None:
             "asked for": f"{verdict.declared:g} ± {verdict.margin:g}",
         }
     ]
+    rows.append(
+        {
+            "test": f"evidence, independent {verdict.unit}s",
+            "estimate": verdict.evidence,
+            "low": "",
+            "high": "",
+            "asked for": f"at least {verdict.evidence_needed}",
+        }
+    )
     rows += [
         {
             "test": one.name.replace("_", " "),

@@ -52,7 +52,7 @@ def drive(angle, decisions=8, noise=0.0, seed=0, ending=Ending.TIMEOUT, contact=
 
 def test_one_vehicle_is_never_consistent_for_sure(declared):
     """Its direction may be known to a degree: no collision in one episode bounds no share."""
-    found = judge_recorded(declared(45.0), [drive(45.0, noise=0.01)])
+    found = judge_recorded(declared(45.0), [drive(45.0, 40, noise=0.01)])
     assert found.decision is Decision.INCONCLUSIVE
     assert "too few to bound" in found.reason
     assert found.unit == "decision" and found.shown is not None
@@ -64,19 +64,42 @@ def test_one_vehicle_is_never_consistent_for_sure(declared):
     ("declaration", "decision"), [(20.0, Decision.FAIL), (250.0, Decision.FAIL)]
 )
 def test_a_direction_far_outside_the_margin_is_not_consistent(declaration, decision, declared):
-    found = judge_recorded(declared(declaration), [drive(45.0, noise=0.01)])
-    assert found.decision is decision
+    found = judge_recorded(declared(declaration), [drive(45.0, 40, noise=0.01)])
+    assert found.decision is decision and found.evidence >= found.evidence_needed
     assert "outside the declared margin" in found.reason
 
 
+def test_a_handful_of_decisions_calls_no_driver_inconsistent(declared):
+    """Eight decisions, however far from the margin; a driver who stands, however long."""
+    few = judge_recorded(declared(250.0), [drive(45.0, 8, noise=0.01)])
+    assert few.decision is Decision.INCONCLUSIVE and few.evidence < 8
+    assert "too few to decide" in few.reason
+    standing = judge_recorded(declared(0.0), [drive(94.0, 40)])
+    assert standing.decision is Decision.INCONCLUSIVE
+    assert standing.evidence < 3  # forty equal decisions are one event
+    episodes = [drive(45.0, noise=0.01, seed=n) for n in range(few.evidence_needed)]
+    assert judge_recorded(declared(250.0), episodes[:-1]).decision is Decision.INCONCLUSIVE
+    assert judge_recorded(declared(250.0), episodes).decision is Decision.FAIL
+
+
+def test_a_single_collision_breaks_no_floor(declared):
+    strict = Floor(max_at_fault=0.001, max_struck=0.001, min_arrival=0.5, max_timeout=0.5)
+    hit = drive(45.0, ending=Ending.COLLISION, contact=Contact.EGO_STRUCK)
+    profile = dataclasses.replace(declared(45.0), competence=strict)
+    assert judge_recorded(profile, [hit]).decision is Decision.INCONCLUSIVE
+    assert judge_recorded(profile, [hit, hit]).decision is Decision.FAIL
+
+
 def test_angles_are_compared_around_the_circle(declared):
-    found = judge_recorded(declared(355.0), [drive(4.0, noise=0.001)])
+    driven = [drive(4.0, 40, noise=0.001)]
+    found = judge_recorded(declared(355.0), driven)
     assert found.decision is Decision.INCONCLUSIVE  # 9 degrees off, with a margin of 10
-    assert judge_recorded(declared(335.0), [drive(4.0, noise=0.001)]).decision is Decision.FAIL
+    assert judge_recorded(declared(335.0), driven).decision is Decision.FAIL
 
 
 @pytest.mark.parametrize(
-    ("decisions", "noise", "reason"), [(2, 0.0, "at least 3"), (4, 2.0, "every direction")]
+    ("decisions", "noise", "reason"),
+    [(2, 0.0, "at least 3"), (4, 2.0, "too few to decide"), (60, 30.0, "every direction")],
 )
 def test_few_or_noisy_decisions_decide_nothing(decisions, noise, reason, declared):
     found = judge_recorded(declared(45.0), [drive(-120.0, decisions, noise, seed=1)])
