@@ -1,0 +1,1 @@
+"""The compiled core as WebAssembly, built from the same Numba source."""

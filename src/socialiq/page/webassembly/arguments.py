@@ -1,0 +1,16 @@
+"""What the core's entry point takes after the buffers: arrays of one value for each row."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from socialiq.worlds.intersection.settings import SETTINGS
+
+ARGUMENTS = {
+    "commands": np.dtype(np.int8),
+    "entropy": np.dtype(np.uint64),
+    "seeded": np.dtype(np.bool_),
+    "actions": np.dtype(np.int64),
+    "settings": SETTINGS,
+}
+"""Name and type of each, up to the numbers of rows; there is one record of settings for all."""

@@ -1,0 +1,60 @@
+"""Entry point of the core for WebAssembly: `step.run` on memory that the caller lays out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba import carray, types
+
+from socialiq.page.webassembly.arguments import ARGUMENTS
+from socialiq.worlds.intersection.core import step
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.settings import SIGNALS
+from socialiq.worlds.intersection.state import FEATURES, Buffers
+
+def entry_of(options: Options) -> Callable[..., None]:
+    """Return the function to compile: pointers to arrays in the place of arrays.
+
+    Args:
+        options: Options that give the arrays' shapes; all others are in the settings.
+    """
+    run = numba.njit(step.run.py_func, error_model="numpy")  # not from the cache of the native one
+    capacity, frames = options.capacity, options.frames
+    seen, features, signals_of = options.observed_vehicles, len(FEATURES), len(SIGNALS)
+
+    def entry(
+        episodes, vehicles, before, after, present, reached, observation, signals, rewards,
+        classical, speed, ending, contact, neighbours_collided, braking, trace,
+        commands, entropy, seeded, actions, settings, rows, traced,
+    ):  # fmt: skip
+        buffers = Buffers(
+            carray(episodes, (rows,)),
+            carray(vehicles, (rows, capacity)),
+            carray(before, (rows, capacity)),
+            carray(after, (rows, capacity)),
+            carray(present, (rows, 2)),
+            carray(reached, (rows, seen, features)),
+            carray(observation, (rows, seen, features)),
+            carray(signals, (rows, signals_of)),
+            carray(rewards, (rows, 2)),
+            carray(classical, (rows, 2)),
+            carray(speed, (rows,)),
+            carray(ending, (rows,)),
+            carray(contact, (rows,)),
+            carray(neighbours_collided, (rows,)),
+            carray(braking, (rows, capacity)),
+            carray(trace, (traced, frames, capacity)),
+        )
+        given = carray(commands, (rows,)), carray(entropy, (rows,)), carray(seeded, (rows,))
+        run(buffers, *given, carray(actions, (rows,)), carray(settings, (1,)), 0, rows)
+
+    return entry
+
+
+def signature_of(options: Options) -> Any:
+    """Return the entry's Numba signature: a pointer for each array, then rows and traced rows."""
+    arrays = [array.dtype for array in Buffers.of(options, 1, traced=True)]
+    pointers = [types.CPointer(numba.from_dtype(one)) for one in (*arrays, *ARGUMENTS.values())]
+    return types.void(*pointers, types.int32, types.int32)

@@ -1,0 +1,132 @@
+"""Equality of the native core and WebAssembly over many episodes of many drivers.
+
+`python -m socialiq.page.webassembly.equality --out FOLDER` writes the counts of both comparisons:
+with this machine's elementary functions (sine, power, ...), and with the page's on both sides.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.page.webassembly.compare import Equality, compared
+from socialiq.page.webassembly.replay import in_node, native
+from socialiq.storage import packaged_results, write_json
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy as reference_policy
+
+DIAL = "intersection-dial/dial.safetensors"
+FUNCTIONS = ("sin", "cos", "tan", "exp", "pow", "asin", "atan", "atan2", "log1p")
+_OWN = ("asin", "atan", "atan2", "log1p")  # those that the library exports by their C names
+
+
+@dataclass(frozen=True)
+class Config:
+    """What is compared.
+
+    Attributes:
+        out: Folder for the result.
+        episodes: Episodes of each driver; all drivers have the same.
+        first: Seed of the first.
+        angles: Angles of the shipped dial, degrees.
+        rules: Reference drivers.
+        chunk: Episodes of a call.
+        functions: The native side's elementary functions: `machine`, `page`, or `both` in turn.
+    """
+
+    out: Path
+    episodes: int = 2000
+    first: int = 80_000_000
+    angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    rules: tuple[str, ...] = ("idm", "gap_3s", "random")
+    chunk: int = 500
+    functions: str = "both"
+
+
+def main(config: Config) -> None:
+    """Compare and write `equality.json`, or in turn both comparisons in processes of their own."""
+    if config.functions != "both":
+        if config.functions == "page":
+            take_functions_of_the_page()
+        write_json(config.out / f"{config.functions}.json", counted(config))
+        return
+    config.out.mkdir(exist_ok=True)
+    words = [sys.executable, "-m", __name__]
+    for name in ("episodes", "first", "chunk", "out"):
+        words += [f"--{name}", str(getattr(config, name))]
+    words += ["--angles", *map(str, config.angles), "--rules", *config.rules]
+    for functions in ("machine", "page"):
+        with tempfile.TemporaryDirectory() as cache:
+            apart = {"NUMBA_CACHE_DIR": cache} if functions == "page" else {}
+            call = [*words, "--functions", functions]
+            subprocess.run(call, env=os.environ | apart, check=True)
+
+
+def take_functions_of_the_page() -> None:
+    """Let everything that is compiled from now on call the elementary functions of the page.
+
+    Raises:
+        UserError: If the extra `page` isn't installed.
+    """
+    import llvmlite.binding as llvm
+
+    from socialiq.page.webassembly.link import elementary_functions
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "elementary.so"
+        elementary_functions(path)
+        library = ctypes.CDLL(str(path))
+    for name in FUNCTIONS:
+        function = getattr(library, name if name in _OWN else f"same_{name}")
+        llvm.add_symbol(name, ctypes.cast(function, ctypes.c_void_p).value)
+
+
+def counted(config: Config) -> dict[str, Any]:
+    """Return the counts of each driver, and of all."""
+    dial = DialPolicy.load(packaged_results() / DIAL)
+    drivers: dict[str, Any] = {f"dial {angle:g}": dial.at(angle) for angle in config.angles}
+    drivers |= {name: reference_policy(name) for name in config.rules}
+    rows = {}
+    for name, driver in drivers.items():
+        parts = [
+            _of_chunk(driver, None if name == "random" else driver, first, config)
+            for first in range(config.first, config.first + config.episodes, config.chunk)
+        ]
+        rows[name] = dataclasses.asdict(together(parts))
+    return {
+        "episodes": config.episodes,
+        "first": config.first,
+        "drivers": rows,
+        "all": dataclasses.asdict(together([Equality(**row) for row in rows.values()])),
+    }
+
+
+def _of_chunk(driver: Any, asked: Any, first: int, config: Config) -> Equality:
+    count = min(config.chunk, config.first + config.episodes - first)
+    seeds = np.arange(first, first + count)
+    one = native(Options(), seeds, driver)
+    return compared(one, in_node(Options(), seeds, one.actions), asked)
+
+
+def together(parts: list[Equality]) -> Equality:
+    """Return the sums of counts, and the largest difference of all."""
+    sums = {
+        field.name: sum(getattr(part, field.name) for part in parts)
+        for field in dataclasses.fields(Equality)
+    }
+    return Equality(**sums | {"largest": max(part.largest for part in parts)})
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

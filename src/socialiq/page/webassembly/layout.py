@@ -1,0 +1,75 @@
+"""Layout of the core's memory and its constants, for the page: nothing of them is written twice."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+
+from socialiq.page.webassembly.arguments import ARGUMENTS
+from socialiq.types import Ending
+from socialiq.worlds.intersection import state
+from socialiq.worlds.intersection.core import geometry
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.settings import (
+    ENV_SIGNALS,
+    SETTINGS,
+    SIGNALS,
+    settings_of,
+)
+
+_RECORDS = {"vehicle": state.VEHICLE, "episode": state.EPISODE, "settings": SETTINGS}
+_COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")
+
+
+def layout(options: Options) -> dict[str, Any]:
+    """Return what a program that loads the core has to know, JSON-compatible.
+
+    Args:
+        options: Scenario; its settings are part of the result, as base64.
+
+    Returns:
+        `records`: size and fields (type, offset) of each kind of record; `arrays`: name, type and
+        shape of a row, in the order of the entry point's arguments; `settings`; names and numbers.
+    """
+    buffers = state.Buffers.of(options, 1, traced=True)
+    arrays = [_array(name, one.dtype, one.shape[1:]) for name, one in buffers._asdict().items()]
+    arrays += [_array(name, kind, ()) for name, kind in ARGUMENTS.items()]
+    weights = [getattr(options, f"{name}_weight") for name in SIGNALS]
+    return {
+        "records": {name: _record(kind) for name, kind in _RECORDS.items()},
+        "arrays": arrays,
+        "settings": base64.b64encode(settings_of(options).tobytes()).decode(),
+        "commands": {name.lower(): getattr(state, name) for name in _COMMANDS},
+        "endings": {kind.name.lower(): int(kind) for kind in Ending},
+        "contacts": {kind.name.lower(): int(kind) for kind in state.Contact},
+        "actions": state.ACTIONS,
+        "signals": SIGNALS,
+        "env_signals": len(ENV_SIGNALS),
+        "weights": weights,
+        "frames": options.frames,
+        "decisions": options.decisions,
+        "decision_seconds": 1 / options.policy_frequency,
+        "capacity": options.capacity,
+        "vehicle_length": geometry.VEHICLE_LENGTH,
+        "vehicle_width": geometry.VEHICLE_WIDTH,
+        "lane_width": geometry.LANE_WIDTH,
+        "conflict_distance": options.conflict_distance,
+        "lanes": [_lane(lane) for lane in geometry.LANES],
+    }
+
+
+def _array(name: str, kind: np.dtype, shape: tuple[int, ...]) -> dict[str, Any]:
+    record = next((key for key, one in _RECORDS.items() if one == kind), None)
+    return {"name": name, "type": record or kind.name, "bytes": kind.itemsize, "shape": shape}
+
+
+def _record(kind: np.dtype) -> dict[str, Any]:
+    fields = {name: (str(one[0].base), one[1]) for name, one in (kind.fields or {}).items()}
+    return {"size": kind.itemsize, "fields": fields}
+
+
+def _lane(lane: np.void) -> dict[str, Any]:
+    names = ("straight", "length", "x", "y", "along_x", "along_y", "radius", "phase", "sense")
+    return {name: lane[name].item() for name in names}
