@@ -14,7 +14,7 @@ import socialiq
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 
-BENCHMARKS = ("learners", "devices", "worlds", "experts", "dial", "recordings")
+BENCHMARKS = ("learners", "devices", "worlds", "experts", "dial", "recordings", "page")
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,13 @@ class Bench:
     learners: against eager PyTorch. devices: a GPU against the processor. worlds: against
     highway-env. experts: deep Q-learning against Stable-Baselines3 on highway-env. dial: against
     one run of the thesis' learner. recordings: import of recorded traffic, against commonroad-io if
-    SOCIALIQ_COMMONROAD_PYTHON has it.
+    SOCIALIQ_COMMONROAD_PYTHON has it. page: the core as WebAssembly in Node, against the native one.
 
     Example: socialiq bench worlds
     """
 
     benchmark: Annotated[str, tyro.conf.Positional]
-    """learners, devices, worlds, experts, dial or recordings."""
+    """learners, devices, worlds, experts, dial, recordings or page."""
     repeats: int = 3
     """Runs of each side, in turn; medians and their ratios are printed."""
     json: bool = False

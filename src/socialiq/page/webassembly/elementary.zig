@@ -1,8 +1,8 @@
 //! Elementary functions that the compiled core calls, by their C names.
 //!
 //! The power is musl's (pow.c beside this file in the build); sine, cosine, tangent and exponential
-//! come with the compiler. `same_*` makes these visible to a native program, so that both sides of a
-//! comparison can call the same functions.
+//! come with the compiler. `same_*` makes these visible outside a shared library (names.c), so that
+//! both sides of a comparison can call the same functions.
 
 const std = @import("std");
 
@@ -10,7 +10,6 @@ extern fn sin(f64) f64;
 extern fn cos(f64) f64;
 extern fn tan(f64) f64;
 extern fn exp(f64) f64;
-extern fn pow(f64, f64) f64;
 
 export fn asin(value: f64) f64 {
     return std.math.asin(value);
@@ -42,8 +41,4 @@ export fn same_tan(value: f64) f64 {
 
 export fn same_exp(value: f64) f64 {
     return exp(value);
-}
-
-export fn same_pow(base: f64, exponent: f64) f64 {
-    return pow(base, exponent);
 }

@@ -1,4 +1,4 @@
-"""The core as an object file for WebAssembly: Numba makes LLVM's code, LLVM's own back end the rest.
+"""The core as an object file for WebAssembly: Numba gives LLVM's code, its back end the file.
 
 Numba knows the machine it runs on alone. Its code is taken before any optimisation, given
 WebAssembly's data layout, and optimised for that target. Arithmetic stays strict: no pass may

@@ -14,6 +14,7 @@ from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.state import FEATURES, Buffers
 
+
 def entry_of(options: Options) -> Callable[..., None]:
     """Return the function to compile: pointers to arrays in the place of arrays.
 

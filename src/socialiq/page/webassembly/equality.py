@@ -6,7 +6,6 @@ with this machine's elementary functions (sine, power, ...), and with the page's
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import os
 import subprocess
@@ -21,14 +20,13 @@ import tyro
 
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.webassembly.compare import Equality, compared
+from socialiq.page.webassembly.link import elementary_functions
 from socialiq.page.webassembly.replay import in_node, native
 from socialiq.storage import packaged_results, write_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy as reference_policy
 
 DIAL = "intersection-dial/dial.safetensors"
-FUNCTIONS = ("sin", "cos", "tan", "exp", "pow", "asin", "atan", "atan2", "log1p")
-_OWN = ("asin", "atan", "atan2", "log1p")  # those that the library exports by their C names
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,8 @@ class Config:
         angles: Angles of the shipped dial, degrees.
         rules: Reference drivers.
         chunk: Episodes of a call.
-        functions: The native side's elementary functions: `machine`, `page`, or `both` in turn.
+        functions: Name of the native side's elementary functions in the result: `machine` for its
+            own; `both` runs these, then those of the page (`page`), preloaded.
     """
 
     out: Path
@@ -55,41 +54,20 @@ class Config:
 
 
 def main(config: Config) -> None:
-    """Compare and write `equality.json`, or in turn both comparisons in processes of their own."""
+    """Compare and write the counts, or in turn both comparisons in processes of their own."""
+    config.out.mkdir(exist_ok=True)
     if config.functions != "both":
-        if config.functions == "page":
-            take_functions_of_the_page()
         write_json(config.out / f"{config.functions}.json", counted(config))
         return
-    config.out.mkdir(exist_ok=True)
     words = [sys.executable, "-m", __name__]
     for name in ("episodes", "first", "chunk", "out"):
         words += [f"--{name}", str(getattr(config, name))]
-    words += ["--angles", *map(str, config.angles), "--rules", *config.rules]
-    for functions in ("machine", "page"):
-        with tempfile.TemporaryDirectory() as cache:
-            apart = {"NUMBA_CACHE_DIR": cache} if functions == "page" else {}
-            call = [*words, "--functions", functions]
-            subprocess.run(call, env=os.environ | apart, check=True)
-
-
-def take_functions_of_the_page() -> None:
-    """Let everything that is compiled from now on call the elementary functions of the page.
-
-    Raises:
-        UserError: If the extra `page` isn't installed.
-    """
-    import llvmlite.binding as llvm
-
-    from socialiq.page.webassembly.link import elementary_functions
-
+    words += ["--angles", *map(str, config.angles), "--rules", *config.rules, "--functions"]
+    subprocess.run([*words, "machine"], check=True)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "elementary.so"
-        elementary_functions(path)
-        library = ctypes.CDLL(str(path))
-    for name in FUNCTIONS:
-        function = getattr(library, name if name in _OWN else f"same_{name}")
-        llvm.add_symbol(name, ctypes.cast(function, ctypes.c_void_p).value)
+        # Compiled code keeps the addresses that it was linked with: it is compiled again.
+        preloaded = {"LD_PRELOAD": elementary_functions(Path(folder)), "NUMBA_CACHE_DIR": folder}
+        subprocess.run([*words, "page"], env=os.environ | preloaded, check=True)
 
 
 def counted(config: Config) -> dict[str, Any]:

@@ -14,7 +14,15 @@ EXPORTS = (SYMBOL, "allocate", "memory")
 """What a program that loads the file can use."""
 
 _HERE = Path(__file__).parent
-_POWER = ("pow", "pow_data", "exp_data", "__math_invalid", "__math_oflow", "__math_uflow", "__math_xflow")
+_POWER = (
+    "pow",
+    "pow_data",
+    "exp_data",
+    "__math_invalid",
+    "__math_oflow",
+    "__math_uflow",
+    "__math_xflow",
+)
 _HEADERS = ("musl/src/include", "musl/src/internal", "musl/include", "musl/arch/generic")
 _GENERATED = ("wasm-wasi-musl", "generic-musl")
 
@@ -34,14 +42,24 @@ def linked(core: Path, target: Path) -> None:
     _zig(["build-exe", *options, str(core), str(_HERE / "runtime.zig")], target)
 
 
-def elementary_functions(target: Path) -> None:
-    """Write a shared library for this machine with the elementary functions of the page.
+def elementary_functions(folder: Path) -> str:
+    """Write shared libraries of this machine with the elementary functions of the page.
+
+    Args:
+        folder: Where to write them.
+
+    Returns:
+        The value of LD_PRELOAD with which a program calls them in the place of its own.
 
     Raises:
         UserError: As `linked`.
     """
-    options = ["-dynamic", "-O", "ReleaseFast", "-mcpu", "baseline", "-fstrip"]
-    _zig(["build-lib", *options, str(_HERE / "elementary.zig")], target)
+    functions, names = folder / "libelementary.so", folder / "libnames.so"
+    plain = ["-mcpu", "baseline", "-fstrip", "-O", "ReleaseFast"]
+    _zig(["build-lib", "-dynamic", *plain, str(_HERE / "elementary.zig")], functions)
+    flags = ["-shared", "-nostdlib", "-fno-builtin", "-O2", f"-Wl,-rpath,{folder}"]
+    _run("cc", *flags, str(_HERE / "names.c"), str(functions), "-o", str(names))
+    return f"{names}:{functions}"
 
 
 def zig_library() -> Path:
@@ -66,10 +84,18 @@ def _zig(words: list[str], target: Path) -> None:
     power = [str(library / "libc" / "musl" / "src" / "math" / f"{name}.c") for name in _POWER]
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / target.name
-        call = [sys.executable, "-m", "ziglang", *words, *places, *flags, *power]
-        done = subprocess.run(
-            [*call, f"-femit-bin={out}"], cwd=folder, capture_output=True, text=True, check=False
-        )
-        if done.returncode:
-            raise UserError(f"the linker failed: {done.stderr.strip()}")
+        _run(*words, *places, *flags, *power, f"-femit-bin={out}", folder=folder)
         target.write_bytes(out.read_bytes())
+
+
+def _run(*words: str, folder: str | None = None) -> None:
+    zig_library()
+    done = subprocess.run(
+        [sys.executable, "-m", "ziglang", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise UserError(f"the linker failed: {done.stderr.strip()[:1000]}")

@@ -24,6 +24,9 @@ CORE = Path(__file__).with_name("core.wasm")
 KEPT = ("episodes", "vehicles", "observation", "rewards", "ending")
 """Arrays of a replay; all of them together are what an episode shows and goes on from."""
 
+MOST = 500
+"""Largest number of episodes of a replay in WebAssembly, by the memory that the file asks for."""
+
 
 class Replay(NamedTuple):
     """Episodes side by side, all steps.
@@ -56,7 +59,9 @@ def native(options: Options, seeds: np.ndarray, policy: Any) -> Replay:
         actions.append(np.where(alive, chosen, -1))
         alive = alive & (batch.buffers.ending == int(Ending.NONE))
         states.append(_copied(batch.buffers))
-    return Replay(np.stack(actions), {name: np.stack([one[name] for one in states]) for name in KEPT})
+    return Replay(
+        np.stack(actions), {name: np.stack([one[name] for one in states]) for name in KEPT}
+    )
 
 
 def _copied(buffers: Buffers) -> dict[str, np.ndarray]:
@@ -73,8 +78,10 @@ def in_node(options: Options, seeds: np.ndarray, actions: np.ndarray, core: Path
         core: WebAssembly file.
 
     Raises:
-        UserError: If Node isn't installed, or the program fails.
+        UserError: If Node isn't installed, the program fails, or there are too many episodes.
     """
+    if len(seeds) > MOST:
+        raise UserError(f"{len(seeds)} episodes are too many for the core's memory: at most {MOST}")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "layout.json").write_text(json.dumps(layout(options)))

@@ -1,0 +1,28 @@
+// Everything shown, in the address after #, so that a link restores it.
+
+const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400] };
+const WORDS = { view: ["side", "ghosts"], tab: ["turn", "drive", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
+
+export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1" };
+
+/** Return the text after # for a state. */
+export function writeAddress(state) {
+  const parts = Object.keys(FIRST).map((name) => `${name}=${state[name]}`);
+  return `#${parts.join("&")}`;
+}
+
+/** Return the state of a text after #; what is missing or wrong is as at first. */
+export function readAddress(text) {
+  const given = new URLSearchParams(text.replace(/^#/, ""));
+  const state = { ...FIRST, angles: [...FIRST.angles] };
+  for (const [name, [low, high]] of Object.entries(WHOLE)) {
+    const value = Number(given.get(name) ?? NaN);
+    if (Number.isInteger(value) && value >= low && value <= high) state[name] = value;
+  }
+  for (const [name, known] of Object.entries(WORDS)) if (known.includes(given.get(name))) state[name] = given.get(name);
+  const angles = (given.get("angles") ?? "").split(",").filter((one) => one.trim() !== "").map(Number);
+  const right = angles.every((angle) => Number.isInteger(angle) && angle >= 0 && angle <= 90);
+  if (right && angles.length >= 1 && angles.length <= 3) state.angles = angles;
+  state.chosen = Math.min(state.chosen, state.angles.length - 1);
+  return state;
+}

@@ -1,0 +1,133 @@
+// Films: an episode with every sub-step of its vehicles, and what each decision was worth.
+
+const NUMBERS = ["x", "y", "heading", "speed", "acceleration"];
+
+/** Drives one episode, decision by decision, and keeps it. */
+export class Recorder {
+  /** @param {Core} core A traced core with one row. */
+  constructor(core) {
+    this.core = core;
+    const fields = (array) => ({
+      numbers: NUMBERS.map((name) => core.field(array, name)),
+      identity: core.field(array, "identity"),
+      yielding: core.field(array, "yielding"),
+      crashed: core.field(array, "crashed"),
+    });
+    this.now = fields("vehicles");
+    this.traced = fields("trace");
+    this.count = core.field("episodes", "vehicles");
+    this.ego = core.field("episodes", "ego");
+  }
+
+  /** Begin the episode of a seed. */
+  begin(seed) {
+    this.core.begin(0, seed);
+    this.core.run();
+    this.film = { seed, frames: [], decisions: [], ending: 0 };
+    this.keep(this.now, 0, this.count(0), this.ego(0));
+    return this.film;
+  }
+
+  /** What the driver sees now; a view that the next decision overwrites. */
+  get observation() {
+    return this.core.observation(0);
+  }
+
+  /** Take a decision; return false once the episode has ended. */
+  decide(action) {
+    const { core, film } = this;
+    const { layout, arrays } = core;
+    const before = this.observation.slice();
+    core.decide(0, action);
+    core.run();
+    const count = Number(arrays.present[0]);
+    const ego = Number(arrays.present[1]);
+    for (let frame = 0; frame < layout.frames; frame += 1) {
+      this.keep(this.traced, frame * layout.capacity, count, ego);
+    }
+    const { identity } = film.frames[film.frames.length - 1];
+    film.decisions.push({
+      action, before, after: this.observation.slice(),
+      rewards: [...arrays.rewards],
+      signals: layout.weights.map((weight, number) => weight * arrays.signals[number]),
+      braking: new Set(identity.filter((_, slot) => arrays.braking[slot])),
+      contact: arrays.contact[0],
+    });
+    film.ending = arrays.ending[0];
+    return film.ending === layout.endings.none;
+  }
+
+  keep(from, first, count, ego) {
+    const frame = {
+      ego, count, identity: new Int32Array(count), yielding: new Uint8Array(count),
+      crashed: new Uint8Array(count), numbers: new Float64Array(count * NUMBERS.length),
+    };
+    for (let slot = 0; slot < count; slot += 1) {
+      frame.identity[slot] = from.identity(first + slot);
+      frame.yielding[slot] = from.yielding(first + slot);
+      frame.crashed[slot] = from.crashed(first + slot);
+      from.numbers.forEach((read, place) => (frame.numbers[slot * NUMBERS.length + place] = read(first + slot)));
+    }
+    this.film.frames.push(frame);
+  }
+}
+
+/** Return the film of a seed driven by a network. */
+export function filmOf(recorder, network, seed) {
+  const film = recorder.begin(seed);
+  while (recorder.decide(network.decide(recorder.observation, film.decisions.length)));
+  return film;
+}
+
+/** Return the sums of a film's first decisions: `{ env, social, signals }`. */
+export function sumsOf(film, decisions, signals) {
+  const sums = { env: 0, social: 0, signals: new Array(signals).fill(0) };
+  for (const one of film.decisions.slice(0, decisions)) {
+    sums.env += one.rewards[0];
+    sums.social += one.rewards[1];
+    one.signals.forEach((value, number) => (sums.signals[number] += value));
+  }
+  return sums;
+}
+
+/**
+ * Return the vehicles at a time in sub-steps, between two of them on the straight line.
+ *
+ * @returns {{ego: number, vehicles: object[]}} Each with x, y, heading, speed, acceleration, and flags.
+ */
+export function sceneAt(film, time) {
+  const last = film.frames.length - 1;
+  const at = Math.min(Math.floor(time), last);
+  const share = at < last ? time - at : 0;
+  const frame = film.frames[at];
+  const next = film.frames[Math.min(at + 1, last)];
+  const vehicles = [];
+  for (let slot = 0; slot < frame.count; slot += 1) {
+    const one = vehicleOf(frame, slot);
+    const later = share > 0 ? next.identity.indexOf(one.identity) : -1;
+    if (later >= 0) towards(one, vehicleOf(next, later), share);
+    one.ego = slot === frame.ego;
+    vehicles.push(one);
+  }
+  return { vehicles, frame: at };
+}
+
+function vehicleOf(frame, slot) {
+  const [x, y, heading, speed, acceleration] = frame.numbers.subarray(slot * NUMBERS.length);
+  const { identity, yielding, crashed } = frame;
+  return {
+    x, y, heading, speed, acceleration,
+    identity: identity[slot], yielding: Boolean(yielding[slot]), crashed: Boolean(crashed[slot]),
+  };
+}
+
+function towards(one, other, share) {
+  for (const name of ["x", "y", "speed"]) one[name] += share * (other[name] - one[name]);
+  const turn = other.heading - one.heading;
+  one.heading += share * Math.atan2(Math.sin(turn), Math.cos(turn));
+}
+
+/** Return the decision that is under way at a time in sub-steps, from 0; the last at the end. */
+export function decisionAt(film, time, frames) {
+  return Math.max(0, Math.min(Math.floor(time / frames), film.decisions.length - 1));
+}

@@ -1,0 +1,88 @@
+// The road of the intersection, drawn once for each size and colour scheme.
+
+const REACH = 44; // m seen to the west and east of the centre
+const SOUTH = 9; // m that the view lies further south: there the ego starts
+const CURB = 7; // m, radius of the corners
+const STOP_LINE = 11; // m from the centre, where approaches end
+
+/** Return the transform of a picture of some pixels: metres to pixels. */
+export function viewOf(width, height) {
+  const scale = Math.min(width, height) / (2 * REACH);
+  return { scale, x: width / 2, y: height / 2 - SOUTH * scale };
+}
+
+/** Apply a view to a context, so that its units are metres. */
+export function inMetres(context, view) {
+  context.setTransform(view.scale, 0, 0, view.scale, view.x, view.y);
+}
+
+/** Return a canvas with the road alone. */
+export function roadPicture(width, height, layout, colours) {
+  const canvas = document.createElement("canvas");
+  canvas.width = width;
+  canvas.height = height;
+  const context = canvas.getContext("2d");
+  context.fillStyle = colours.ground;
+  context.fillRect(0, 0, width, height);
+  inMetres(context, viewOf(width, height));
+  const far = 3 * REACH;
+  asphalt(context, layout.lane_width, far, colours);
+  markings(context, layout, far, colours);
+  return canvas;
+}
+
+/** Four arms of two lanes with round corners, as one outline: a corner, turned four times. */
+function asphalt(context, half, far, colours) {
+  const corner = half + CURB;
+  const outline = new Path2D();
+  let turn = ([x, y]) => [x, y];
+  for (let number = 0; number < 4; number += 1) {
+    outline.lineTo(...turn([half, far]));
+    outline.lineTo(...turn([half, corner]));
+    outline.arcTo(...turn([half, half]), ...turn([corner, half]), CURB);
+    outline.lineTo(...turn([far, half]));
+    const before = turn;
+    turn = ([x, y]) => before([y, -x]);
+  }
+  outline.closePath();
+  context.fillStyle = colours.road;
+  context.fill(outline);
+  context.strokeStyle = colours.curb;
+  context.lineWidth = 0.35;
+  context.stroke(outline);
+}
+
+function markings(context, layout, far, colours) {
+  const half = layout.lane_width;
+  context.strokeStyle = colours.marking;
+  for (let arm = 0; arm < 4; arm += 1) {
+    context.save();
+    context.rotate((arm * Math.PI) / 2);
+    context.lineWidth = 0.16;
+    context.setLineDash([2.4, 2.4]);
+    line(context, 0, STOP_LINE + 0.6, 0, far);
+    context.setLineDash([]);
+    context.lineWidth = 0.5;
+    line(context, 0.2, STOP_LINE, half - 0.2, STOP_LINE);
+    context.restore();
+  }
+  context.setLineDash([0.9, 1.5]);
+  context.lineWidth = 0.1;
+  context.globalAlpha = 0.45;
+  for (const lane of layout.lanes) if (!lane.straight) arc(context, lane);
+  context.globalAlpha = 1;
+  context.setLineDash([]);
+}
+
+function line(context, ...[x, y, toX, toY]) {
+  context.beginPath();
+  context.moveTo(x, y);
+  context.lineTo(toX, toY);
+  context.stroke();
+}
+
+function arc(context, { x, y, radius, phase, sense, length }) {
+  context.beginPath();
+  context.arc(x, y, radius, phase, phase + (sense * length) / radius, sense < 0);
+  context.stroke();
+}

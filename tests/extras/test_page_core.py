@@ -1,0 +1,69 @@
+"""The core as WebAssembly beside the native one; Node runs it."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.page.webassembly import emit, equality, link
+from socialiq.page.webassembly.compare import compared
+from socialiq.page.webassembly.replay import CORE, in_node, native
+from socialiq.storage import packaged_results, read_json
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy
+
+pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
+
+SEEDS = np.arange(50_000_000, 50_000_060)
+
+
+@pytest.mark.parametrize("name", ["dial", "random"])
+def test_episodes_are_the_same(name):
+    dial = DialPolicy.load(packaged_results() / equality.DIAL).at(45.0)
+    driver = dial if name == "dial" else policy(name)
+    mine = native(Options(), SEEDS, driver)
+    found = compared(
+        mine, in_node(Options(), SEEDS, mine.actions), dial if name == "dial" else None
+    )
+    assert found.same_endings == len(SEEDS)
+    assert found.same_decisions == found.decisions
+    assert found.equal_observations >= 0.97 * found.observations
+    assert found.close_states >= 0.95 * found.observations
+
+
+def test_options_reach_it():
+    options = Options(destination="random", population="thesis", spawn_probability=0.9)
+    mine = native(options, SEEDS[:20], policy("gap_2s"))
+    found = compared(mine, in_node(options, SEEDS[:20], mine.actions))
+    assert found.same_endings == 20
+    assert found.close_states >= 0.9 * found.observations
+
+
+@pytest.mark.slow
+def test_a_core_built_again_behaves_as_the_one_that_ships(tmp_path):
+    pytest.importorskip("ziglang", reason="extra `page` is not installed")
+    emit.object_file(tmp_path / "core.o")
+    link.linked(tmp_path / "core.o", tmp_path / "core.wasm")
+    actions = np.random.default_rng(0).integers(3, size=(8, len(SEEDS)))
+    shipped = in_node(Options(), SEEDS, actions, CORE)
+    again = in_node(Options(), SEEDS, actions, tmp_path / "core.wasm")
+    for name, array in shipped.arrays.items():
+        if array.dtype.names is None:
+            np.testing.assert_array_equal(array, again.arrays[name], name)
+    found = compared(shipped, again)
+    assert found.equal_states == found.observations
+
+
+def test_the_committed_counts_are_those_of_the_command():
+    config = equality.Config(packaged_results())
+    for name in ("machine", "page"):
+        found = read_json(packaged_results() / "page-core" / f"{name}.json")
+        assert (found["episodes"], found["first"]) == (config.episodes, config.first)
+        assert found["all"]["episodes"] == config.episodes * len(found["drivers"])
+
+
+def test_its_speed_is_measured_beside_the_native_core(capsys):
+    assert main(["bench", "page", "--repeats", "1", "--json"]) == 0
+    assert '"ratio"' in capsys.readouterr().out
