@@ -1,7 +1,7 @@
 """Decisions per second of the intersection's core as WebAssembly, in Node, beside the native one.
 
-Both take random actions in 64 episodes on one thread, resets included. Measured in turn, so that a
-busy machine slows both; medians are given.
+Both take random actions in 64 episodes on one thread, resets included. Seconds are of the
+processor, so that other work on the machine doesn't count; medians are given.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ def run(repeats: int) -> dict[str, Any]:
 
 
 def native_rate(batch: Batch) -> float:
-    """Decisions per second of a batch under random actions, resets included."""
+    """Decisions per second of the processor, of a batch under random actions, resets included."""
     rounds = -(-DECISIONS // batch.size)
     actions = np.random.default_rng(0).integers(3, size=(rounds, batch.size))
     batch.reset(0)
-    begin = time.perf_counter()
+    begin = time.process_time()
     for row in actions:
         batch.step(row)
-    return rounds * batch.size / (time.perf_counter() - begin)
+    return rounds * batch.size / (time.process_time() - begin)

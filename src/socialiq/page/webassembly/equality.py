@@ -21,7 +21,7 @@ import tyro
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.page.webassembly.compare import Equality, compared
 from socialiq.page.webassembly.link import elementary_functions
-from socialiq.page.webassembly.replay import in_node, native
+from socialiq.page.webassembly.replay import CORE, in_node, native
 from socialiq.storage import packaged_results, write_json
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy as reference_policy
@@ -42,6 +42,7 @@ class Config:
         chunk: Episodes of a call.
         functions: Name of the native side's elementary functions in the result: `machine` for its
             own; `both` runs these, then those of the page (`page`), preloaded.
+        core: WebAssembly file.
     """
 
     out: Path
@@ -51,6 +52,7 @@ class Config:
     rules: tuple[str, ...] = ("idm", "gap_3s", "random")
     chunk: int = 500
     functions: str = "both"
+    core: Path = CORE
 
 
 def main(config: Config) -> None:
@@ -65,9 +67,13 @@ def main(config: Config) -> None:
     words += ["--angles", *map(str, config.angles), "--rules", *config.rules, "--functions"]
     subprocess.run([*words, "machine"], check=True)
     with tempfile.TemporaryDirectory() as folder:
-        # Compiled code keeps the addresses that it was linked with: it is compiled again.
+        # Compiled code keeps the addresses that it was linked with, and lanes the headings that
+        # were computed at import: both sides are compiled again.
         preloaded = {"LD_PRELOAD": elementary_functions(Path(folder)), "NUMBA_CACHE_DIR": folder}
-        subprocess.run([*words, "page"], env=os.environ | preloaded, check=True)
+        core = str(Path(folder) / "core.wasm")
+        build = [sys.executable, "-m", "socialiq.page.webassembly", "--out", core]
+        for call in (build, [*words, "page", "--core", core]):
+            subprocess.run(call, env=os.environ | preloaded, check=True)
 
 
 def counted(config: Config) -> dict[str, Any]:
@@ -94,7 +100,7 @@ def _of_chunk(driver: Any, asked: Any, first: int, config: Config) -> Equality:
     count = min(config.chunk, config.first + config.episodes - first)
     seeds = np.arange(first, first + count)
     one = native(Options(), seeds, driver)
-    return compared(one, in_node(Options(), seeds, one.actions), asked)
+    return compared(one, in_node(Options(), seeds, one.actions, config.core), asked)
 
 
 def together(parts: list[Equality]) -> Equality:
