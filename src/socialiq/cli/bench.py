@@ -24,7 +24,8 @@ class Bench:
     learners: against eager PyTorch. devices: a GPU against the processor. worlds: against
     highway-env. experts: deep Q-learning against Stable-Baselines3 on highway-env. dial: against
     one run of the thesis' learner. recordings: import of recorded traffic, against commonroad-io if
-    SOCIALIQ_COMMONROAD_PYTHON has it. page: the core as WebAssembly in Node, against the native one.
+    SOCIALIQ_COMMONROAD_PYTHON has it. page: the core as WebAssembly in Node, against the native
+    one.
 
     Example: socialiq bench worlds
     """

@@ -7,3 +7,9 @@ double sin(double value) { return same_sin(value); }
 double cos(double value) { return same_cos(value); }
 double tan(double value) { return same_tan(value); }
 double exp(double value) { return same_exp(value); }
+
+// Compilers join a sine and a cosine of one angle.
+void sincos(double value, double *sine, double *cosine) {
+  *sine = same_sin(value);
+  *cosine = same_cos(value);
+}
