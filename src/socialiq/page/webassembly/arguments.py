@@ -1,4 +1,4 @@
-"""What the core's entry point takes after the buffers: arrays of one value for each row."""
+"""Arguments of the core's entry point after the buffers: arrays of one value for each row."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ DIAL = "intersection-dial/dial.safetensors"
 
 @dataclass(frozen=True)
 class Config:
-    """What is compared.
+    """Choice of episodes, drivers and files.
 
     Attributes:
         out: Folder for the result.

@@ -11,7 +11,7 @@ from socialiq.errors import UserError
 from socialiq.page.webassembly.emit import SYMBOL
 
 EXPORTS = (SYMBOL, "allocate", "memory")
-"""What a program that loads the file can use."""
+"""Names that a program which loads the file can use."""
 
 _HERE = Path(__file__).parent
 _POWER = (
