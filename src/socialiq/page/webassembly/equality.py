@@ -105,11 +105,12 @@ def _of_chunk(driver: Any, asked: Any, first: int, config: Config) -> Equality:
 
 def together(parts: list[Equality]) -> Equality:
     """Return the sums of counts, and the largest difference of all."""
-    sums = {
+    sums: dict[str, Any] = {
         field.name: sum(getattr(part, field.name) for part in parts)
         for field in dataclasses.fields(Equality)
     }
-    return Equality(**sums | {"largest": max(part.largest for part in parts)})
+    largest = max(part.largest for part in parts)
+    return dataclasses.replace(Equality(**sums), largest=largest)
 
 
 if __name__ == "__main__":
