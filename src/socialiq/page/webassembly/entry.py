@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from numba import carray, types
+from numba import types
+from numba.np.numpy_support import carray
 
 from socialiq.page.webassembly.arguments import ARGUMENTS
 from socialiq.worlds.intersection.core import step
@@ -21,7 +22,8 @@ def entry_of(options: Options) -> Callable[..., None]:
     Args:
         options: Options that give the arrays' shapes; all others are in the settings.
     """
-    run = numba.njit(step.run.py_func, error_model="numpy")  # not from the cache of the native one
+    # Not from the cache of the native one.
+    run: Any = numba.njit(step.run.py_func, error_model="numpy")
     capacity, frames = options.capacity, options.frames
     seen, features, signals_of = options.observed_vehicles, len(FEATURES), len(SIGNALS)
 
