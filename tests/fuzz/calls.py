@@ -65,6 +65,7 @@ BASES: dict[str, list[str]] = {
     "data demonstrations": [RECORDING, "--out", OUT],
     "data census": [RECORDING, "--out", OUT],
     "data decisions": [RECORDING, "--out", OUT],
+    "data world": [RECORDING, "--out", OUT],
     "data conflicts": [RECORDING, "--pictures", "1", "--out", OUT],
     "data agreement": [RECORDING, RECORDING, "--updates", "2", "--out", OUT],
     "data audit": [RECORDING, "--track", "0", "--profile", PROFILE],

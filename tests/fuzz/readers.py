@@ -40,6 +40,7 @@ from socialiq.recordings import files as recording_files
 from socialiq.recordings.readers.column_map import read_map
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.readers.import_file import import_file
+from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.storage import load_arrays, read_json
 from socialiq.worlds.registry import make_grid
 
@@ -122,6 +123,12 @@ def _recording(path: Path) -> None:
     found = recording_files.load(path)
     if not np.isfinite(found.tracks.x).all():
         raise AssertionError("a position that is not finite")
+
+
+def _recorded_world(path: Path) -> None:
+    world = RecordedWorld.load(path)
+    if not np.isfinite(world.road.line).all() or world.n_actions < 2:
+        raise AssertionError("a line that is not finite, or no actions")
 
 
 def _commonroad(path: Path) -> None:
@@ -249,6 +256,7 @@ READERS = (
     Reader("trajectories, csv", "rollouts.csv", _rollouts),
     *(_OF_HDF5 if MINARI else ()),
     Reader("recording", "recording.safetensors", _recording, resealed=True),
+    Reader("recorded world", "world.safetensors", _recorded_world, resealed=True),
     Reader("CommonRoad", "recording.xml", _commonroad),
     Reader("map", "recording.xml", road_of),
     Reader("CSV recording, own map", "mine.csv", _mine),

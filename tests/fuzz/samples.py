@@ -182,6 +182,7 @@ def _recordings(folder: Path) -> None:
     call("data", "import", "commonroad", xml, "--out", folder / "imported")
     (imported,) = (folder / "imported").glob("*.safetensors")
     shutil.copy(imported, folder / "recording.safetensors")
+    call("data", "world", imported, "--out", folder / "world.safetensors")
     tracks = recording_files.load(imported).tracks
     (folder / "ind").mkdir()
     write_csv(dataclasses.replace(tracks, recording="0"), "ind", folder / "ind")

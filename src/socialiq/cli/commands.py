@@ -49,6 +49,7 @@ COMMANDS = {
     "data census": "recorded:TakeCensus",
     "data decisions": "recorded_decisions:Decide",
     "data conflicts": "recorded_conflicts:FindConflicts",
+    "data world": "recorded_world:MakeWorld",
     "data agreement": "recorded:Agreement",
     "data audit": "recorded_audit:AuditRecorded",
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,8 @@ from jaxtyping import Int
 from socialiq.errors import UserError
 from socialiq.recordings.road.network import RoadNetwork
 from socialiq.recordings.tracks import Tracks
+from socialiq.storage import kind_of
+from socialiq.worlds import WORLD_FILE
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +83,14 @@ def refuse_recording(world: str) -> None:
         world: Name given by the user.
 
     Raises:
-        UserError: If it is a file's name.
+        UserError: If it is a file's name, and not that of a world of `socialiq data world`.
     """
+    if kind_of(Path(world)) == WORLD_FILE:
+        return
     if world.lower().endswith(_SUFFIXES):
         raise UserError(
             "a recording can't be driven in: its neighbours do not react, so their losses of speed "
             "are fixed whatever the policy does, and the angle would be biased; name a world that "
-            "reacts (intersection), or judge the recorded drivers with `socialiq data audit`"
+            "reacts (intersection, or one that `socialiq data world` makes of it), or judge the "
+            "recorded drivers with `socialiq data audit`"
         )

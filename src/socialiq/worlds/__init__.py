@@ -13,9 +13,18 @@ IDS = {
     "intersection": "socialiq/Intersection-v1",
 }
 
+RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
+"""Environment of a file of `socialiq data world`, which is named with `file`."""
+
+WORLD_FILE = "recorded-world"
+"""Kind of such a file."""
+
 _GRID = "socialiq.worlds.gym:GridWorldEnv"
 _INTERSECTION = "socialiq.worlds.intersection.gym:IntersectionEnv"
 _INTERSECTIONS = "socialiq.worlds.intersection.gym:IntersectionVectorEnv"
+
+
+_RECORDED = "socialiq.recordings.world.gym:RecordedJunctionEnv"
 
 
 def register() -> None:
@@ -27,3 +36,5 @@ def register() -> None:
             gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS)
         else:
             gymnasium.register(name, _GRID, kwargs={"world": world})
+    if RECORDED_JUNCTION not in gymnasium.registry:
+        gymnasium.register(RECORDED_JUNCTION, _RECORDED)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -11,7 +12,8 @@ from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
-from socialiq.worlds import IDS, register
+from socialiq.storage import kind_of
+from socialiq.worlds import IDS, RECORDED_JUNCTION, WORLD_FILE, register
 from socialiq.worlds.wrapper import RewardPairWrapper, check_spaces, flat, flat_space
 
 _ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
@@ -36,9 +38,10 @@ def make_environment(
     """Make an environment that policies can drive in: discrete actions, flat observations.
 
     Args:
-        name: A built-in world; a Gymnasium id; MODULE:ID, an id that the module registers; or
-            MODULE:FUNCTION, a function (or class) of the module that returns an environment.
-            MODULE is a name that Python can import, or the path of a file that ends in .py.
+        name: A built-in world; a file of `socialiq data world`; a Gymnasium id; MODULE:ID, an id
+            that the module registers; or MODULE:FUNCTION, a function (or class) of the module that
+            returns an environment. MODULE is a name that Python can import, or the path of a file
+            that ends in .py.
         options: Keyword arguments of the environment or of the function.
         allow_code: Whether a module may be imported. Importing runs its author's code with the
             rights of the user.
@@ -97,6 +100,9 @@ def paired(env: gymnasium.Env[Any, Any]) -> RewardPairWrapper | None:
 
 
 def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
+    if kind_of(Path(name)) == WORLD_FILE:
+        register()
+        return gymnasium.make(RECORDED_JUNCTION, file=name, **options)
     place, _, attribute = name.rpartition(":")
     if place and not allow_code:
         raise UserError(

@@ -5,6 +5,8 @@ A conflict has two rows, one for each vehicle as the ego. Its measures are those
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,6 +83,25 @@ class Encounters:
             self._areas[first, second] = area_of(*ways, *swept_areas, self.scene.lanes)
         found = self._areas[first, second]
         return found if found is None or one == first else found.swapped()
+
+    def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
+        """Return the encounters of other motion along the same ways; the areas stay.
+
+        Args:
+            scene: Tracks of that motion on the same road, numbered anew.
+            ways: For each track here, its way there; tracks that are not there are left out.
+        """
+        other = copy.copy(self)
+        other.scene, other.ways = scene, {way.track: way for way in ways.values()}
+        number = {track: way.track for track, way in ways.items()}
+        other._swept = {number[t]: one for t, one in self._swept.items() if t in number}
+        other._areas = {
+            (number[a], number[b]): area
+            for (a, b), area in self._areas.items()
+            if a in number and b in number
+        }
+        other._on_way = {}
+        return other
 
     def _swept_by(self, track: int) -> Any:
         if track not in self._swept:

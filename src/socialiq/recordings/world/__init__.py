@@ -1,0 +1,1 @@
+"""Recorded junctions as environments: reactive traffic on the recorded road."""

@@ -1,0 +1,249 @@
+"""Construction of a world from recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.recordings.conflicts.config import ConflictConfig
+from socialiq.recordings.conflicts.pairs import Encounters
+from socialiq.recordings.conflicts.ways import Way
+from socialiq.recordings.episodes.scene import Scene
+from socialiq.recordings.identity.identify import Identified, identify
+from socialiq.recordings.identity.once import once, same_moments
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.road.network import Conflict
+from socialiq.recordings.simulated_source import signs_of_simulation
+from socialiq.recordings.world.closures import closures_of, on_way_of
+from socialiq.recordings.world.config import WorldConfig
+from socialiq.recordings.world.drivers import Calibration, calibrate
+from socialiq.recordings.world.lines import SPACING, line_of, speed_limits, states_of, stretches
+from socialiq.recordings.world.observed import Observed, observe
+from socialiq.recordings.world.recorded_world import LAYOUT, RecordedWorld, Road
+from socialiq.recordings.world.right_of_way import yields
+
+LEAST_VEHICLES = 2
+MOST_VEHICLES = 2000
+"""Vehicles of one recording; pairs are kept for each two of them."""
+
+_APPROACH = 20.0  # m before the first conflict area: the influence zone, as at the intersection
+_BEYOND = 10.0  # m behind the last conflict area at which the ego has arrived
+_LEAST_WAY = 15.0  # m that an ego must have to drive
+_APART = 60.0  # s; vehicles seen further apart in time never meet in an episode
+
+
+class Made(NamedTuple):
+    """World, and what it was made from.
+
+    Attributes:
+        world: The world.
+        every: Encounters of each recording.
+        kept: Tracks of each that count, so that a vehicle in two recordings counts once.
+        observed: What the recordings show.
+        calibration: The drivers.
+    """
+
+    world: RecordedWorld
+    every: list[Encounters]
+    kept: list[set[int]]
+    observed: Observed
+    calibration: Calibration
+
+
+def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
+    """Make a world of recordings, whose drivers are calibrated on all of them.
+
+    Args:
+        recordings: With roads; several give several schedules of entries.
+        config: Options.
+
+    Raises:
+        UserError: If a recording has no road or too few vehicles, or no vehicle meets a conflict.
+    """
+    for one in recordings:
+        _check_rate(one, config)
+    identified = identify(recordings)
+    every = [_encounters(one, config) for one in recordings]
+    kept = _kept(every, recordings, identified)
+    observed = observe(every, kept)
+    calibration = calibrate(observed)
+    parts = [_Part(one, calibration.lateral, config) for one in every]
+    columns = _joined(parts, kept)
+    columns["drivers"] = [calibration.drivers.array()]
+    arrays = {name: _column(name, values) for name, values in columns.items()}
+    if not len(arrays["egos"]):
+        raise UserError(
+            "no vehicle has a way across a conflict area ahead of it: a world needs a junction "
+            "that recorded vehicles drive through"
+        )
+    speeds = observed.speeds
+    fastest = max(calibration.drivers.desired_speed.high, float(np.quantile(speeds, 0.99)))
+    provenance = {
+        "recordings": [_described(one) for one in every],
+        "sites": sorted(set(identified.site)),
+        "calibration": calibration.as_header(),
+        "vehicles": len(arrays["identity"]),
+        "egos": len(arrays["egos"]),
+        "closures": len(arrays["closed"]),
+    }
+    world = RecordedWorld(Road(**arrays), config, float(fastest), provenance)
+    return Made(world, every, kept, observed, calibration)
+
+
+def _check_rate(recording: Recording, config: WorldConfig) -> None:
+    """Refuse a rate of decisions that the recording's frames don't have."""
+    name, dt = one_line(recording.tracks.recording, 60), recording.tracks.dt
+    frames = 1 / config.policy_rate / dt
+    if abs(frames - round(frames)) > 1e-6 or round(frames) < 1:
+        raise UserError(
+            f"{name} has a frame every {dt:g} s, and a decision needs a whole number of them: "
+            f"choose a --policy-rate that divides {1 / dt:g}"
+        )
+
+
+def _encounters(recording: Recording, config: WorldConfig) -> Encounters:
+    name = one_line(recording.tracks.recording, 60)
+    if not recording.road.lanelets:
+        raise UserError(f"{name} has no road: name its map with --road")
+    made = Encounters(Scene(recording), ConflictConfig(slack=config.slack))
+    made.ways = {track: way for track, way in made.ways.items() if len(way.along) > 1}
+    if len(made.ways) < LEAST_VEHICLES:
+        raise UserError(
+            f"{name} has {len(made.ways)} vehicles on its lanelets: a world needs "
+            f"{LEAST_VEHICLES} or more; is --road the map of this recording?"
+        )
+    if len(made.ways) > MOST_VEHICLES:
+        raise UserError(
+            f"{name} has {len(made.ways):,} vehicles, more than {MOST_VEHICLES:,}: "
+            "import it in parts"
+        )
+    return made
+
+
+def _kept(
+    every: Sequence[Encounters], recordings: Sequence[Recording], identified: Identified
+) -> list[set[int]]:
+    """Return the tracks of each recording that no other recording shows for longer."""
+    same = same_moments(identified)
+    sizes = {
+        (place, track): float(len(way.along))
+        for place, encounters in enumerate(every)
+        for track, way in encounters.ways.items()
+    }
+    chosen = once(sizes, lambda key: same.get(key, ()))
+    return [{t for p, t in chosen if p == place} for place in range(len(recordings))]
+
+
+def _described(encounters: Encounters) -> dict[str, Any]:
+    tracks = encounters.scene.tracks
+    return {
+        "recording": tracks.recording,
+        "vehicles": len(encounters.ways),
+        "seconds": float((int(tracks.frame.max()) - int(tracks.frame.min()) + 1) * tracks.dt),
+        "simulated": bool(signs_of_simulation(tracks)),
+        "source": tracks.source,
+    }
+
+
+class _Part:
+    """Rows of one recording."""
+
+    def __init__(self, encounters: Encounters, lateral: float, config: WorldConfig) -> None:
+        self.ways: list[Way] = list(encounters.ways.values())
+        self._encounters = encounters
+        self.first_frame = int(encounters.scene.tracks.frame.min())
+        inferred = config.lights == "inferred"
+        closures = closures_of(encounters, self.first_frame) if inferred else []
+        self.rows: dict[str, list[Any]] = {name: [] for name in LAYOUT}
+        self._pairs(config)
+        for place, way in enumerate(self.ways):
+            line, states = line_of(way), states_of(way, self.first_frame)
+            limits = speed_limits(line, lateral)
+            rows = self.rows
+            rows["identity"].append(encounters.scene.tracks.identity[way.track])
+            rows["length"].append(way.length)
+            rows["width"].append(way.width)
+            rows["line"].append(np.column_stack([line.x, line.y, line.heading, limits]))
+            rows["state_step"].append(states.first)
+            rows["state"].append(np.column_stack([states.along, states.speed]))
+            rows["closed"].append(np.array(on_way_of(way, closures)).reshape(-1, 3))
+            self._route(place, way, len(line.x))
+
+    def _pairs(self, config: WorldConfig) -> None:
+        """Add conflict areas and stretches of every ordered pair."""
+        rows = self.rows
+        for one in self.ways:
+            for other in self.ways:
+                area = None
+                found: list[Any] = []
+                if one.track != other.track and _meet(one, other):
+                    area = self._encounters.area(one.track, other.track)
+                    found = stretches(other, one, config.slack)
+                rows["stretch"].append(np.array(found).reshape(-1, 4))
+                rows["area_of"].append(-1 if area is None else len(rows["area"]))
+                if area is not None:
+                    rows["area"].append((area.entry[0], area.exit[0], area.entry[1], area.exit[1]))
+                    rows["area_yields"].append(yields(self._encounters, one, other, area))
+                    rows["area_merges"].append(int(area.kind == Conflict.MERGING))
+
+    def _route(self, place: int, way: Way, points: int) -> None:
+        """Add the influence zone, the origin and the arrival of a vehicle as the ego."""
+        count, rows = len(self.ways), self.rows
+        areas = [
+            rows["area"][number]
+            for number in rows["area_of"][place * count : (place + 1) * count]
+            if number >= 0
+        ]
+        begin = float(way.along[0])
+        ahead = [one for one in areas if one[1] > begin]
+        end = (points - 2) * SPACING
+        first = min((one[0] for one in ahead), default=end)
+        last = max((one[1] for one in ahead), default=end)
+        arrival = min(last + way.length / 2 + _BEYOND, end)
+        rows["zone"].append((first - _APPROACH, last))
+        rows["origin"].append(first)
+        rows["arrival"].append(arrival)
+        rows["egos"].append(bool(ahead) and arrival - begin >= _LEAST_WAY)
+
+
+def _meet(one: Way, other: Way) -> bool:
+    """Whether two vehicles are seen so close in time that an episode may have both."""
+    return max(one.first, other.first) - min(one.last, other.last) <= _APART / one.dt
+
+
+def _joined(parts: Sequence[_Part], kept: Sequence[set[int]]) -> dict[str, list[Any]]:
+    """Return the rows of all recordings, with the first places of ragged columns."""
+    columns: dict[str, list[Any]] = {name: [] for name in LAYOUT}
+    firsts = ("recording_first", "pair_first", "line_first", "state_first", "stretch_first")
+    for name in (*firsts, "closed_first"):
+        columns[name].append(0)
+    for part, tracks in zip(parts, kept, strict=True):
+        vehicles, areas = len(columns["identity"]), len(columns["area"])
+        for name in ("line", "state", "stretch", "closed"):
+            for one in part.rows[name]:
+                columns[f"{name}_first"].append(columns[f"{name}_first"][-1] + len(one))
+                columns[name].append(one)
+        for name in ("identity", "length", "width", "arrival", "origin", "zone", "state_step"):
+            columns[name] += part.rows[name]
+        columns["area_of"] += [n + areas if n >= 0 else -1 for n in part.rows["area_of"]]
+        for name in ("area", "area_yields", "area_merges"):
+            columns[name] += part.rows[name]
+        columns["egos"] += [
+            vehicles + place
+            for place, way in enumerate(part.ways)
+            if part.rows["egos"][place] and way.track in tracks
+        ]
+        columns["recording_first"].append(len(columns["identity"]))
+        columns["pair_first"].append(len(columns["area_of"]))
+    return columns
+
+
+def _column(name: str, values: list[Any]) -> np.ndarray:
+    dtype, shape = LAYOUT[name]
+    if name in ("line", "state", "stretch", "closed", "drivers"):
+        return np.concatenate([np.zeros((0, *shape)), *values]).astype(dtype)
+    return np.array(values, dtype).reshape(-1, *shape)

@@ -1,0 +1,201 @@
+"""Compiled traffic of a recorded junction: IDM along recorded ways, right of way, closed lines.
+
+Vehicles are numbered within their recording, `base` is the first one's number in all. The IDM is
+that of `conflicts.idm`; in a sub-step all vehicles choose from the same positions and speeds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
+
+WAITING, PRESENT, GONE = range(3)
+"""States of a vehicle in an episode."""
+
+DT = 0.1  # s of a sub-step; 1 / config.SUB_STEPS
+HARDEST = 8.0  # m/s²
+_V0, _T, _S0, _A, _B, _MARGIN = range(6)
+
+_SOON = 8.0  # s; vehicles that arrive later at a conflict area are not yielded to
+_CLEAR = 0.5  # s between a vehicle that leaves a conflict area and the next
+_STOPS = 5.0  # m/s²; who would have to brake harder goes on
+_STARTING = 1.0  # m/s; slower vehicles are taken to accelerate
+_CREEP = 0.3  # m/s; least speed of a projection
+
+
+@kernel
+def idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort):
+    """Return the acceleration of the IDM, m/s²; `conflicts.idm.acceleration`."""
+    ratio = speed / desired
+    free = 1.0 - ratio * ratio * ratio * ratio
+    closing = speed * (speed - leader_speed) / (2.0 * math.sqrt(strongest * comfort))
+    wanted = jam + max(0.0, speed * headway + closing)
+    interaction = wanted / max(gap, 0.1)
+    return max(strongest * (free - interaction * interaction), -HARDEST)
+
+
+@kernel
+def time_to(distance, speed, strongest, fastest):
+    """Return the time for a distance, accelerating up to a speed, s."""
+    if distance <= 0.0:
+        return 0.0
+    if speed >= fastest:
+        return distance / max(speed, _CREEP)
+    rising = (fastest * fastest - speed * speed) / (2.0 * strongest)
+    if distance <= rising:
+        return (math.sqrt(speed * speed + 2.0 * strongest * distance) - speed) / strongest
+    return (fastest - speed) / strongest + (distance - rising) / fastest
+
+
+@kernel
+def limit_at(line_first, line, vehicle, along):
+    """Return the largest speed on a vehicle's way, m/s."""
+    place = line_first[vehicle] + max(np.int64(along), 0)
+    return line[min(place, line_first[vehicle + 1] - 1), 3]
+
+
+@kernel
+def ahead_of(stretch_first, stretch, pair, along, own):
+    """Return where another vehicle is on one's way, m; minus infinity if it isn't there ahead.
+
+    Args:
+        stretch_first: First stretch of each pair.
+        stretch: The stretches.
+        pair: Place of the ordered pair, oneself first.
+        along: The other's coordinate on its way, m.
+        own: One's own coordinate, m.
+    """
+    for place in range(stretch_first[pair], stretch_first[pair + 1]):
+        begin, end = stretch[place, 0], stretch[place, 1]
+        if begin <= along <= end:
+            low, high = stretch[place, 2], stretch[place, 3]
+            at = low + (along - begin) * (high - low) / (end - begin)
+            if at > own:
+                return at
+    return -math.inf
+
+
+@kernel
+def closed_line(closed_first, closed, vehicle, front, now):
+    """Return the coordinate of the next line that is closed to a vehicle, m; infinity if none is.
+
+    Args:
+        closed_first: First closure of each vehicle.
+        closed: The closures.
+        vehicle: Number in the world.
+        front: Coordinate of its front, m.
+        now: s from the recording's first frame.
+    """
+    for place in range(closed_first[vehicle], closed_first[vehicle + 1]):
+        if closed[place, 0] > front and closed[place, 1] <= now < closed[place, 2]:
+            return closed[place, 0]
+    return math.inf
+
+
+@kernel
+def arrival_of(gap, speed):
+    """Return the expected time of arrival of another vehicle, s."""
+    if speed < _STARTING:
+        return time_to(gap, speed, 1.5, 8.0)
+    return gap / speed
+
+
+@kernel
+def waits(gap, through, speed, strongest, desired, margin, their_gap, their_through, their_speed,
+          rule, ranked):  # fmt: skip
+    """Whether a vehicle may not enter a conflict area now.
+
+    Args:
+        gap: From its front to the area, m, above 0.
+        through: From its front to where its rear leaves the area, m.
+        speed: m/s.
+        strongest: Its acceleration, m/s².
+        desired: Its desired speed, m/s.
+        margin: s that it leaves before a vehicle with the right of way.
+        their_gap: The other's gap, m; 0 or less if it is in the area.
+        their_through: The other's way until its rear has left, m.
+        their_speed: m/s.
+        rule: 1 if it yields, -1 if the other does, 0 if who comes first goes first.
+        ranked: Whether it goes first if both arrive at one moment.
+    """
+    arrives = time_to(gap, speed, strongest, max(desired, speed))
+    clears = their_through / max(their_speed, _CREEP)
+    if their_gap <= 0.0:
+        return arrives < clears + _CLEAR
+    soon = arrival_of(their_gap, their_speed)
+    if soon > _SOON or speed * speed > 2.0 * _STOPS * gap:
+        return False
+    if speed >= _STARTING and clears + _CLEAR <= arrives:
+        return False  # the other is through before
+    if rule < 0 or (rule == 0 and (arrives < soon or (arrives == soon and ranked))):
+        return False
+    return time_to(through, speed, strongest, max(desired, speed)) + margin > soon
+
+
+@inlined_kernel
+def drive(road, traffic, row, base, count, one, now):
+    """Return a driver's acceleration, m/s², and write what is ahead of it to `barrier`.
+
+    Args:
+        road: Arrays of the world.
+        traffic: State of the episodes.
+        row: The episode.
+        base: First vehicle of its recording.
+        count: Vehicles of the recording.
+        one: The vehicle.
+        now: s from the recording's first frame.
+    """
+    along, speed = traffic.along[row, one], traffic.speed[row, one]
+    headway, jam = traffic.driver[row, one, _T], traffic.driver[row, one, _S0]
+    strongest, comfort = traffic.driver[row, one, _A], traffic.driver[row, one, _B]
+    free, margin = traffic.driver[row, one, _V0], traffic.driver[row, one, _MARGIN]
+    half = 0.5 * road.length[base + one]
+    pairs = road.pair_first[traffic.recording[row]] + one * count
+    desired = min(free, limit_at(road.line_first, road.line, base + one, along))
+    gap, leader_speed, wait = math.inf, 0.0, math.inf
+    for place in range(traffic.count[row]):
+        other = traffic.present[row, place]
+        pair = pairs + other
+        number = road.area_of[pair]
+        if number < 0 and road.stretch_first[pair] == road.stretch_first[pair + 1]:
+            continue
+        theirs, their_speed = traffic.along[row, other], traffic.speed[row, other]
+        other_half = 0.5 * road.length[base + other]
+        at = ahead_of(road.stretch_first, road.stretch, pair, theirs, along)
+        if at > along and at - along - half - other_half < gap:
+            gap, leader_speed = at - along - half - other_half, their_speed
+        if number < 0:
+            continue
+        before = road.area[number, 0] - half - along
+        their_through = road.area[number, 3] + other_half - theirs
+        their_gap = road.area[number, 2] - other_half - theirs
+        if before <= 0.0 or before >= wait or their_through <= 0.0:
+            continue
+        if their_gap > 0.0 and traffic.barrier[row, other] < road.area[number, 2]:
+            continue  # something holds it before the area
+        through = road.area[number, 1] + half - along
+        rule = road.area_yields[number]
+        if waits(before, through, speed, strongest, free, margin, their_gap, their_through,
+                 their_speed, rule, one < other):  # fmt: skip
+            wait = before
+    line = closed_line(road.closed_first, road.closed, base + one, along + half, now)
+    to_line = line - along - half
+    if speed * speed <= 2.0 * _STOPS * to_line:
+        wait = min(wait, to_line + 1.0)
+    traffic.barrier[row, one] = along + half + min(gap, to_line)
+    rate = idm(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
+    if wait < math.inf:
+        rate = min(rate, idm(speed, wait, 0.0, desired, headway, jam, strongest, comfort))
+    return rate
+
+
+@kernel
+def advance(speed, rate):
+    """Return the distance of a sub-step and the speed after it; `conflicts.idm.ballistic`."""
+    after = speed + rate * DT
+    if after < 0.0:
+        return speed * speed / (-2.0 * rate), 0.0
+    return 0.5 * (speed + after) * DT, after

@@ -1,0 +1,64 @@
+import json
+from pathlib import Path
+
+import pytest
+from tests.unit.recordings.world.conftest import crossing_road, tracks
+
+from socialiq.cli.main import main
+from socialiq.demonstrations import files as demonstration_files
+from socialiq.recordings import files
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.road.network import RoadNetwork
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("worlds")
+    files.save(made / "crossing.safetensors", Recording(tracks(), crossing_road()))
+    files.save(made / "roadless.safetensors", Recording(tracks(), RoadNetwork()))
+    return made
+
+
+def test_a_recording_becomes_a_world_that_a_policy_is_evaluated_in(folder, tmp_path, capsys):
+    out, data = tmp_path / "world.safetensors", tmp_path / "human.safetensors"
+    words = ["data", "world", str(folder / "crossing.safetensors"), "--out", str(out)]
+    more = ["--demonstrations", str(data), "--report", str(tmp_path / "report"), "--repeats", "1"]
+    assert main([*words, *more, "--json"]) == 0
+    made = json.loads(capsys.readouterr().out)
+    assert made["vehicles"] == made["egos"] == 3
+    assert made["demonstrations"]["residual_rms"] == pytest.approx(0.0, abs=1e-6)
+    assert demonstration_files.load(data).n_actions == 6
+    assert (tmp_path / "report" / "compared.png").stat().st_size > 1000
+    assert "speeds" in (tmp_path / "report" / "compared.csv").read_text()
+    assert main([*words, "--json"]) == 2  # it exists
+    assert "exists already" in capsys.readouterr().err
+    driver = "python:tests.unit.cli.test_recorded_world:idle"
+    call = ["evaluate", driver, "--allow-code", "--world", str(out), "--episodes", "3", "--json"]
+    assert main(call) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["arrival"] + found["collision"] + found["timeout"] == pytest.approx(1.0)
+
+
+def idle(observation):
+    """Action that changes nothing."""
+    return 3
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["roadless.safetensors"], "no road: name its map with --road"),
+        (["crossing.safetensors", "--policy-rate", "3"], "policy rate must be 1, 2, 5 or 10"),
+        (["crossing.safetensors", "--levels", "1", "2"], "levels must have 0 among them"),
+        (["crossing.safetensors", "--every", "2"], "--every must be 0 to one decision"),
+        (["crossing.safetensors", "--repeats", "0"], "--repeats must be from 1 to 100"),
+        (["crossing.safetensors", "crossing.safetensors"], "twice"),
+        (["nowhere.safetensors"], "nowhere"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(folder, tmp_path, capsys, words, line):
+    paths = [str(folder / word) if word.endswith(".safetensors") else word for word in words]
+    assert main(["data", "world", *paths, "--out", str(tmp_path / "new")]) == 2
+    written = capsys.readouterr().err
+    assert line in written and written.count("\n") == 1
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,119 @@
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import socialiq
+from socialiq.errors import UserError
+from socialiq.recordings.world.batch import JunctionBatch
+from socialiq.recordings.world.replay import replay
+from socialiq.recordings.world.state import AS_DRIVER
+from socialiq.types import Ending
+from socialiq.worlds import RECORDED_JUNCTION
+from socialiq.worlds.environment import make_environment
+
+ENV = RECORDED_JUNCTION
+assert socialiq
+
+
+def test_the_environment_passes_gymnasiums_check(world_file):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gymnasium.make(ENV, file=world_file).unwrapped, skip_render_check=True)
+
+
+def test_the_seed_determines_an_episode(world_file):
+    env, again = (make_environment(str(world_file)) for _ in range(2))
+    for seed in range(5):
+        first, second = env.reset(seed=seed), again.reset(seed=seed)
+        assert np.array_equal(first[0], second[0]) and first[1] == second[1]
+        for action in (3, 5, 0, 4):
+            one, two = env.step(action), again.step(action)
+            assert np.array_equal(one[0], two[0]) and one[1:4] == two[1:4]
+            if one[2] or one[3]:
+                break
+
+
+def test_the_time_is_a_feature_if_asked(world_file):
+    env = gymnasium.make(ENV, file=world_file, clock=True)
+    first, _ = env.reset(seed=0)
+    after, *_ = env.step(3)
+    assert (first[-1], after[-1]) == (0.0, 1.0)
+
+
+def test_a_picture_of_a_moment(world_file):
+    env = gymnasium.make(ENV, file=world_file, render_mode="rgb_array")
+    env.reset(seed=0)
+    frame = env.render()
+    assert isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.std() > 0
+
+
+@pytest.mark.parametrize("given", [{}, {"file": "nowhere.safetensors"}, {"sha256": "0" * 64}])
+def test_what_is_no_world_is_refused_in_one_line(world_file, given):
+    given = {"file": world_file} | given if "sha256" in given else given
+    with pytest.raises(UserError) as raised:
+        gymnasium.make(ENV, **given)
+    assert "\n" not in str(raised.value)
+
+
+def driven(world, action: int, seeds: range) -> JunctionBatch:
+    batch = JunctionBatch(world, len(seeds))
+    batch.reset(seeds)
+    return batch
+
+
+def test_rows_do_not_depend_on_their_number(world):
+    many, one = driven(world, 3, range(6)), JunctionBatch(world, 1)
+    made = many.step(np.full(6, 4))
+    for seed in range(6):
+        one.reset([seed])
+        alone = one.step(np.array([4]))
+        assert np.array_equal(alone.observation[0], made.observation[seed])
+        assert alone.rewards.env[0] == made.rewards.env[seed]
+
+
+def endings(world, action: int, seeds: range) -> np.ndarray:
+    batch, live = driven(world, action, seeds), np.ones(len(seeds), bool)
+    found = np.zeros(len(seeds), int)
+    while live.any():
+        made = batch.step(np.full(len(seeds), action), rows=live)
+        found[live] = made.ending[live]
+        live &= made.ending == 0
+    return found
+
+
+def test_drivers_arrive_and_who_never_brakes_may_not(world):
+    drivers = endings(world, AS_DRIVER, range(40))
+    assert (drivers == Ending.ARRIVAL).all()
+    standing = endings(world, 0, range(40))
+    assert not (standing == Ending.COLLISION).any()
+
+
+def test_an_observation_is_in_the_frame_of_the_route(world):
+    """The ego comes from the south; the other's distance beside its route is that to the middle."""
+    batch = JunctionBatch(world, 1)
+    seed = next(s for s in range(50) if batch.reset([s]) is not None and batch.traffic.ego[0] == 1)
+    seen = batch.reset([seed]).reshape(-1, 7)
+    moment = 0.1 * float(batch.traffic.step[0])
+    entry = 50.0 - 0.75  # of the way from the south
+    assert seen[0] == pytest.approx(
+        [1.0, 0.0, (entry - 6.0 * moment) / 100, 0.0, -6.0 / 20, 0.0, -1.0], abs=2e-3
+    )
+    west = next(row for row in seen[1:] if abs(row[5]) > 0.5)
+    assert west[1] == pytest.approx((8.0 * moment - 40.0) / 100, abs=2e-3)
+    assert west[2] == pytest.approx(-0.75 / 100, abs=2e-3)
+    assert west[3] == pytest.approx(8.0 / 20, abs=2e-3) and west[5] == pytest.approx(1.0)
+
+
+def test_replayed_moments_are_observed_as_the_environment_observes_them(world):
+    table = replay(world).table
+    batch = JunctionBatch(world, 1)
+    for seed in range(60):
+        seen = batch.reset([seed])[0]
+        if batch.traffic.step[0] == 0:
+            first = table.episode_starts[int(batch.traffic.ego[0])]
+            assert np.array_equal(seen, table.observation[first])
+            return
+    pytest.fail("no episode begins at the first moment")
