@@ -95,12 +95,12 @@ class MakeWorld:
             check_target(self.report, self.replace)
         recordings = load_all(self.recordings, self.road)
         check_names([one.tracks.recording for one in recordings])
+        made = build(recordings, config)
         for one in () if self.json else recordings:
             signs = signs_of_simulation(one.tracks)
             if signs:
                 name = one_line(one.tracks.recording, 60)
                 sys.stderr.write(f"{name} is simulated, not human: {one_line(signs[0])}\n")
-        made = build(recordings, config)
         summary = self.write(made)
         if self.json:
             print_json(summary)

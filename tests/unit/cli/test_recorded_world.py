@@ -52,7 +52,7 @@ def idle(observation):
         (["crossing.safetensors", "--levels", "1", "2"], "levels must have 0 among them"),
         (["crossing.safetensors", "--every", "2"], "--every must be 0 to one decision"),
         (["crossing.safetensors", "--repeats", "0"], "--repeats must be from 1 to 100"),
-        (["crossing.safetensors", "crossing.safetensors"], "twice"),
+        (["crossing.safetensors", "crossing.safetensors"], "give each only once"),
         (["nowhere.safetensors"], "nowhere"),
     ],
 )

@@ -58,8 +58,8 @@ def _put(traffic, row, one, along, speed):
     traffic.status[row, one] = PRESENT
     traffic.along[row, one], traffic.speed[row, one] = along, speed
     traffic.before[row, one], traffic.barrier[row, one] = speed, math.inf
-    traffic.present[row, traffic.count[row]] = one
-    traffic.count[row] += 1
+    traffic.present[row, traffic.n_present[row]] = one
+    traffic.n_present[row] += 1
 
 
 @inlined_kernel
@@ -77,7 +77,7 @@ def populate(road, traffic, row, recording, ego, step):
     base, end = road.recording_first[recording], road.recording_first[recording + 1]
     traffic.recording[row], traffic.ego[row] = recording, ego
     traffic.step[row] = traffic.begun[row] = step
-    traffic.count[row] = 0
+    traffic.n_present[row] = 0
     for one in range(end - base):
         draw_driver(road, traffic, row, base, one)
         first, last = road.state_first[base + one], road.state_first[base + one + 1] - 1
@@ -122,7 +122,7 @@ def enter(road, traffic, row, base, count):
         along, speed = road.state[begin, 0], road.state[begin, 1]
         half, jam = 0.5 * road.length[base + one], traffic.driver[row, one, 2]
         free = True
-        for place in range(traffic.count[row]):
+        for place in range(traffic.n_present[row]):
             other = traffic.present[row, place]
             theirs, need = traffic.along[row, other], half + 0.5 * road.length[base + other]
             at = ahead_of(
@@ -147,7 +147,7 @@ def enter(road, traffic, row, base, count):
 def leave(road, traffic, row, base):
     """Take vehicles off the road that are at the end of their ways; the ego stays."""
     kept = 0
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         one = traffic.present[row, place]
         points = road.line_first[base + one + 1] - road.line_first[base + one]
         if one != traffic.ego[row] and traffic.along[row, one] >= points - 2.0:
@@ -155,7 +155,7 @@ def leave(road, traffic, row, base):
         else:
             traffic.present[row, kept] = one
             kept += 1
-    traffic.count[row] = kept
+    traffic.n_present[row] = kept
 
 
 @inlined_kernel
@@ -172,7 +172,7 @@ def sub_step(road, traffic, row, base, count, level, fastest):
         fastest: The ego's largest speed, m/s.
     """
     now = traffic.step[row] * DT
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         one = traffic.present[row, place]
         rate = drive(road, traffic, row, base, count, one, now)
         if one == traffic.ego[row] and not math.isnan(level):
@@ -182,7 +182,7 @@ def sub_step(road, traffic, row, base, count, level, fastest):
             )
             rate = min(level, max((most - speed) / _CURVE, -HARDEST))
         traffic.rate[row, one] = rate
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         one = traffic.present[row, place]
         driven, speed = advance(traffic.speed[row, one], traffic.rate[row, one])
         traffic.along[row, one] += driven
@@ -202,7 +202,7 @@ def decide(road, traffic, made, row, level, options, slack):
     ego = traffic.ego[row]
     vehicle, half = base + ego, 0.5 * road.length[base + ego]
     start, ending = traffic.along[row, ego], _NONE
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         one = traffic.present[row, place]
         traffic.before[row, one] = traffic.speed[row, one]
     made.contact[row] = _UNTOUCHED
@@ -280,7 +280,7 @@ def _entries(sources: int):
             made.speed[place] = traffic.speed[0, ego]
             start = traffic.along[0, ego]
             populate(road, traffic, 0, recording, ego, step + settings.frames)
-            for spot in range(traffic.count[0]):
+            for spot in range(traffic.n_present[0]):
                 one = traffic.present[0, spot]
                 begun = max(road.state_step[base + one], step)
                 at = road.state_first[base + one] + begun - road.state_step[base + one]
@@ -310,7 +310,7 @@ def _entries(sources: int):
             base = road.recording_first[recordings[row]]
             count = road.recording_first[recordings[row] + 1] - base
             for step in range(steps):
-                for place in range(traffic.count[row]):
+                for place in range(traffic.n_present[row]):
                     one = traffic.present[row, place]
                     states[row, step, one, 0] = traffic.along[row, one]
                     states[row, step, one, 1] = traffic.speed[row, one]

@@ -36,7 +36,7 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
     ego = int(traffic.ego[row])
     axes.plot(*lines[ego].T, color=COLORS["egoistic"], linewidth=1.2)
     now = float(traffic.step[row]) / 10
-    for place in range(int(traffic.count[row])):
+    for place in range(int(traffic.n_present[row])):
         one = int(traffic.present[row, place])
         ink = COLORS["egoistic"] if one == ego else COLORS["prosocial"]
         x, y, heading = _place(lines[one], float(traffic.along[row, one]))
@@ -49,8 +49,8 @@ def scene(batch: JunctionBatch, row: int = 0) -> Figure:
                 _bar(axes, lines[one], float(at))
     x, y, _ = _place(lines[ego], float(traffic.along[row, ego]))
     axes.set_aspect("equal")
-    limits = {"xlim": (x - _REACH, x + _REACH), "ylim": (y - _REACH, y + _REACH)}
-    finish(axes, f"{now:.1f} s", **limits, xlabel="m to the east", ylabel="m to the north")
+    axes.set(xlim=(x - _REACH, x + _REACH), ylim=(y - _REACH, y + _REACH))
+    finish(axes, f"{now:.1f} s", xlabel="m to the east", ylabel="m to the north")
     return drawn
 
 
@@ -89,7 +89,8 @@ def beside(recorded: Observed, simulated: Observed) -> Figure:
                 share = np.arange(1, len(values) + 1) / len(values)
                 shown = f"{source} (n = {len(values):,})"
                 axes.step(values, share, where="post", color=_INKS[source], label=shown)
-        finish(axes, "", 8, xlabel=label, ylabel="share", ylim=(0, 1.02))
+        size = 8 if axes.lines else None  # nothing of this kind may have been seen
+        finish(axes, "", size, xlabel=label, ylabel="share", ylim=(0, 1.02))
     _followed(panels[-1], recorded, simulated)
     return drawn
 

@@ -88,7 +88,7 @@ def observe(road, traffic, row, base, count, observation):
         filled = 2
     x, y, _ = place_of(road.line_first, road.line, vehicle, own)
     slots, ranks, seen = np.empty(count, np.int64), np.empty(count), 0
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         other = traffic.present[row, place]
         if other == ego:
             continue
@@ -158,7 +158,7 @@ def touched(road, traffic, row, base, slack):
     x, y, angle = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
     length = max(road.length[base + ego] - slack, 0.1) / 2
     width = max(road.width[base + ego] - slack, 0.1) / 2
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         other = traffic.present[row, place]
         vehicle, theirs = base + other, traffic.along[row, other]
         ox, oy, turned = place_of(road.line_first, road.line, vehicle, theirs)
@@ -219,7 +219,7 @@ def annotate(road, traffic, row, base, count, progress, ending, settings, signal
     ego = traffic.ego[row]
     vehicle, own, speed = base + ego, traffic.along[row, ego], traffic.speed[row, ego]
     counted, lost = np.zeros(count, np.bool_), np.zeros(count)
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         other = traffic.present[row, place]
         if other != ego:
             far = settings.conflict_distance

@@ -26,7 +26,7 @@ class Traffic(NamedTuple):
         ego: Number of the ego.
         step: Sub-steps since the recording's first frame.
         begun: Sub-step at which the episode began.
-        count: Vehicles on the road.
+        n_present: Vehicles on the road.
         present: Their numbers, first those that came first, (row, vehicle).
         status: WAITING, PRESENT or GONE, (row, vehicle).
         along: Coordinates of their middles on their ways, m.
@@ -42,7 +42,7 @@ class Traffic(NamedTuple):
     ego: np.ndarray
     step: np.ndarray
     begun: np.ndarray
-    count: np.ndarray
+    n_present: np.ndarray
     present: np.ndarray
     status: np.ndarray
     along: np.ndarray
@@ -68,7 +68,7 @@ class Traffic(NamedTuple):
         )
 
 
-_NUMBERS = ("recording", "ego", "step", "begun", "count")
+_NUMBERS = ("recording", "ego", "step", "begun", "n_present")
 _FLOATS = ("along", "speed", "before", "rate", "barrier")
 
 

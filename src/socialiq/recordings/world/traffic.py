@@ -156,7 +156,7 @@ def drive(road, traffic, row, base, count, one, now):
     pairs = road.pair_first[traffic.recording[row]] + one * count
     desired = min(free, limit_at(road.line_first, road.line, base + one, along))
     gap, leader_speed, wait = math.inf, 0.0, math.inf
-    for place in range(traffic.count[row]):
+    for place in range(traffic.n_present[row]):
         other = traffic.present[row, place]
         pair = pairs + other
         number = road.area_of[pair]
