@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.unit.recordings.world.conftest import crossing_road, tracks
 
@@ -40,8 +41,8 @@ def test_a_recording_becomes_a_world_that_a_policy_is_evaluated_in(folder, tmp_p
 
 
 def idle(observation):
-    """Action that changes nothing."""
-    return 3
+    """Return the action that changes nothing, for each observation."""
+    return np.full(len(observation), 3)
 
 
 @pytest.mark.parametrize(
