@@ -88,7 +88,7 @@ class Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
 
         Args:
-            scene: Tracks of that motion on the same road, numbered anew.
+            scene: Tracks of that motion on the same road, numbered newly.
             ways: For each track here, its way there; tracks that are not there are left out.
         """
         other = copy.copy(self)

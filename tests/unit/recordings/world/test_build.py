@@ -39,7 +39,7 @@ def test_states_are_the_recorded_ones(made):
     assert states[:, 1] == pytest.approx(6.0, abs=1e-6)
 
 
-def test_no_line_is_closed_where_nobody_stands(made):
+def test_no_line_is_closed_where_no_one_stands(made):
     assert len(made.world.road.closed) == 0
     assert closures_of(made.every[0], 0) == []
 
@@ -47,7 +47,7 @@ def test_no_line_is_closed_where_nobody_stands(made):
 def test_a_lane_is_closed_in_front_of_one_that_stands_without_a_reason():
     standing = tracks(speeds={"west": 8.0, "south": 6.0, "behind": 0.0})
     west = standing.track == 0
-    far = np.where(west, standing.x - 55.0, standing.x)  # nobody comes from the west soon
+    far = np.where(west, standing.x - 55.0, standing.x)  # no car comes from the west soon
     moved = {"x": far} | {n: getattr(standing, n) for n in standing.arrays() if n != "x"}
     more = {"dt": 0.1, "recording": "ZAM_Stands-1_1_T-1", "source": {}}
     recording = Recording(type(standing)(**moved, **more), crossing_road())
