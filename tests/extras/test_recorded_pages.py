@@ -1,4 +1,4 @@
-"""The examples of pages on recorded drivers: they need the extra `data`; their fence is ```py."""
+"""The examples of pages on recorded drivers: their fence is ```py. They need two extras."""
 
 import re
 from pathlib import Path
@@ -6,11 +6,15 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.mark.parametrize(("page", "count"), [("recorded-drivers", 2), ("recorded-conflicts", 1)])
+@pytest.mark.parametrize(
+    ("page", "count"),
+    [("recorded-drivers", 2), ("recorded-conflicts", 1), ("recorded-prediction", 1)],
+)
 def test_the_examples_run(tmp_path, monkeypatch, page, count):
     monkeypatch.chdir(tmp_path)
     text = (DOCS / f"{page}.md").read_text()
@@ -21,7 +25,10 @@ def test_the_examples_run(tmp_path, monkeypatch, page, count):
         exec(compile(block, f"{page}.md, block {number}", "exec"), namespace)
 
 
-@pytest.mark.parametrize(("page", "least"), [("recorded-drivers", 8), ("recorded-conflicts", 5)])
+@pytest.mark.parametrize(
+    ("page", "least"),
+    [("recorded-drivers", 8), ("recorded-conflicts", 5), ("recorded-prediction", 3)],
+)
 def test_every_command_parses(page, least):
     import shlex
 

@@ -67,12 +67,22 @@ BASES: dict[str, list[str]] = {
     "data decisions": [RECORDING, "--out", OUT],
     "data world": [RECORDING, "--out", OUT],
     "data conflicts": [RECORDING, "--pictures", "1", "--out", OUT],
+    "data predict": [RECORDING, "--holdout", "moments", "--models", "boosting", "--out", OUT],
     "data agreement": [RECORDING, RECORDING, "--updates", "2", "--out", OUT],
     "data audit": [RECORDING, "--track", "0", "--profile", PROFILE],
 }
 """By command, words of a call that would work, or nearly: {ok} has samples, {out} is empty."""
 
-LONG = ("demo", "reproduce", "compare", "bench", "conformance", "sweep", "data agreement")
+LONG = (
+    "demo",
+    "reproduce",
+    "compare",
+    "bench",
+    "conformance",
+    "sweep",
+    "data agreement",
+    "data predict",
+)
 """Commands that take long: only calls that must be refused are made of them."""
 TRAINING = ("train", "train-dial")
 """Commands that take seconds: calls that may do their work are left to a long run."""

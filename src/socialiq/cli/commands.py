@@ -50,6 +50,7 @@ COMMANDS = {
     "data decisions": "recorded_decisions:Decide",
     "data conflicts": "recorded_conflicts:FindConflicts",
     "data world": "recorded_world:MakeWorld",
+    "data predict": "recorded_prediction:Predict",
     "data agreement": "recorded:Agreement",
     "data audit": "recorded_audit:AuditRecorded",
 }

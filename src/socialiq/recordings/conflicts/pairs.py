@@ -134,7 +134,7 @@ class Encounters:
             # No third vehicle enters between them.
             way = (one, two)[late]
             frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
-            met = self._first_in_line(way, area.entry[late], frame, (one, two)[1 - late].track)
+            met = self.first_in_line(way, area.entry[late], frame, (one, two)[1 - late].track)
         if not met and not any(self._on_course(area, one, two, int(frame)) for frame in frames):
             return None
         times = [occupancy.expected(way, *at) for way, at in zip((one, two), sides, strict=True)]
@@ -150,11 +150,11 @@ class Encounters:
         return (
             soon
             and occupancy.apart(*times) <= self.config.near
-            and self._first_in_line(one, area.entry[0], frame, two.track)
-            and self._first_in_line(two, area.entry[1], frame, one.track)
+            and self.first_in_line(one, area.entry[0], frame, two.track)
+            and self.first_in_line(two, area.entry[1], frame, one.track)
         )
 
-    def _first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
+    def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
         """Whether no other vehicle is on a way between a vehicle and a conflict area.
 
         Args:

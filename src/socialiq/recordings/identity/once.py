@@ -45,8 +45,8 @@ def once(sizes: Mapping[Key, float], same: Callable[[Key], Iterable[Key]]) -> se
     return kept
 
 
-def tracks_once(recorded: Sequence[Tracks], identified: Identified) -> list[Tracks]:
-    """Return the tracks of each recording without those that another shows for longer.
+def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place]:
+    """Return the tracks that no other recording shows for longer.
 
     Args:
         recorded: Tracks of each recording.
@@ -58,7 +58,17 @@ def tracks_once(recorded: Sequence[Tracks], identified: Identified) -> list[Trac
         for place, tracks in enumerate(recorded)
         for track, count in enumerate(np.diff(tracks.starts).tolist())
     }
-    kept = once(sizes, lambda key: same.get(key, ()))
+    return once(sizes, lambda key: same.get(key, ()))
+
+
+def tracks_once(recorded: Sequence[Tracks], identified: Identified) -> list[Tracks]:
+    """Return the tracks of each recording without those that another shows for longer.
+
+    Args:
+        recorded: Tracks of each recording.
+        identified: Of the same recordings.
+    """
+    kept = tracks_kept(recorded, identified)
     masks = [
         np.array([(place, track) in kept for track in range(tracks.n_tracks)])
         for place, tracks in enumerate(recorded)

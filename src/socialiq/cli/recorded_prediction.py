@@ -1,0 +1,180 @@
+"""`data predict`: driver models and what they predict of recorded drivers that are held out."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.cli.output import print_json, print_table, say
+from socialiq.cli.recorded import load_all, show_overlaps
+from socialiq.errors import UserError
+from socialiq.experiments.results import Results, check_target, save
+from socialiq.foreign import one_line
+from socialiq.plotting.style import png
+from socialiq.recordings.identity.duplicates import Duplicates, check_names, refuse_overlaps
+from socialiq.recordings.identity.identify import Identified, identify
+from socialiq.recordings.prediction import figure, learned, study
+from socialiq.recordings.prediction.folds import HOLDOUTS, Holdout
+from socialiq.recordings.prediction.moments import situations_of
+from socialiq.recordings.prediction.situation import Situations
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.simulated_source import signs_of_simulation
+from socialiq.types import Row
+
+LIMITS = (
+    "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
+    "Routes are taken as known, and displacement is measured along them.",
+    "Rows of one chain are not independent: intervals resample chains, and few chains make them "
+    "rough.",
+)
+"""What a prediction can't say."""
+
+
+@dataclass(frozen=True)
+class Predict:
+    """Fit driver models and predict held-out drivers: next acceleration, position after 3 s.
+
+    Example: socialiq data predict a.safetensors b.safetensors --out prediction
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`."""
+    out: Path | None = None
+    """Folder to write: scores, folds, a figure."""
+    holdout: tuple[Holdout, ...] = ()
+    """What is held out; by default everything that these recordings allow."""
+    models: tuple[str, ...] = ()
+    """Names of models; by default all. The trivial ones are always beside them."""
+    road: Path | None = None
+    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
+    duplicates: Duplicates = "drop"
+    """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
+    updates: int = learned.Training.updates
+    """Gradient steps of each learned policy."""
+    angle: tuple[float, ...] = learned.Training.angles
+    """Angles of IQ-Learn, degrees."""
+    seed: int = 0
+    """Seed of training and resampling."""
+    replace: bool = False
+    """Replace earlier results in the folder."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Fit, predict, score, write, print."""
+        config = self._config()
+        if self.out is not None:
+            check_target(self.out, self.replace)
+        recordings, identified = self._recordings()
+        seen = situations_of(recordings, identified, self.duplicates == "drop")
+        found = study.predict(seen, config)
+        if not self.json:
+            _say_left_out({str(row["holdout"]) for row in found.folds}, config)
+        tables = {"scores": found.scores, "folds": found.folds}
+        summary = _counts(seen) | _summary(found.scores) | {"limits": list(LIMITS)}
+        if self.out is not None:
+            asked = _Asked(config, self.duplicates, _sources(recordings))
+            results = Results.of("recordings prediction", asked, tables, summary)
+            pictures = png({"gains": figure.gains(found.scores)})
+            save(results, self.out, pictures, self.replace)
+        if self.json:
+            print_json(summary | tables)
+        else:
+            _show(found.scores)
+        return 0
+
+    def _config(self) -> study.Config:
+        if self.updates < 1:
+            raise UserError(f"--updates must be at least 1, got {self.updates}")
+        if not self.angle:
+            raise UserError("--angle needs at least one angle in degrees")
+        training = learned.Training(angles=self.angle, updates=self.updates)
+        return study.Config(self.holdout, self.models or study.ALL_MODELS, training, self.seed)
+
+    def _recordings(self) -> tuple[list[Recording], Identified]:
+        recordings = load_all(self.recordings, self.road)
+        check_names([one.tracks.recording for one in recordings])
+        identified = identify(recordings)
+        if self.duplicates == "refuse":
+            refuse_overlaps(identified)
+        if not self.json:
+            with contextlib.redirect_stdout(sys.stderr):
+                show_overlaps(identified)
+        for one in recordings:
+            signs = signs_of_simulation(one.tracks)
+            if signs:
+                name = one_line(one.tracks.recording, 60)
+                sys.stderr.write(f"{name} is simulated, not human: {one_line(signs[0])}\n")
+        return recordings, identified
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Provenance of a prediction."""
+
+    prediction: study.Config
+    duplicates: str
+    sources: list[dict[str, Any]]
+
+
+def _sources(recordings: list[Recording]) -> list[dict[str, Any]]:
+    return [{"recording": one.tracks.recording, "source": one.tracks.source} for one in recordings]
+
+
+def _counts(seen: Situations) -> dict[str, Any]:
+    both = seen.moving & seen.conflict
+    return {
+        "moments": len(seen),
+        "moving": int(seen.moving.sum()),
+        "in_conflict": int(both.sum()),
+        "drivers": len(set(seen.vehicle.tolist())),
+        "drivers_in_conflict": len(set(seen.vehicle[both].tolist())),
+        "chains": len(set(seen.chain.tolist())),
+        "chains_in_conflict": len(set(seen.chain[both].tolist())),
+        "sites": len(set(seen.site.tolist())),
+    }
+
+
+def _summary(rows: list[Row]) -> dict[str, Any]:
+    """Return the scores by holdout, moments and model, of second halves."""
+    found: dict[str, Any] = {}
+    for row in rows:
+        if row["part"] == "second half":
+            place = found.setdefault(row["holdout"], {}).setdefault(row["moments"], {})
+            place[row["model"]] = {
+                name: row[name]
+                for name in ("n", "chains", "surprise", "rmse", "displacement", "gain")
+            }
+    return {"second_half": found}
+
+
+def _say_left_out(held: set[str], config: study.Config) -> None:
+    missing = [name for name in HOLDOUTS if name not in held]
+    if missing and not config.holdouts:
+        say(f"not held out, because there are too few: {', '.join(missing)}")
+
+
+def _show(rows: list[Row]) -> None:
+    shown = [row for row in rows if row["part"] == "second half"]
+    for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in shown):
+        part = [r for r in shown if (r["holdout"], r["moments"]) == (holdout, moments)]
+        title = f"Held-out {holdout}, {moments} moments, second halves: {part[0]['n']}"
+        print_table([_line(row) for row in part], f"\n{title} in {part[0]['chains']} chains")
+
+
+def _line(row: Row) -> Row:
+    metres = row["displacement"]
+    return {
+        "model": row["model"],
+        "surprise, nats": f"{row['surprise']:.2f}",
+        "RMSE, m/s²": f"{row['rmse']:.2f}",
+        "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
+        "gain over trivial, nats": (
+            f"{row['gain']:+.2f} ({row['gain_low']:+.2f} to {row['gain_high']:+.2f})"
+        ),
+    }
