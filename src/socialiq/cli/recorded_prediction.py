@@ -12,6 +12,7 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table, say
 from socialiq.cli.recorded import load_all, show_overlaps
+from socialiq.cli.recorded_trait import NOT_TESTED, trait_test
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.foreign import one_line
@@ -60,6 +61,8 @@ class Predict:
     """Angles of IQ-Learn, degrees."""
     seed: int = 0
     """Seed of training and resampling."""
+    trait: bool = True
+    """Also test whether a driver's angle, inferred from its first half, predicts its second."""
     replace: bool = False
     """Replace earlier results in the folder."""
     json: bool = False
@@ -70,13 +73,17 @@ class Predict:
         config = self._config()
         if self.out is not None:
             check_target(self.out, self.replace)
-        recordings, identified = self._recordings()
+        recordings, identified = load_identified(
+            self.recordings, self.road, self.duplicates, self.json
+        )
         seen = situations_of(recordings, identified, self.duplicates == "drop")
         found = study.predict(seen, config)
         if not self.json:
             _say_left_out({str(row["holdout"]) for row in found.folds}, config)
-        tables = {"scores": found.scores, "folds": found.folds}
-        summary = _counts(seen) | _summary(found.scores) | {"limits": list(LIMITS)}
+        tested = trait_test(seen, self.seed) if self.trait else NOT_TESTED
+        tables = {"scores": found.scores, "folds": found.folds} | tested.tables
+        summary = _counts(seen) | _summary(found.scores) | {"trait": tested.summary}
+        summary |= {"limits": list(LIMITS)}
         if self.out is not None:
             asked = _Asked(config, self.duplicates, _sources(recordings))
             results = Results.of("recordings prediction", asked, tables, summary)
@@ -86,6 +93,7 @@ class Predict:
             print_json(summary | tables)
         else:
             _show(found.scores)
+            tested.show()
         return 0
 
     def _config(self) -> study.Config:
@@ -96,21 +104,35 @@ class Predict:
         training = learned.Training(angles=self.angle, updates=self.updates)
         return study.Config(self.holdout, self.models or study.ALL_MODELS, training, self.seed)
 
-    def _recordings(self) -> tuple[list[Recording], Identified]:
-        recordings = load_all(self.recordings, self.road)
-        check_names([one.tracks.recording for one in recordings])
-        identified = identify(recordings)
-        if self.duplicates == "refuse":
-            refuse_overlaps(identified)
-        if not self.json:
-            with contextlib.redirect_stdout(sys.stderr):
-                show_overlaps(identified)
-        for one in recordings:
-            signs = signs_of_simulation(one.tracks)
-            if signs:
-                name = one_line(one.tracks.recording, 60)
-                sys.stderr.write(f"{name} is simulated, not human: {one_line(signs[0])}\n")
-        return recordings, identified
+
+def load_identified(
+    paths: tuple[Path, ...], road: Path | None, duplicates: Duplicates, quiet: bool
+) -> tuple[list[Recording], Identified]:
+    """Return the recordings of some files and what they have in common, which is said first.
+
+    Args:
+        paths: Files of `socialiq data import`.
+        road: Map of recordings without one.
+        duplicates: Whether moments in common are refused.
+        quiet: Whether nothing is said of them.
+
+    Raises:
+        UserError: If there is none, one can't be read, or moments in common are refused.
+    """
+    recordings = load_all(paths, road)
+    check_names([one.tracks.recording for one in recordings])
+    identified = identify(recordings)
+    if duplicates == "refuse":
+        refuse_overlaps(identified)
+    if not quiet:
+        with contextlib.redirect_stdout(sys.stderr):
+            show_overlaps(identified)
+    for one in () if quiet else recordings:
+        signs = signs_of_simulation(one.tracks)
+        if signs:
+            name = one_line(one.tracks.recording, 60)
+            say(f"{name} is simulated, not human: {one_line(signs[0])}")
+    return recordings, identified
 
 
 @dataclass(frozen=True)
