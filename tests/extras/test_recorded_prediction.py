@@ -19,11 +19,13 @@ from socialiq.cli.main import main
 from socialiq.experiments.results import load
 from socialiq.recordings import files
 from socialiq.recordings.identity.identify import identify
+from socialiq.recordings.prediction import study
 from socialiq.recordings.prediction.models import TRIVIAL
 from socialiq.recordings.prediction.moments import clocks_of, situations_of
 from socialiq.recordings.readers.commonroad import read_commonroad
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
+RESULTS = Path(__file__).parents[2] / "results" / "recordings-prediction"
 
 
 def seen_in(*driven):
@@ -86,6 +88,26 @@ def twelve():
     if not FOLDER:
         pytest.skip("SOCIALIQ_COMMONROAD_DATA is not set")
     return [read_commonroad(path).recording for path in sorted(Path(FOLDER).glob("USA_*.xml"))]
+
+
+@pytest.mark.recorded
+def test_a_part_of_the_published_prediction_is_made_again(twelve):
+    published = load(RESULTS)
+    identified = identify(twelve)
+    seen = situations_of(twelve, identified)
+    assert len(seen) == published.summary["moments"]
+    names = (*TRIVIAL, "IDM, literature", "IDM, fitted")
+    config = study.Config(("vehicles",), names, seed=published.config["prediction"]["seed"])
+    again = study.predict(seen, config).scores
+    rows = {
+        (row["moments"], row["part"], row["model"]): row
+        for row in published.tables["scores"]
+        if row["holdout"] == "vehicles"
+    }
+    for row in again:
+        one = rows[row["moments"], row["part"], row["model"]]
+        for name in ("n", "chains", "surprise", "rmse", "displacement", "gain_low"):
+            assert one[name] == pytest.approx(row[name], rel=1e-3, abs=1e-4), (row, name)
 
 
 @pytest.mark.recorded

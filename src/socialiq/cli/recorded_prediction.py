@@ -33,7 +33,7 @@ LIMITS = (
     "Rows of one chain are not independent: intervals resample chains, and few chains make them "
     "rough.",
 )
-"""What a prediction can't say."""
+"""Limits of a prediction."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Predict:
     out: Path | None = None
     """Folder to write: scores, folds, a figure."""
     holdout: tuple[Holdout, ...] = ()
-    """What is held out; by default everything that these recordings allow."""
+    """Held-out things; by default all that these recordings allow."""
     models: tuple[str, ...] = ()
     """Names of models; by default all. The trivial ones are always beside them."""
     road: Path | None = None

@@ -18,6 +18,7 @@ _SHOWN = (
 )
 _PART = "second half"
 _FARTHEST = 1.5  # nats; intervals beyond are cut
+_FEWEST = 10  # moments; scores of fewer are not drawn
 
 
 def gains(rows: Sequence[Row]) -> Figure:
@@ -44,7 +45,9 @@ def gains(rows: Sequence[Row]) -> Figure:
 def _panel(axes: Any, rows: Sequence[Row], models: Sequence[str]) -> None:
     axes.axvline(0.0, color="#777777", linewidth=0.8)
     for place, (subset, color, mark, label) in enumerate(_SHOWN):
-        chosen = {row["model"]: row for row in rows if row["moments"] == subset}
+        chosen = {
+            row["model"]: row for row in rows if row["moments"] == subset and row["n"] >= _FEWEST
+        }
         found = [(models.index(name), row) for name, row in chosen.items() if name in models]
         if not found:
             continue

@@ -25,7 +25,7 @@ TRIVIAL = ("constant speed", "last acceleration")
 
 
 class Task(NamedTuple):
-    """What the models of a fold may learn from.
+    """Data that the models of a fold may learn from.
 
     Attributes:
         train: Training moments.
@@ -150,10 +150,10 @@ def idm_by_driver(task: Task) -> Fitted:
             following.of_drivers(task.idm, drivers, seen), seen
         )
 
+    # Of first halves, from which drivers' parameters come, the errors are those of the population.
     trained = mean_of(task.train.rows(task.first))
-    later = task.train.rows(~task.first)
-    errors = later.acceleration - trained(later, np.zeros(len(later)))
-    found = Spread.fit(errors, later.acceleration, later.moving)
+    errors = np.where(task.first, off, task.train.acceleration - trained(task.train, task.residual))
+    found = Spread.fit(errors, task.train.acceleration, task.train.moving)
     personal = mean_of(task.own)
     return Fitted(lambda seen, last: Forecast.at(personal(seen, last)), found, True)
 
