@@ -22,7 +22,7 @@ from socialiq.recordings.identity.identify import identify
 from socialiq.recordings.prediction import study
 from socialiq.recordings.prediction.models import TRIVIAL
 from socialiq.recordings.prediction.moments import clocks_of, situations_of
-from socialiq.recordings.readers.commonroad import read_commonroad
+from socialiq.recordings.readers.import_file import import_file
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 RESULTS = Path(__file__).parents[2] / "results" / "recordings-prediction"
@@ -87,7 +87,7 @@ def test_a_batch_without_enough_moments_ends_in_one_line(tmp_path, capsys):
 def twelve():
     if not FOLDER:
         pytest.skip("SOCIALIQ_COMMONROAD_DATA is not set")
-    return [read_commonroad(path).recording for path in sorted(Path(FOLDER).glob("USA_*.xml"))]
+    return [import_file(path)[0].recording for path in sorted(Path(FOLDER).glob("USA_*.xml"))]
 
 
 @pytest.mark.recorded

@@ -1,7 +1,7 @@
 """Folds that hold out moments, vehicles or sites, and leak none of them.
 
-- moments: models learn from the first part of each recording and predict the second: drivers may
-  be known, moments are not.
+- moments: models learn from the first part of each recording, or of several that overlap, and
+  predict the second: drivers may be known, moments are not.
 - vehicles: chains of recordings are held out, so that no vehicle and no moment is on both sides.
   A single chain is cut into blocks of time; a vehicle belongs to the block in which it appears, and
   models learn from vehicles that are never in view together with one of the block.
@@ -26,6 +26,9 @@ PARTS = 5
 
 LEAST = 20
 """Fewest moments from which models are fitted, and fewest vehicles that are cut into blocks."""
+
+
+_BREAK = 1e5  # s without a moment between recordings that have none in common
 
 
 class Fold(NamedTuple):
@@ -79,16 +82,18 @@ def folds(seen: Situations, holdout: Holdout) -> list[Fold]:
 
 
 def _moments(seen: Situations) -> list[Fold]:
-    # The clock is that of all recordings with moments in common, which are of one chain.
     cut = np.zeros(len(seen))
-    for chain in np.unique(seen.chain):
-        for recording in np.unique(seen.recording[seen.chain == chain]):
-            rows = seen.recording == recording
-            cut[rows] = (seen.time[rows].min() + seen.time[rows].max() + 1.0) / 2
-    test = seen.time >= cut
+    for rows in _stretches(seen):
+        cut[rows] = (seen.time[rows].min() + seen.time[rows].max() + 1.0) / 2
     # The acceleration of a moment to learn from ends before the first one to predict begins.
-    train = seen.time + 1.0 <= cut
-    return [Fold("moments", 0, train, test)]
+    return [Fold("moments", 0, seen.time + 1.0 <= cut, seen.time >= cut)]
+
+
+def _stretches(seen: Situations) -> list[Int64[np.ndarray, " some"]]:
+    """Return the rows of each stretch of time that recordings cover without a break."""
+    order = np.argsort(seen.time, kind="stable")
+    breaks = np.flatnonzero(np.diff(seen.time[order]) > _BREAK) + 1
+    return np.split(order, breaks)
 
 
 def _sites(seen: Situations) -> list[Fold]:
@@ -140,8 +145,7 @@ def _blocks(seen: Situations) -> list[Fold]:
             f"these recordings share their vehicles, {len(vehicles)} in all, and vehicles are held "
             f"out of at least {LEAST}: add recordings, or hold out moments (--holdout moments)"
         )
-    # Windows without a common clock follow each other.
-    clock = seen.time + 1e6 * seen.recording
+    clock = seen.time
     first = np.full(len(vehicles), np.inf)
     np.minimum.at(first, driver, clock)
     block = np.argsort(np.argsort(first, kind="stable"), kind="stable") * PARTS // len(vehicles)

@@ -29,6 +29,7 @@ from socialiq.types import Row
 SOON = 5.0
 """s within which both vehicles arrive at a conflict area, at their speeds, to be in conflict."""
 
+_APART = 1e6  # s between recordings without a moment in common
 _TURN = 20.0  # m ahead over which a change of direction is measured
 _NO_AREA: dict[str, Any] = {
     "to_area": math.inf,
@@ -82,7 +83,9 @@ def situations_of(
 
 
 def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
-    """Return the time of each recording's frame 0 on a clock that overlapping recordings share.
+    """Return the time of each recording's frame 0 on one clock, s.
+
+    Recordings with moments in common show them at one time; others are `_APART`.
 
     Args:
         identified: Of the recordings.
@@ -96,7 +99,7 @@ def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
             beside[one.first].append((one.second, -one.lag))
             beside[one.second].append((one.first, one.lag))
     for root in range(count):
-        waiting = deque([(root, 0.0)]) if np.isnan(found[root]) else deque()
+        waiting = deque([(root, _APART * root)]) if np.isnan(found[root]) else deque()
         while waiting:
             place, at = waiting.popleft()
             if np.isnan(found[place]):

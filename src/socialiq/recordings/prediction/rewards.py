@@ -28,8 +28,8 @@ _DT = 0.25  # s
 Metres = Float64[np.ndarray, "moment candidate"]
 
 
-class _Ego(NamedTuple):
-    """Driver at a step, with the speed that it will keep.
+class _Driven(NamedTuple):
+    """Vehicles at a step.
 
     Attributes:
         driven: Since the moment, m.
@@ -60,18 +60,18 @@ def rewards(seen: Situations, grid: Float64[np.ndarray, " candidate"]) -> Reward
     return RewardPair(env, 0.0 - lost / UNIT)  # 0, not -0
 
 
-def _path(speed: Metres, rate: Metres) -> list[_Ego]:
+def _path(speed: Metres, rate: Metres) -> list[_Driven]:
     """Return the driver at the begin and at the end of every step."""
-    made = [_Ego(np.zeros(speed.shape), speed)]
+    made = [_Driven(np.zeros(speed.shape), speed)]
     for step in range(round(AHEAD / _DT)):
         now = rate if step * _DT < 1.0 else np.zeros(rate.shape)
         driven, after = ballistic(made[-1].speed, now, _DT)
-        made.append(_Ego(made[-1].driven + driven, after))
+        made.append(_Driven(made[-1].driven + driven, after))
     return made
 
 
-def _some(path: list[_Ego], mask: Bool[np.ndarray, " moment"]) -> list[_Ego]:
-    return [_Ego(one.driven[mask], one.speed[mask]) for one in path]
+def _some(path: list[_Driven], mask: Bool[np.ndarray, " moment"]) -> list[_Driven]:
+    return [_Driven(one.driven[mask], one.speed[mask]) for one in path]
 
 
 def _driver(speed: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, "moment one parameter"]:
@@ -81,12 +81,12 @@ def _driver(speed: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, "momen
     return found
 
 
-def _lost_behind(seen: Situations, path: list[_Ego]) -> Metres:
+def _lost_behind(seen: Situations, path: list[_Driven]) -> Metres:
     """Return the metres that followers lose because the driver is ahead of them."""
     model, shape = _driver(seen.behind_speed), path[0].driven.shape
     gap, ahead = seen.behind[:, None], seen.leader_speed[:, None]
     free = (seen.behind + seen.length + seen.gap)[:, None]
-    behind = absent = _Ego(np.zeros(shape), np.broadcast_to(seen.behind_speed[:, None], shape))
+    behind = absent = _Driven(np.zeros(shape), np.broadcast_to(seen.behind_speed[:, None], shape))
     for step, ego in enumerate(path[:-1]):
         behind = _on(
             behind, accelerations(model, behind.speed, gap + ego.driven - behind.driven, ego.speed)
@@ -96,11 +96,11 @@ def _lost_behind(seen: Situations, path: list[_Ego]) -> Metres:
     return np.maximum(absent.driven - behind.driven, 0.0)
 
 
-def _lost_in_conflict(seen: Situations, path: list[_Ego]) -> Metres:
+def _lost_in_conflict(seen: Situations, path: list[_Driven]) -> Metres:
     """Return the metres that other vehicles of conflicts lose because the driver comes first."""
     model, shape = _driver(seen.other_speed), path[0].driven.shape
     first, leaves = _first(seen, path)
-    one = absent = _Ego(np.zeros(shape), np.broadcast_to(seen.other_speed[:, None], shape))
+    one = absent = _Driven(np.zeros(shape), np.broadcast_to(seen.other_speed[:, None], shape))
     for step, ego in enumerate(path[:-1]):
         now = step * _DT
         free = _behind_leader(seen, model, one, now)
@@ -118,13 +118,13 @@ def _lost_in_conflict(seen: Situations, path: list[_Ego]) -> Metres:
     return np.maximum(absent.driven - one.driven, 0.0)
 
 
-def _on(one: _Ego, rate: Metres) -> _Ego:
+def _on(one: _Driven, rate: Metres) -> _Driven:
     driven, after = ballistic(one.speed, rate, _DT)
-    return _Ego(one.driven + driven, after)
+    return _Driven(one.driven + driven, after)
 
 
 def _behind_leader(
-    seen: Situations, model: Float64[np.ndarray, "moment one parameter"], other: _Ego, now: float
+    seen: Situations, model: Float64[np.ndarray, "moment one parameter"], other: _Driven, now: float
 ) -> Metres:
     ahead = seen.other_leader_speed[:, None]
     gap = seen.other_gap[:, None] + ahead * now - other.driven
@@ -132,7 +132,7 @@ def _behind_leader(
 
 
 def _in_the_way(
-    seen: Situations, other: _Ego, leaves: Metres
+    seen: Situations, other: _Driven, leaves: Metres
 ) -> Bool[np.ndarray, "moment candidate"]:
     """Whether another would arrive at its speed before the driver has left, s from now."""
     to_area = seen.other_to_area[:, None] - other.driven
@@ -140,7 +140,7 @@ def _in_the_way(
 
 
 def _first(
-    seen: Situations, path: list[_Ego]
+    seen: Situations, path: list[_Driven]
 ) -> tuple[Bool[np.ndarray, "moment candidate"], Metres]:
     """Whether the driver comes first to the area, and when it leaves it, s from the moment."""
     enters = _reached(path, seen.to_area)
@@ -149,7 +149,7 @@ def _first(
     return enters <= other[:, None], _reached(path, seen.to_area + seen.through)
 
 
-def _reached(path: list[_Ego], metres: Float64[np.ndarray, " moment"]) -> Metres:
+def _reached(path: list[_Driven], metres: Float64[np.ndarray, " moment"]) -> Metres:
     """Return the times at which drivers have gone some metres, s; infinite if they stand before."""
     found = np.full(path[0].driven.shape, np.inf)
     for step in range(len(path) - 1, -1, -1):

@@ -30,7 +30,7 @@ class Situations:
         vehicle: Number of the vehicle over all recordings.
         chain: Number of the chain.
         site: Number of the site.
-        time: s, on a clock that recordings with moments in common share.
+        time: s, on one clock: recordings overlap on it only where they have moments in common.
         speed: m/s.
         last: Acceleration of the second before, m/s²; NaN if the vehicle wasn't in view.
         length: Of the vehicle, m.
@@ -142,7 +142,7 @@ class Situations:
         are cut in the middle of all their moments.
         """
         found = np.ones(len(self), np.int64)
-        order = np.lexsort((self.time, self.recording, self.vehicle))
+        order = np.lexsort((self.time, self.vehicle))
         ends = np.flatnonzero(np.diff(self.vehicle[order])) + 1
         for rows in np.split(order, ends) if len(order) else ():
             counted = rows[self.conflict[rows]]

@@ -52,7 +52,7 @@ class Config:
         resamples: Of chains.
     """
 
-    holdouts: tuple[str, ...] = ()
+    holdouts: tuple[Holdout, ...] = ()
     models: tuple[str, ...] = ALL_MODELS
     training: learned.Training = field(default_factory=learned.Training)
     seed: int = 0
@@ -104,7 +104,7 @@ def predict(seen: Situations, config: Config) -> Prediction:
     holdouts = config.holdouts or possible(seen)
     if not holdouts:
         folds(seen, "moments")  # its line says what is missing
-    made = [fold for one in dict.fromkeys(holdouts) for fold in folds(seen, _holdout(one))]
+    made = [fold for one in dict.fromkeys(holdouts) for fold in folds(seen, one)]
     names = [one for one in ALL_MODELS if one in (*TRIVIAL, *config.models)]
     half = seen.half()
     tasks = [_task(seen, half, fold, config.seed) for fold in made]
@@ -116,10 +116,6 @@ def predict(seen: Situations, config: Config) -> Prediction:
     found = [_tested(seen, half, name, each) for name, each in outputs.items()]
     rows = [row for one in found for row in scores(one, config.seed, config.resamples)]
     return Prediction(rows, [_fold_row(seen, f, t) for f, t in zip(made, tasks, strict=True)])
-
-
-def _holdout(name: str) -> Holdout:
-    return next(one for one in HOLDOUTS if one == name)
 
 
 def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:

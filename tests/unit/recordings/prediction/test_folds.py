@@ -19,7 +19,7 @@ def _traffic(situations: Make, chains: int = 4) -> Situations:
         chain=chain,
         recording=chain,
         site=chain // 2,
-        time=np.tile(np.arange(60) % 6 + np.arange(60) // 6 * 2.0, chains),
+        time=np.tile(np.arange(60) % 6 + np.arange(60) // 6 * 2.0, chains) + 1e6 * chain,
     )
 
 
@@ -39,6 +39,14 @@ def test_what_is_learned_from_ends_before_what_is_predicted_begins(situations: M
     for recording in range(4):
         here = seen.recording == recording
         assert (seen.time[fold.train & here] + 1).max() <= seen.time[fold.test & here].min()
+
+
+def test_recordings_that_overlap_are_cut_at_one_time(situations: Make) -> None:
+    # Two windows of one recording, 20 s apart: what one shows later the other shows earlier.
+    time = np.concatenate([np.arange(60.0), 20 + np.arange(60.0)])
+    seen = situations(120, recording=np.repeat([0, 1], 60), time=time)
+    (fold,) = folds(seen, "moments")
+    assert seen.time[fold.train].max() + 1 <= seen.time[fold.test].min() == 40.0
 
 
 def test_vehicles_of_one_chain_are_held_out_with_all_that_they_meet(situations: Make) -> None:
