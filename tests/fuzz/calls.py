@@ -28,6 +28,7 @@ BASES: dict[str, list[str]] = {
     "predict-lambda": ["crossing5"],
     "render": ["crossing5", "--out", f"{OUT}.png"],
     "collect": ["crossing5", "--episodes", "2", "--out", OUT],
+    "page": ["--out", OUT],
     "train": [DATA, "--world", "crossing5", "--updates", "2", "--hidden", "4", "--out", OUT],
     "train-dial": ["crossing5", "--preset", "online-alone", "--updates", "2", "--out", OUT],
     "sweep": ["{ok}/sweep.toml", "--processes", "1", "--out", OUT],

@@ -16,6 +16,7 @@ COMMANDS = {
     "front": "solve:Front",
     "predict-lambda": "solve:PredictLambda",
     "render": "render:Render",
+    "page": "page:Page",
     "collect": "collect:Collect",
     "train": "train:Train",
     "train-dial": "train_dial:TrainDial",

@@ -66,7 +66,8 @@ export class Bars {
     const bar = element("span", { className: `bar twin-${place}` });
     const value = element("span", { className: "value", textContent: "0.00" });
     list.push({ bar, value });
-    return element("td", {}, element("span", { className: "track" }, bar), value);
+    const amount = element("span", { className: "amount" }, element("span", { className: "track" }, bar), value);
+    return element("td", {}, amount);
   }
 
   /** Show the sums of each twin, of `film.sumsOf`. */

@@ -47,11 +47,11 @@ export class Knob {
       const [x2, y2] = pointOf(angle, 0.985);
       this.root.append(svg("line", { x1, y1, x2, y2, class: long ? "dial-tick long" : "dial-tick" }));
       if (!long) continue;
-      const [x, y] = pointOf(angle, 1.1);
+      const [x, y] = pointOf(angle, 1.13);
       this.root.append(svg("text", { x, y: y + 4, class: "dial-number" }, `${angle}°`));
     }
-    this.root.append(svg("text", { x: CENTRE[0] + 12, y: CENTRE[1] - 12, class: "dial-word" }, "for itself →"));
-    const word = svg("text", { x: 0, y: 0, class: "dial-word", transform: `translate(${CENTRE[0] + 16} ${CENTRE[1] - 40}) rotate(-90)` }, "for the others →");
+    this.root.append(svg("text", { x: CENTRE[0] + 4, y: CENTRE[1] + 17, class: "dial-word" }, "for itself →"));
+    const word = svg("text", { x: 0, y: 0, class: "dial-word", transform: `translate(${CENTRE[0] - 10} ${CENTRE[1] - 4}) rotate(-90)` }, "for the others →");
     this.root.append(word);
   }
 

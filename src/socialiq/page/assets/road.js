@@ -1,13 +1,13 @@
 // The road of the intersection, drawn once for each size and colour scheme.
 
-const REACH = 44; // m seen to the west and east of the centre
-const SOUTH = 9; // m that the view lies further south: there the ego starts
+const REACH = 31; // m seen to the west and east of the centre
+const SOUTH = 11; // m that the view lies further south: there the ego starts
 const CURB = 7; // m, radius of the corners
 const STOP_LINE = 11; // m from the centre, where approaches end
 
 /** Return the transform of a picture of some pixels: metres to pixels. */
 export function viewOf(width, height) {
-  const scale = Math.min(width, height) / (2 * REACH);
+  const scale = width / (2 * REACH);
   return { scale, x: width / 2, y: height / 2 - SOUTH * scale };
 }
 
@@ -25,7 +25,7 @@ export function roadPicture(width, height, layout, colours) {
   context.fillStyle = colours.ground;
   context.fillRect(0, 0, width, height);
   inMetres(context, viewOf(width, height));
-  const far = 3 * REACH;
+  const far = 100; // m, beyond any picture
   asphalt(context, layout.lane_width, far, colours);
   markings(context, layout, far, colours);
   return canvas;

@@ -47,7 +47,7 @@ function arrayOf(bytes, first, { dtype, shape, data_offsets: [begin, end] }) {
 export function writeArrays(kind, version, arrays, header) {
   const full = { kind, version, ...header };
   const names = Object.keys(arrays).sort();
-  const text = JSON.stringify({ header: full, sha256: contentHash(arrays, names, full) });
+  const text = canonical({ header: full, sha256: contentHash(arrays, names, full) });
   const listed = { __metadata__: { socialiq: text } };
   let end = 0;
   for (const name of names) {

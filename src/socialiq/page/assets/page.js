@@ -1,0 +1,159 @@
+// The page's start: opens the core and the dial, shows the tabs, and answers as its own worker.
+
+import { FIRST, readAddress, writeAddress } from "./address.js";
+import { Core, bytesOf } from "./core.js";
+import { Driving } from "./driving.js";
+import { answer } from "./episodes.js";
+import { Recorder } from "./film.js";
+import { dialOf } from "./network.js";
+import { UserError } from "./safetensors.js";
+import { Twins } from "./twins.js";
+
+const TABS = ["turn", "drive", "about"];
+const NARROW = 640; // CSS pixels below which twins share one scene, unless a link says otherwise
+
+/** Return the core with some rows, and the dial, from the page's data. */
+function open({ core, layout, dial }, rows) {
+  const module = new WebAssembly.Module(bytesOf(core));
+  return { core: new Core(module, layout, rows, false), dial: dialOf(bytesOf(dial)) };
+}
+
+/** Return a function that asks a worker; the worker runs this same program. */
+function workerOf(data) {
+  let worker;
+  let asked = 0;
+  const waiting = new Map();
+  const start = () => {
+    const program = document.getElementById("program").textContent;
+    const place = URL.createObjectURL(new Blob([program], { type: "text/javascript" }));
+    worker = new Worker(place);
+    worker.onmessage = ({ data: { number, found, fault } }) => {
+      const { resolve, reject } = waiting.get(number);
+      waiting.delete(number);
+      if (fault) reject(new UserError(fault));
+      else resolve(found);
+    };
+    worker.onerror = () => waiting.forEach(({ reject }) => reject(new UserError("this browser runs nothing in the background here")));
+    worker.postMessage({ open: data });
+  };
+  return (question) =>
+    new Promise((resolve, reject) => {
+      if (!worker) start();
+      waiting.set((asked += 1), { resolve, reject });
+      worker.postMessage({ ...question, number: asked });
+    });
+}
+
+/** Return the colours of the style sheet, for canvases; the same object until they change. */
+function coloursOf() {
+  let known;
+  let scheme;
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  return () => {
+    if (known && scheme === dark.matches) return known;
+    scheme = dark.matches;
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+    const plain = ["ground", "road", "curb", "marking", "other", "edge", "glass", "alarm", "yields", "ghost"];
+    known = Object.fromEntries(plain.map((name) => [name, colour(name)]));
+    known.onEgo = colour("on-ego");
+    known.twins = [0, 1, 2].map((place) => colour(`twin-${place}`));
+    return known;
+  };
+}
+
+function showTab(name, state) {
+  state.tab = name;
+  for (const one of TABS) {
+    const chosen = one === name;
+    document.getElementById(one).hidden = !chosen;
+    const tab = document.getElementById(`tab-${one}`);
+    tab.setAttribute("aria-selected", String(chosen));
+    tab.tabIndex = chosen ? 0 : -1;
+  }
+}
+
+function listen(twins, driving, state) {
+  const tabs = TABS.map((name) => document.getElementById(`tab-${name}`));
+  tabs.forEach((tab, number) => {
+    tab.addEventListener("click", () => show(TABS[number]));
+    tab.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+      if (!step) return;
+      const next = (number + step + TABS.length) % TABS.length;
+      tabs[next].focus();
+      show(TABS[next]);
+      event.stopPropagation();
+    });
+  });
+  function show(name) {
+    twins.clock.pause();
+    driving.pause();
+    showTab(name, state);
+    window.history.replaceState(null, "", writeAddress(state));
+    (name === "drive" ? driving : twins).show();
+  }
+  document.addEventListener("keydown", (event) => {
+    if (event.target.closest("input, select, textarea") || event.metaKey || event.ctrlKey || event.altKey) return;
+    if (state.tab === "drive" ? driving.key(event) : state.tab === "turn" && keyOf(event, twins)) event.preventDefault();
+  });
+  window.addEventListener("hashchange", () => window.location.reload());
+  new ResizeObserver(() => (state.tab === "drive" ? driving : twins).show()).observe(document.querySelector("main"));
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => twins.show());
+}
+
+/** Keys of the first tab; return whether one was meant. */
+function keyOf(event, twins) {
+  const { clock, layout, state } = twins;
+  const acts = {
+    " ": () => (clock.playing ? clock.pause() : clock.play()),
+    ".": () => clock.step(1, layout.frames), ",": () => clock.step(-1, layout.frames),
+    n: () => twins.toSeed(state.seed + 1),
+  };
+  state.angles.forEach((_, place) => (acts[String(place + 1)] = () => twins.choose(place)));
+  const onButton = event.target.closest("button, a") && event.key === " ";
+  if (event.key in acts && !onButton) acts[event.key]();
+  else if (event.key.startsWith("Arrow")) twins.knob.key(event);
+  else return false;
+  return !onButton;
+}
+
+function fail(message) {
+  const line = document.getElementById("fault");
+  line.textContent = message;
+  line.hidden = false;
+  document.querySelector("main").hidden = true;
+}
+
+function start() {
+  if (typeof WebAssembly !== "object") {
+    fail("This browser has no WebAssembly, which the simulator needs: use a current browser.");
+    return;
+  }
+  try {
+    const data = JSON.parse(document.getElementById("data").textContent);
+    const { dial } = open(data, 1);
+    const module = new WebAssembly.Module(bytesOf(data.core));
+    const recorder = () => new Recorder(new Core(module, data.layout, 1, true));
+    const state = readAddress(window.location.hash);
+    if (!window.location.hash && window.innerWidth < NARROW) state.view = "ghosts";
+    const parts = {
+      layout: data.layout, dial, curve: data.curve,
+      background: workerOf({ core: data.core, layout: data.layout, dial: data.dial }), colours: coloursOf(),
+    };
+    showTab(state.tab, state);
+    const twins = new Twins({ ...parts, recorder: recorder() }, state);
+    const driving = new Driving({ ...parts, recorder: recorder() }, state);
+    listen(twins, driving, state);
+    const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    if (state.tab === "turn" && state.step === FIRST.step && !still) twins.clock.play();
+    document.documentElement.dataset.ready = "yes";
+    Object.assign(window, { twins, driving }); // for tests and the curious
+  } catch (error) {
+    fail(error instanceof UserError ? error.message : `This page can't start: ${error.message}`);
+  }
+}
+
+if (typeof document === "undefined") {
+  if (typeof self !== "undefined") answer(open);
+} else start();

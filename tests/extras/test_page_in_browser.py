@@ -1,0 +1,133 @@
+"""The page in a real browser: the dial, the clock, links, runs in the background, driving."""
+
+import shutil
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
+
+from playwright import sync_api
+
+from socialiq.demonstrations import files
+from socialiq.page.write import write_page
+
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), "")
+PATIENCE = 120_000  # ms; the machine may be busy
+
+pytestmark = pytest.mark.skipif(not BROWSER, reason="no Chromium is installed")
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    return write_page(tmp_path_factory.mktemp("page")).as_uri()
+
+
+@pytest.fixture(name="browser", scope="module")
+def installed_browser() -> Iterator:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(name="tab")
+def opened_tab(browser) -> Iterator:
+    """A tab that must not complain, nor ask for anything besides the page itself."""
+    tab = browser.new_page(viewport={"width": 1280, "height": 1000}, reduced_motion="reduce")
+    tab.set_default_timeout(PATIENCE)
+    said, asked = [], []
+    tab.on("console", lambda message: said.append(message.text))
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.on("request", lambda request: asked.append(request.url))
+    yield tab
+    tab.close()
+    assert said == []
+    assert {url.split(":", 1)[0] for url in asked} <= {"file", "blob"}
+
+
+def go(tab, address, state=""):
+    tab.goto(address + state, wait_until="commit", timeout=PATIENCE)
+    tab.wait_for_selector("html[data-ready]", state="attached")
+
+
+def said_at(tab, place):
+    return tab.locator("#stages .said").nth(place).inner_text()
+
+
+def test_the_dial_turns_by_keys_and_by_mouse_and_drives_again(tab, address):
+    go(tab, address, "#seed=12&angles=0,45,85&chosen=1&step=200")
+    before = said_at(tab, 1)
+    dial = tab.locator("#dial")
+    dial.focus()
+    for key, angle in (("End", "90"), ("ArrowDown", "89"), ("Home", "0"), ("PageUp", "15")):
+        tab.keyboard.press(key)
+        assert dial.get_attribute("aria-valuenow") == angle
+    tab.keyboard.press("End")
+    assert said_at(tab, 1) != before
+    assert said_at(tab, 0) == "arrives after 10 s"
+    box = dial.bounding_box()
+    tab.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 0.88 * box["height"])
+    assert int(dial.get_attribute("aria-valuenow")) < 15
+
+
+def test_a_link_restores_what_is_shown(tab, address):
+    go(tab, address, "#seed=86&angles=0,85&chosen=0&step=63&view=side&tab=turn&speed=2")
+    assert tab.input_value("#seed") == "86" and tab.input_value("#speed") == "2"
+    assert tab.locator("#stages canvas").count() == 2
+    tab.click("#step")
+    assert tab.inner_text("#clock") == "7.0 s"
+    tab.wait_for_url(lambda url: "step=70" in url, wait_until="commit")
+    tab.reload(wait_until="commit")
+    tab.wait_for_selector("html[data-ready]", state="attached")
+    assert tab.inner_text("#clock") == "7.0 s" and tab.input_value("#seed") == "86"
+
+
+def test_a_wrong_link_or_seed_does_no_harm(tab, address):
+    go(tab, address, "#seed=-3&angles=0,400&step=x&view=none")
+    assert tab.input_value("#seed") == "12" and tab.locator("#stages canvas").count() == 3
+    tab.fill("#seed", "a lot")
+    tab.press("#seed", "Enter")
+    assert tab.inner_text("#said") == "A seed is a whole number from 0 on."
+    assert tab.input_value("#seed") == "12"
+
+
+def test_episodes_in_the_background_give_rates_and_intervals(tab, address):
+    go(tab, address, "#angles=0,45&step=1")
+    tab.click("#run")
+    tab.wait_for_selector("#rates tr")
+    share, extent = tab.locator("#rates tr").first.locator("td").first.inner_text().split("\n")
+    low, high = map(float, extent.split(" to "))
+    assert 85 < low < float(share.removesuffix(" %")) < high < 99
+    assert tab.locator("#curve .curve-interval").count() == 2
+
+
+def test_one_drives_and_downloads_demonstrations(tab, address, tmp_path):
+    go(tab, address, "#seed=12&tab=drive")
+    tab.evaluate("window.driving.clock.speed = 40")
+    tab.click("#start")
+    tab.wait_for_selector("#download:not([disabled])")
+    with tab.expect_download() as waiting:
+        tab.click("#download")
+    waiting.value.save_as(tmp_path / "driven.safetensors")
+    found = files.load(tmp_path / "driven.safetensors")
+    assert found.n_episodes == 1 and found.source["seeds"] == [12]
+
+
+@pytest.mark.parametrize("width", [390, 1920])
+def test_nothing_is_wider_than_the_window(tab, address, width):
+    tab.set_viewport_size({"width": width, "height": 900})
+    go(tab, address, "#step=30")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_without_webassembly_it_says_so(browser, address):
+    tab = browser.new_page()
+    tab.add_init_script("delete window.WebAssembly")
+    tab.goto(address, wait_until="commit", timeout=PATIENCE)
+    tab.wait_for_selector("#fault:not([hidden])", timeout=PATIENCE)
+    assert "no WebAssembly" in tab.inner_text("#fault")
+    tab.close()
