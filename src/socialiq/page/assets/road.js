@@ -1,7 +1,7 @@
 // The road of the intersection, drawn once for each size and colour scheme.
 
 const REACH = 31; // m seen to the west and east of the centre
-const SOUTH = 11; // m that the view lies further south: there the ego starts
+const SOUTH = 14; // m that the view lies further south: there the ego starts
 const CURB = 7; // m, radius of the corners
 const STOP_LINE = 11; // m from the centre, where approaches end
 
