@@ -39,7 +39,7 @@ from socialiq.studies.intersection_dial.plan import folder_of, plan
 from socialiq.types import Row
 
 _COMPARED = ((DIALS, AGENTS), (TIMED, DIALS), (CALIBRATED, TIMED), (PLANNED, TIMED))
-_COMPARED += ((ITERATED, TIMED), (ITERATED, PLANNED))
+_COMPARED += ((ITERATED, TIMED), (PLANNED, ITERATED))
 _COMPARED += tuple((SHORT, other) for other in ABLATIONS if other != SHORT)
 """Pairs of families whose differences are tested, by training seed."""
 
