@@ -10,13 +10,21 @@ from socialiq.experiments.results import Results
 from socialiq.experiments.tables import groups, matching
 from socialiq.plotting.rows import band, line
 from socialiq.plotting.style import figure, finish
-from socialiq.studies.intersection_dial.config import AGENTS, CALIBRATED, DIALS, PLANNED, TIMED
+from socialiq.studies.intersection_dial.config import (
+    AGENTS,
+    CALIBRATED,
+    DIALS,
+    ITERATED,
+    PLANNED,
+    TIMED,
+)
 
 _LOOKS = {
     DIALS: ("#2166ac", "o", "one dial"),
     AGENTS: ("#c23b22", "^", "an agent each"),
     TIMED: ("#1b7837", "s", "one dial with a clock"),
     CALIBRATED: ("#762a83", "D", "the same, with settings"),
+    ITERATED: ("#d6604d", "P", "the same, improved by policy iteration"),
     PLANNED: ("#b8860b", "v", "the same, with online planning"),
 }
 _RATES = {"arrival": "#1b7837", "collision": "#c23b22", "timeout": "#6e6e6e"}
@@ -74,7 +82,7 @@ def _turning(results: Results) -> Figure:
     drawn = figure(7.0, 4.2)
     axes = drawn.subplots()
     there = _looks(results)
-    shown = next((one for one in (CALIBRATED, TIMED, DIALS) if one in there), AGENTS)
+    shown = next((one for one in (ITERATED, CALIBRATED, TIMED, DIALS) if one in there), AGENTS)
     rows = matching(results.tables["policies"], family=shown)
     for name, color in _RATES.items():
         band(axes, rows, "asked", name, 100.0, color=color, marker="o", label=name)

@@ -58,7 +58,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "differences": _differences(config, families),
         "known": _best_known(config, known),
         "foresight": [row for row in driven if row["family"] == FORESIGHT],
-        "curves": curves(trained, work, columns=None),
+        "curves": curves(trained, work, ("updates", "loss", "total")),
         "times": times(trained, work),
     }
     files = {
