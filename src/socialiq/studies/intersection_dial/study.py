@@ -73,7 +73,8 @@ def _policies(config: Config, work: Path, known: Sequence[Row]) -> list[Row]:
     """Return metrics of each policy, its J(α) at the requested angle, and its regrets there.
 
     The regret is against the best policy here, `known_regret` against the best of these and of all
-    known ones. A dial with foresight is no policy: it is not among the best.
+    known ones, `others_regret` against the best of other families and of all known ones; the last
+    one may be negative. A dial with foresight is no policy: it is not among the best.
     """
     rows: list[Row] = []
     for seed, family in itertools.product(config.seeds, config.families):
@@ -84,14 +85,21 @@ def _policies(config: Config, work: Path, known: Sequence[Row]) -> list[Row]:
             row |= policy_row(name, "greedy", episodes)
             rows.append({key: row[key] for key in row if key not in ("policy", "readout")})
     real = [row for row in rows if row["family"] != FORESIGHT]
-    best = {angle: max(value_at(row, angle) for row in real) for angle in config.turned}
+    by_family = {family: matching(real, family=family) for family in config.families}
+    best = {
+        (angle, family): max((value_at(row, angle) for row in found), default=-np.inf)
+        for angle in config.turned
+        for family, found in by_family.items()
+    }
+    before = {angle: max(value_at(one, angle) for one in known) for angle in config.turned if known}
     for row in rows:
-        angle = row["asked"]
+        angle, family = row["asked"], row["family"]
         row["value"] = value_at(row, angle)
-        row["regret"] = best[angle] - row["value"]
+        row["regret"] = max(best[angle, one] for one in by_family) - row["value"]
         if known:
-            ever = max(best[angle], *(value_at(one, angle) for one in known))
-            row["known_regret"] = ever - row["value"]
+            others = (best[angle, one] for one in by_family if one != family)
+            row["known_regret"] = max(row["regret"], before[angle] - row["value"])
+            row["others_regret"] = max(before[angle], *others) - row["value"]
     return rows
 
 
@@ -134,8 +142,11 @@ def _families(config: Config, policies: Sequence[Row]) -> list[Row]:
         rows.sort(key=lambda row: row["asked"])
         key = [row for row in rows if row["asked"] in config.key_angles]
         regrets = {f"regret_{row['asked']:g}": row["regret"] for row in key}
-        known = [row["known_regret"] for row in key if "known_regret" in row]
-        of_known = {"mean_known_regret": float(np.mean(known))} if known else {}
+        of_known = {
+            f"mean_{name}": float(np.mean([row[name] for row in key]))
+            for name in ("known_regret", "others_regret")
+            if name in key[0]
+        }
         turns = np.diff(_points(rows), axis=0)
         found.append(
             {
