@@ -72,6 +72,7 @@ def committed():
         "competence",
         "off-policy",
         "intersection-dial",
+        "intersection-dial-clock",
         "intersection-offline",
         "intersection-policy-iteration",
         "compare-priors-intersection",
@@ -301,17 +302,26 @@ def test_the_improved_network_drives_as_before(committed, batch, mode):
         assert again[column] == pytest.approx(theirs[column], abs=5 / theirs["episodes"]), column
 
 
-@pytest.mark.parametrize("angle", [0.0, 60.0])
-def test_the_dial_drives_as_before(committed, batch, angle):
+@pytest.mark.parametrize(
+    ("folder", "family", "angle"),
+    [
+        ("intersection-dial", "dial", 0.0),
+        ("intersection-dial", "dial", 60.0),
+        ("intersection-dial-clock", "timed", 45.0),
+        ("intersection-dial-clock", "calibrated", 90.0),
+        ("intersection-dial-clock", "iterated", 30.0),
+    ],
+)
+def test_the_dial_drives_as_before(committed, batch, folder, family, angle):
     """The dial of the first seed, stored beside the tables."""
-    results = committed["intersection-dial"]
+    results = committed[folder]
     seed, episodes = results.config["seeds"][0], results.config["episodes"]
     (theirs,) = [
         row
         for row in results.tables["policies"]
-        if (row["family"], row["seed"], row["asked"]) == ("dial", seed, angle)
+        if (row["family"], row["seed"], row["asked"]) == (family, seed, angle)
     ]
-    turned = DialPolicy.load(packaged_results() / "intersection-dial" / "dial.safetensors")
+    turned = DialPolicy.load(packaged_results() / folder / f"{family}.safetensors")
     seeds = np.arange(20_000_000, 20_000_000 + episodes)
     again = episodes_of(batch, turned.at(angle), seeds)
     found = intersection_world.outcome_row(again) | intersection_world.reward_row(again)
