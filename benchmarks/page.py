@@ -1,12 +1,14 @@
-"""Decisions per second of the intersection's core as WebAssembly, in Node, beside the native one.
+"""The page's speed: its core in Node beside the native one, and the page in a headless Chromium.
 
-Both take random actions in 64 episodes on one thread, resets included. Seconds are of the
+Both cores take random actions in 64 episodes on one thread, resets included. Seconds are of the
 processor, so that other work on the machine doesn't count; medians are given.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import shutil
 import statistics
 import tempfile
 import time
@@ -17,8 +19,33 @@ import numpy as np
 
 from socialiq.page.webassembly.layout import layout
 from socialiq.page.webassembly.replay import CORE, run_node
+from socialiq.page.write import write_page
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+MEASURED = {
+    "first_picture_ms": "performance.getEntriesByType('paint')[0].startTime",
+    "pictures_per_s": """() => new Promise((done) => {
+      const { clock } = twins;
+      Object.assign(clock, { time: 0, frames: 0 });
+      clock.play();
+      const begun = performance.now();
+      setTimeout(() => done((1000 * clock.frames) / (performance.now() - begun)), 4000);
+    })""",
+    "ms_per_degree": """() => {
+      twins.clock.pause();
+      const begun = performance.now();
+      for (let angle = 0; angle < 90; angle += 3) twins.turn(angle);
+      return (performance.now() - begun) / 30;
+    }""",
+    "ms_of_500_episodes": """async () => {
+      const begun = performance.now();
+      await twins.background({ angles: [45], first: 1, count: 500 });
+      return performance.now() - begun;
+    }""",
+}
+"""Scripts that measure the page: three twins of the first seed."""
 
 ROWS = 64
 DECISIONS = 30_000
@@ -48,7 +75,28 @@ def run(repeats: int) -> dict[str, Any]:
         "node_decisions_per_s": statistics.median(node),
         "ratio": float(np.median(np.divide(node, native))),
         "bytes": CORE.stat().st_size,
+        **in_browser(),
     }
+
+
+def in_browser() -> dict[str, Any]:
+    """Return times of the page in a headless Chromium, by wall clock; none without one."""
+    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if browser is None or importlib.util.find_spec("playwright") is None:
+        return {}
+    from playwright import sync_api
+
+    with tempfile.TemporaryDirectory() as folder, sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(
+            executable_path=browser, args=["--no-sandbox", "--disable-gpu"]
+        )
+        tab = launched.new_page(viewport={"width": 1280, "height": 1000})
+        tab.set_default_timeout(120_000)
+        tab.goto(f"{write_page(Path(folder)).as_uri()}#step=1", wait_until="commit")
+        tab.wait_for_selector("html[data-ready]", state="attached")
+        found = {name: tab.evaluate(script) for name, script in MEASURED.items()}
+        launched.close()
+    return found
 
 
 def native_rate(batch: Batch) -> float:
