@@ -17,20 +17,18 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 
-COMMITTED = ("clone weighted by R(α)", "IQ-Learn, dueling, reweighted")
-"""Methods of the committed results."""
-METHODS = (
-    *COMMITTED,
+COMMITTED = (
+    "clone weighted by R(α)",
+    "IQ-Learn, dueling",
+    "IQ-Learn, dueling, reweighted",
     "clone weighted by advantage",
+    "IQ-Learn",
     "clone of the mode",
     "clone of all",
-    "IQ-Learn, dueling",
-    "IQ-Learn",
-    "IQ-Learn online, dueling",
-    "IQ-Learn online",
 )
-"""Methods beside the dial, with a run for each angle; the last two act in the world, the others see
-the demonstrations alone."""
+"""Methods of the committed results; they see the demonstrations alone."""
+METHODS = (*COMMITTED, "IQ-Learn online, dueling", "IQ-Learn online")
+"""Methods beside the dial, with a run for each angle; the last two act in the world."""
 
 
 @dataclass(frozen=True)
