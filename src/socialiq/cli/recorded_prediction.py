@@ -13,7 +13,6 @@ import tyro
 from socialiq.cli.output import print_json, print_table, say
 from socialiq.cli.recorded import load_all, show_overlaps
 from socialiq.cli.recorded_trait import NOT_TESTED, trait_test
-from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.foreign import one_line
 from socialiq.plotting.style import png
@@ -21,6 +20,7 @@ from socialiq.recordings.identity.duplicates import Duplicates, check_names, ref
 from socialiq.recordings.identity.identify import Identified, identify
 from socialiq.recordings.prediction import figure, learned, study
 from socialiq.recordings.prediction.folds import HOLDOUTS, Holdout
+from socialiq.recordings.prediction.models import ensembles
 from socialiq.recordings.prediction.moments import situations_of
 from socialiq.recordings.prediction.situation import Situations
 from socialiq.recordings.recording import Recording
@@ -46,7 +46,7 @@ class Predict:
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Files of `socialiq data import`."""
     out: Path | None = None
-    """Folder to write: scores, folds, a figure."""
+    """Folder to write: scores, folds, the test of angles, a figure."""
     holdout: tuple[Holdout, ...] = ()
     """Held-out things; by default all that these recordings allow."""
     models: tuple[str, ...] = ()
@@ -61,8 +61,8 @@ class Predict:
     """Angles of IQ-Learn, degrees."""
     seed: int = 0
     """Seed of training and resampling."""
-    trait: bool = True
-    """Also test whether a driver's angle, inferred from its first half, predicts its second."""
+    without_trait: bool = False
+    """Leave out the test of a driver's angle, inferred from its first half, on its second."""
     replace: bool = False
     """Replace earlier results in the folder."""
     json: bool = False
@@ -80,7 +80,7 @@ class Predict:
         found = study.predict(seen, config)
         if not self.json:
             _say_left_out({str(row["holdout"]) for row in found.folds}, config)
-        tested = trait_test(seen, self.seed) if self.trait else NOT_TESTED
+        tested = NOT_TESTED if self.without_trait else trait_test(seen, self.seed)
         tables = {"scores": found.scores, "folds": found.folds} | tested.tables
         summary = _counts(seen) | _summary(found.scores) | {"trait": tested.summary}
         summary |= {"limits": list(LIMITS)}
@@ -97,12 +97,12 @@ class Predict:
         return 0
 
     def _config(self) -> study.Config:
-        if self.updates < 1:
-            raise UserError(f"--updates must be at least 1, got {self.updates}")
-        if not self.angle:
-            raise UserError("--angle needs at least one angle in degrees")
         training = learned.Training(angles=self.angle, updates=self.updates)
-        return study.Config(self.holdout, self.models or study.ALL_MODELS, training, self.seed)
+        models = self.models or study.ALL_MODELS
+        config = study.Config(self.holdout, models, training, self.seed)
+        if not self.without_trait or any(name.startswith("boosting") for name in models):
+            ensembles()  # a missing library is said before the slow work
+        return config
 
 
 def load_identified(

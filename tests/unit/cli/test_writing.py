@@ -57,9 +57,6 @@ CALLS = [
     pytest.param("data census {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     pytest.param("data conflicts {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     pytest.param("data world {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
-    pytest.param(
-        "data predict {ok}/recording.safetensors --models boosting --out OUT", marks=NEEDS_DATA
-    ),
     pytest.param("data decisions {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     "export {ok}/policy.safetensors --format torch --out OUT",
     "export {ok}/policy.safetensors --format card --out OUT",

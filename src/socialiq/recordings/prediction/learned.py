@@ -17,7 +17,9 @@ from jaxtyping import Float64
 from scipy.special import logsumexp
 
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning
+from socialiq.learners.config import check_counts
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.learners.iq_learn.train import train
@@ -27,6 +29,7 @@ from socialiq.recordings.prediction.features import features
 from socialiq.recordings.prediction.models import Fitted, Task
 from socialiq.recordings.prediction.rewards import rewards
 from socialiq.recordings.prediction.situation import Situations
+from socialiq.social.angle import check_angle
 from socialiq.types import Ending, RewardPair
 
 CLONE, AT_ANGLE, BY_DRIVER = "clone", "IQ-Learn", "IQ-Learn, angle by driver"
@@ -53,6 +56,14 @@ class Training:
     hidden: tuple[int, ...] = (32,)
     batch_size: int = 64
     discount: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Refuse what no training could take, before the slow work."""
+        check_counts(self, ("updates", "batch_size"))
+        if not self.angles:
+            raise UserError("IQ-Learn needs at least one angle in degrees")
+        for angle in self.angles:
+            check_angle(angle)
 
 
 def trained(

@@ -181,9 +181,17 @@ def _boosted(task: Task, inputs: Callable[[Situations, Residuals], Any]) -> Fitt
     return _of_mean(lambda seen, last: trees.predict(inputs(seen, last)), task, errors)
 
 
+def ensembles() -> Any:
+    """Return scikit-learn's module of gradient boosting.
+
+    Raises:
+        UserError: If it is not installed.
+    """
+    return optional("sklearn.ensemble", "prediction", "gradient boosting")
+
+
 def _trees(seed: int) -> Any:
-    ensemble = optional("sklearn.ensemble", "prediction", "gradient boosting")
-    return ensemble.HistGradientBoostingRegressor(
+    return ensembles().HistGradientBoostingRegressor(
         learning_rate=0.05,
         max_iter=150,
         max_leaf_nodes=8,

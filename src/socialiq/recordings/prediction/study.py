@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from scipy.special import logsumexp
 
 from socialiq.errors import UserError, one_of
+from socialiq.learners.config import check_seed
 from socialiq.recordings.identity.identify import identify
 from socialiq.recordings.prediction import learned
 from socialiq.recordings.prediction.choices import ChoiceTable
@@ -64,6 +65,7 @@ class Config:
             one_of("holdout", one, HOLDOUTS)
         for one in self.models:
             one_of("model", one, ALL_MODELS)
+        check_seed(self.seed)
         if not 100 <= self.resamples <= 100_000:
             raise UserError(f"resamples must be from 100 to 100000, got {self.resamples}")
 
