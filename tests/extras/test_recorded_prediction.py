@@ -142,4 +142,4 @@ def test_the_command_writes_tables_and_a_picture(tmp_path, capsys):
     assert main([*call, "--holdout", "sites"]) == 2
     assert "show one site" in capsys.readouterr().err
     assert main([*call[:-1], "perceptron"]) == 2
-    assert "unknown model 'perceptron'" in capsys.readouterr().err
+    assert "unknown model 'perceptron': choose from 'constant speed'" in capsys.readouterr().err

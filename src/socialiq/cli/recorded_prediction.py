@@ -186,17 +186,16 @@ def _show(rows: list[Row]) -> None:
     for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in shown):
         part = [r for r in shown if (r["holdout"], r["moments"]) == (holdout, moments)]
         title = f"Held-out {holdout}, {moments} moments, second halves: {part[0]['n']}"
-        print_table([_line(row) for row in part], f"\n{title} in {part[0]['chains']} chains")
+        print_table([_line(row) for row in part], f"\n{title}, chains: {part[0]['chains']}")
 
 
 def _line(row: Row) -> Row:
-    metres = row["displacement"]
+    metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
+    interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
     return {
         "model": row["model"],
         "surprise, nats": f"{row['surprise']:.2f}",
         "RMSE, m/s²": f"{row['rmse']:.2f}",
         "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
-        "gain over trivial, nats": (
-            f"{row['gain']:+.2f} ({row['gain_low']:+.2f} to {row['gain_high']:+.2f})"
-        ),
+        "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
     }

@@ -53,7 +53,8 @@ def _panel(axes: Any, rows: Sequence[Row], models: Sequence[str]) -> None:
             continue
         at = np.array([number for number, _ in found]) + (place - 0.5) * 0.3
         gain, low, high = (
-            np.array([row[name] for _, row in found]) for name in ("gain", "gain_low", "gain_high")
+            np.array([row[name] for _, row in found], np.float64)  # None becomes NaN
+            for name in ("gain", "gain_low", "gain_high")
         )
         gain, low, high = (np.clip(one, -_FARTHEST, _FARTHEST) for one in (gain, low, high))
         axes.hlines(at, low, high, color=color, linewidth=1.2)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from socialiq.recordings.conflicts.table import known
 from socialiq.recordings.prediction.models import TRIVIAL
 from socialiq.statistics.clusters import cluster_mean
 from socialiq.types import Row
@@ -74,7 +75,7 @@ class Held(NamedTuple):
 
 
 def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
-    """Return a row for each subset, part and model.
+    """Return a row for each subset, part and model; an interval of one chain is None.
 
     Args:
         tested: Moments with predictions.
@@ -88,7 +89,7 @@ def scores(tested: Held, seed: int, resamples: int) -> list[Row]:
             models = [one for one in tested.predicted if part != "all" or not one.personal]
             if mask.any():
                 rows += _rows(tested, models, mask, (seed, resamples), subset, part)
-    return rows
+    return [{name: known(value) for name, value in row.items()} for row in rows]
 
 
 def _rows(

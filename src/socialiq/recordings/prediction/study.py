@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from scipy.special import logsumexp
 
 from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
 from socialiq.learners.config import check_seed
 from socialiq.recordings.identity.identify import identify
 from socialiq.recordings.prediction import learned
@@ -64,7 +65,9 @@ class Config:
         for one in self.holdouts:
             one_of("holdout", one, HOLDOUTS)
         for one in self.models:
-            one_of("model", one, ALL_MODELS)
+            if one not in ALL_MODELS:  # some names have a comma, so that each is quoted
+                names = ", ".join(f"'{name}'" for name in ALL_MODELS)
+                raise UserError(f"unknown model '{one_line(one, 80)}': choose from {names}")
         check_seed(self.seed)
         if not 100 <= self.resamples <= 100_000:
             raise UserError(f"resamples must be from 100 to 100000, got {self.resamples}")
