@@ -74,6 +74,12 @@ def test_bench_recordings_prints_one_json_object(smaller, capsys):
     assert found["bytes_per_state_8000"] < 1.2 * found["bytes_per_state_4000"]
 
 
+def test_bench_junction_prints_one_json_object(smaller, capsys):
+    smaller(EACH=4, BATCH=4, DECISIONS=10)
+    assert main(["bench", "junction", "--repeats", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["decisions_per_s"] > 0
+
+
 def test_bench_devices_prints_one_json_object(smaller, capsys):
     smaller(RUNS={"crossing7": (2,), "intersection_offline": (1,)}, CHUNKS=2, EPISODES=4)
     assert main(["bench", "devices", "--repeats", "1", "--json"]) == 0

@@ -23,9 +23,11 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.offline.config import Hyperparameters, Preset, StaticConfig
 from socialiq.learners.offline.train import train
 from socialiq.outputs import new_folder, whole_folder
-from socialiq.storage import write_atomically, write_json
+from socialiq.recordings.world.recorded_world import RecordedWorld
+from socialiq.storage import kind_of, write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
+from socialiq.worlds import WORLD_FILE
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.registry import make
 
@@ -109,7 +111,10 @@ def encoding_of(world: str, data: Demonstrations) -> dict[str, Any]:
     Raises:
         UserError: If there is no such world, or the demonstrations come from another.
     """
-    made: Any = make(world)
+    if kind_of(Path(world)) == WORLD_FILE:
+        made: Any = RecordedWorld.load(Path(world))
+    else:
+        made = make(world)
     clocked = made.with_clock() if isinstance(made, GridWorld) else made
     known = [(one.n_features, one.n_actions) for one in (made, clocked)]
     given = (data.n_features, data.n_actions)

@@ -30,7 +30,9 @@ from socialiq.learners.dial.config import PRESETS, Hyperparameters, StaticConfig
 from socialiq.learners.dial.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline import config as offline
+from socialiq.storage import kind_of
 from socialiq.types import Row
+from socialiq.worlds import WORLD_FILE
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 # Every field of the configs is an option, but for those that the world or the seeds decide.
@@ -46,7 +48,7 @@ class TrainDial:
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7 or intersection."""
+    """crossing5, crossing7, intersection, or a file of `socialiq data world`."""
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
     data: Path | None = None
@@ -82,7 +84,13 @@ class TrainDial:
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         check_seeds(self.seed)
-        one_of("world", self.world, (*GRIDWORLDS, INTERSECTION_WORLD))
+        if kind_of(Path(self.world)) != WORLD_FILE:
+            one_of("world", self.world, (*GRIDWORLDS, INTERSECTION_WORLD))
+        elif self.preset not in offline.PRESETS:
+            raise UserError(
+                f"a dial of a recorded junction learns from demonstrations alone: add --preset "
+                f"{' or '.join(offline.PRESETS)}"
+            )
         if self.preset in offline.PRESETS:
             return self.from_data_alone(self.preset).run()
         name, chosen = preset_of(self.preset, self.world)
