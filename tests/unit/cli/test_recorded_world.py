@@ -40,6 +40,19 @@ def test_a_recording_becomes_a_world_that_a_policy_is_evaluated_in(folder, tmp_p
     assert found["arrival"] + found["collision"] + found["timeout"] == pytest.approx(1.0)
 
 
+def test_a_dial_of_a_world_learns_from_demonstrations_alone(folder, tmp_path, capsys):
+    out, data = tmp_path / "world.safetensors", tmp_path / "human.safetensors"
+    words = ["data", "world", str(folder / "crossing.safetensors"), "--out", str(out)]
+    assert main([*words, "--demonstrations", str(data), "--json"]) == 0
+    capsys.readouterr()
+    call = ["train-dial", str(out), "--data", str(data), "--out", str(tmp_path / "run")]
+    assert main(call) == 2
+    assert "add --preset offline-regularised" in capsys.readouterr().err
+    tiny = ["--preset", "offline-regularised", "--updates", "2", "--hidden", "4"]
+    assert main([*call, *tiny, "--json"]) == 0
+    assert (tmp_path / "run" / "dial_0.safetensors").is_file()
+
+
 def idle(observation):
     """Return the action that changes nothing, for each observation."""
     return np.full(len(observation), 3)
