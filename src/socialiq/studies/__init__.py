@@ -34,6 +34,7 @@ STUDIES = {
     "intersection-skill": "intersection_skill.study",
     "audit-power": "audit_power.study",
     "audits": "audits.study",
+    "angle-trait": "angle_trait",
     "theory": "theory.study",
     "classic-control": "classic_control.study",
     "compare-priors": "compare_priors.study",

@@ -22,6 +22,7 @@ from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, counter, view_of
 from socialiq.experiments.tables import groups, matching, mean
 from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.recordings.prediction.choices import ChoiceTable
 from socialiq.recordings.trait.choice_model import reward_scale
@@ -37,6 +38,12 @@ from socialiq.worlds.intersection.state import ACTIONS
 
 DIAL = packaged_results() / "intersection-dial" / "dial.safetensors"
 KINDS = ("planner", "dial")
+MIXED = 10
+"""Angles of the dial whose policies are the base predictor of dials; that of planners is even."""
+
+RANDOM = 0.05
+"""Share of random actions in it."""
+
 CONFIDENCE = 0.9
 """Of the drivers' intervals."""
 
@@ -47,17 +54,17 @@ class Config:
 
     first_episode: int = 61_000_000
     """Seed of the first episode. 50,000,000 to 50,999,999 were used in development."""
-    repeats: int = 4
+    repeats: int = 3
     """Populations of each kind and spread."""
-    drivers: int = 30
+    drivers: int = 40
     """Drivers of a population."""
-    episodes: tuple[int, ...] = (2, 12)
+    episodes: tuple[int, ...] = (2, 24)
     """Episodes of a driver that are used, half to infer and half to test."""
     mean: float = 45.0
     """Mean of the planted angles, degrees."""
     spreads: tuple[float, ...] = (0.0, 25.0)
     """Standard deviations of the planted angles; angles are cut off at 0 and 90 degrees."""
-    strength: float = 1.0
+    strength: float = 3.0
     """β of planners, per typical difference of returns."""
     step: float = 10.0
     """Of the angles integrated over, degrees."""
@@ -82,12 +89,14 @@ class Decided(NamedTuple):
 
     Attributes:
         row: Number of the episode, driver by driver.
+        log_base: log p of each action by the base predictor.
         env: Return of each action in r_env.
         social: Return of each action in r_social.
         action: The action taken.
     """
 
     row: Int64[np.ndarray, " decision"]
+    log_base: Float[np.ndarray, "decision action"]
     env: Float[np.ndarray, "decision action"]
     social: Float[np.ndarray, "decision action"]
     action: Int64[np.ndarray, " decision"]
@@ -109,6 +118,7 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
     rng = np.random.default_rng(first_episode)
     batch.reset(first_episode)
     middle = dial.at((dial.low + dial.high) / 2)
+    mixed = [dial.at(angle) for angle in np.linspace(dial.low, dial.high, MIXED).tolist()]
     policies = [dial.at(angle) for angle in population.angle] if population.kind == "dial" else []
     driver, found = np.repeat(np.arange(len(population.angle)), episodes), []
     running = np.ones(size, bool)
@@ -121,10 +131,22 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
         else:
             action = _planned(population, returns, driver, rng)
         rows = np.flatnonzero(running)
-        found.append((rows, returns.env[rows], returns.social[rows], action[rows]))
+        base = _base(mixed if policies else [], batch.observation[rows])
+        found.append((rows, base, returns.env[rows], returns.social[rows], action[rows]))
         made = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
         running &= made.ending == int(Ending.NONE)
     return Decided(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def _base(
+    mixed: list[QPolicy], seen: Float[np.ndarray, "row feature"]
+) -> Float[np.ndarray, "row action"]:
+    """Return log p by the mixture of some policies, with `RANDOM` of random actions."""
+    even = np.full((len(seen), len(ACTIONS)), 1 / len(ACTIONS))
+    if not mixed:
+        return np.log(even)
+    chosen = [np.eye(len(ACTIONS))[one.predict(seen)[0]] for one in mixed]
+    return np.log((1 - RANDOM) * np.mean(chosen, axis=0) + RANDOM * even)
 
 
 def _planned(
@@ -143,8 +165,7 @@ def _planned(
 def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
     """Return the decisions of each driver's first episodes as choices.
 
-    The base predictor knows how often the actions are taken in first halves. Every driver drives
-    alone, so that each is a chain.
+    Every driver drives alone, so that each is a chain.
 
     Args:
         decided: All decisions.
@@ -152,15 +173,13 @@ def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
         used: Episodes of a driver to use: half of them to infer.
     """
     kept = decided.row % episodes < used
-    row, env, social, action = (column[kept] for column in decided)
+    row, log_base, env, social, action = (column[kept] for column in decided)
     driver, episode = np.divmod(row, episodes)
     order = np.lexsort([np.arange(len(row)), row])
     time = np.empty(len(row))
     time[order] = np.arange(len(row))
     half = (episode >= used // 2).astype(np.int64)
     grid = np.arange(len(ACTIONS), dtype=np.float64) - 1.0
-    share = np.bincount(action[half == 0], minlength=len(ACTIONS)) + 1.0
-    log_base = np.tile(np.log(share / share.sum()), (len(row), 1))
     off = grid[action] - np.exp(log_base) @ grid
     return ChoiceTable(
         driver=driver,
