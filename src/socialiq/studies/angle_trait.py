@@ -17,6 +17,7 @@ from jaxtyping import Float, Int64
 from matplotlib.figure import Figure
 from scipy.special import softmax
 
+from socialiq.errors import UserError
 from socialiq.evaluation.branching import branched_returns
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, counter, view_of
@@ -54,11 +55,11 @@ class Config:
 
     first_episode: int = 61_000_000
     """Seed of the first episode. 50,000,000 to 50,999,999 were used in development."""
-    repeats: int = 3
+    repeats: int = 2
     """Populations of each kind and spread."""
-    drivers: int = 40
+    drivers: int = 30
     """Drivers of a population."""
-    episodes: tuple[int, ...] = (2, 24)
+    lengths: tuple[int, ...] = (2, 16)
     """Episodes of a driver that are used, half to infer and half to test."""
     mean: float = 45.0
     """Mean of the planted angles, degrees."""
@@ -68,6 +69,15 @@ class Config:
     """β of planners, per typical difference of returns."""
     step: float = 10.0
     """Of the angles integrated over, degrees."""
+
+    def __post_init__(self) -> None:
+        """Check what no population can be made of."""
+        if not self.lengths or any(one < 2 or one % 2 for one in self.lengths):
+            raise UserError(f"lengths must be even numbers from 2, got {list(self.lengths)}")
+        if self.drivers < 2 or self.repeats < 1:
+            raise UserError("drivers must be at least 2, and repeats at least 1")
+        if not self.step > 0 or 360 % self.step:
+            raise UserError(f"step must divide 360, got {self.step:g}")
 
 
 class Population(NamedTuple):
@@ -239,14 +249,14 @@ def compute_tables(config: Config, context: Context) -> Findings:
     rows: list[Row] = []
     drivers: list[Row] = []
     for number, (kind, spread, repeat) in enumerate(cells):
-        first = config.first_episode + (number + 1) * config.drivers * max(config.episodes)
+        first = config.first_episode + (number + 1) * config.drivers * max(config.lengths)
         rng = np.random.default_rng(first)
         drawn = config.mean + spread * rng.standard_normal(config.drivers)
         angle = drawn.clip(dial.low, dial.high)
-        decided = drive(Population(kind, angle, strength), dial, max(config.episodes), first)
-        for used in config.episodes:
+        decided = drive(Population(kind, angle, strength), dial, max(config.lengths), first)
+        for used in config.lengths:
             head = {"kind": kind, "spread_planted": spread, "episodes": used, "repeat": repeat}
-            table = choices_of(decided, max(config.episodes), used)
+            table = choices_of(decided, max(config.lengths), used)
             models = fit_models(table, first, config.step)
             rows.append(head | _row(models, angle, first))
             drivers += _drivers(head, models, angle)
