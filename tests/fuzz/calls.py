@@ -69,6 +69,7 @@ BASES: dict[str, list[str]] = {
     "data world": [RECORDING, "--out", OUT],
     "data conflicts": [RECORDING, "--pictures", "1", "--out", OUT],
     "data predict": [RECORDING, "--holdout", "moments", "--models", "boosting", "--out", OUT],
+    "data power": [RECORDING, "--repeats", "1", "--sizes", "1", "--out", OUT],
     "data agreement": [RECORDING, RECORDING, "--updates", "2", "--out", OUT],
     "data audit": [RECORDING, "--track", "0", "--profile", PROFILE],
 }

@@ -52,6 +52,7 @@ COMMANDS = {
     "data conflicts": "recorded_conflicts:FindConflicts",
     "data world": "recorded_world:MakeWorld",
     "data predict": "recorded_prediction:Predict",
+    "data power": "recorded_power:Power",
     "data agreement": "recorded:Agreement",
     "data audit": "recorded_audit:AuditRecorded",
 }

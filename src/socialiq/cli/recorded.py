@@ -20,12 +20,14 @@ from socialiq.outputs import refuse_existing
 from socialiq.plotting.style import png
 from socialiq.recordings import census, files, held_out
 from socialiq.recordings import census_figure as picture
+from socialiq.recordings.census_spread import Deconvolved
 from socialiq.recordings.episodes import ego_swap
 from socialiq.recordings.episodes.config import LEVELS, EpisodeConfig
 from socialiq.recordings.identity.duplicates import Duplicates, swap_distinct
 from socialiq.recordings.identity.identify import Identified
 from socialiq.recordings.readers.maps import map_of
 from socialiq.recordings.recording import Recording
+from socialiq.to_json import to_json
 
 
 @dataclass(frozen=True)
@@ -128,11 +130,17 @@ class TakeCensus:
         found = census.take(swapped, self.seed, self.confidence)
         counts = [one.counts for one in swapped]
         population = dataclasses.asdict(found.population)
-        summary = {"population": population, "limits": list(census.LIMITS)}
+        spread = {"all": found.spread, "moving": found.spread_moving}
+        summary = {
+            "population": population,
+            "spread": {name: one and to_json(one.population) for name, one in spread.items()},
+            "limits": list(census.LIMITS),
+        }
         drivers = [dataclasses.asdict(one) for one in found.drivers]
         posterior = [one._asdict() for one in found.posterior]
         if self.out is not None:
             tables = {"drivers": drivers, "recordings": counts, "posterior": posterior}
+            tables["shrunken"] = census.shrunken_rows(found)
             config = _Asked(self.choices, self.confidence, self.seed, sources_of(swapped))
             results = Results.of("recordings census", config, tables, summary)
             pictures = png({"census": picture.census(drivers, population, posterior)})
@@ -145,8 +153,34 @@ class TakeCensus:
             print_table(
                 [{"population": key, "value": interval_text(v)} for key, v in population.items()]
             )
+            print_table(_spread_rows(spread), "\nSpread of the angles behind the points, degrees")
             sys.stdout.write("\n".join(["What this can't show:", *census.LIMITS]) + "\n")
         return 0
+
+
+def _spread_rows(spread: dict[str, Deconvolved | None]) -> list[dict[str, Any]]:
+    """Return a row for each population of drivers: mean and spread with intervals."""
+    rows = []
+    for name, one in spread.items():
+        of = one.population if one else None
+        if of is not None:
+            over = "not known"
+            if of.chain_low is not None and of.chain_high is not None:
+                over = f"{of.chain_low:.0f} to {of.chain_high:.0f}"
+            rows.append(
+                {
+                    "drivers": f"{name} ({of.drivers})",
+                    "mean": interval_text(
+                        {"estimate": of.mean.angle, "low": of.mean.low, "high": of.mean.high}
+                    ),
+                    "spread": interval_text(
+                        {"estimate": of.spread, "low": of.low, "high": of.high}
+                    ),
+                    "spread over chains": over,
+                    "decisions are worth": f"{of.worth:.1f}",
+                }
+            )
+    return rows
 
 
 @dataclass(frozen=True)

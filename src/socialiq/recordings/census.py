@@ -11,14 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from socialiq.errors import UserError
+from socialiq.recordings.census_spread import Deconvolved, deconvolve
 from socialiq.recordings.directions import Sector, sectors
 from socialiq.recordings.episodes.ego_swap import Swapped, check_distinct
 from socialiq.social.angle import DirectionInterval, angle_of, direction_interval
 from socialiq.statistics.bootstrap import resample_rows
-from socialiq.types import Ending
+from socialiq.types import Ending, Row
 from socialiq.worlds.intersection.settings import SIGNALS
 
 LIMITS = (
@@ -32,6 +33,8 @@ LIMITS = (
     "are not: true intervals are wider.",
     "Drivers of one recording meet each other; intervals over chains of recordings that share no "
     "vehicle allow for it, those over drivers do not.",
+    "The spread of the angles behind the points takes them as one bell on the circle, with one "
+    "covariance for all drivers; those who stand and those who move are rather two groups.",
     "An episode that leaves the field of view says nothing of what came after.",
 )
 """Limits of the interpretation of a census."""
@@ -140,11 +143,15 @@ class Census:
         population: All drivers.
         posterior: Posterior of the drivers' angles, each driver counted once; empty if no driver
             has three decisions.
+        spread: Population of the angles behind the drivers' points.
+        spread_moving: The same of the drivers who move; None if none does.
     """
 
     drivers: tuple[Driver, ...]
     population: Population
     posterior: tuple[Sector, ...]
+    spread: Deconvolved
+    spread_moving: Deconvolved | None
 
 
 def take(
@@ -177,7 +184,28 @@ def take(
         for pair, driver in zip(pairs, drivers, strict=True)
         if len(pair) >= LEAST_DECISIONS and driver.angle is not None
     ]
-    return Census(tuple(drivers), population, sectors(moving, seed, resamples))
+    group = _chains(drivers, swapped)
+    move = np.array([one.speed >= STANDING for one in drivers])
+    return Census(
+        tuple(drivers),
+        population,
+        sectors(moving, seed, resamples),
+        _spread(pairs, group, np.ones(len(pairs), bool), seed, confidence),
+        _spread(pairs, group, move, seed, confidence) if move.any() else None,
+    )
+
+
+def _spread(
+    pairs: Sequence[Float64[np.ndarray, "_ 2"]],
+    chain: Int64[np.ndarray, " driver"],
+    chosen: Bool[np.ndarray, " driver"],
+    seed: int,
+    confidence: float,
+) -> Deconvolved:
+    """Return the population of the angles behind the points of some drivers."""
+    some = [pair for pair, kept in zip(pairs, chosen.tolist(), strict=True) if kept]
+    number = np.unique(chain[chosen], return_inverse=True)[1].astype(np.int64)
+    return deconvolve(some, number, seed, confidence)
 
 
 def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
@@ -284,3 +312,17 @@ def circular_sd(angles: Float64[np.ndarray, " driver"]) -> float:
         return float("nan")
     length = float(np.hypot(np.cos(angles).mean(), np.sin(angles).mean()))
     return float(np.degrees(np.sqrt(-2 * np.log(min(length, 1.0))))) if length > 0 else float("inf")
+
+
+def shrunken_rows(found: Census) -> list[Row]:
+    """Return each driver's angle given the population, beside the angle of its mean point."""
+    return [
+        {
+            "recording": one.recording,
+            "identity": one.identity,
+            "decisions": one.decisions,
+            "shown": one.angle,
+            **given._asdict(),
+        }
+        for one, given in zip(found.drivers, found.spread.drivers, strict=True)
+    ]

@@ -117,6 +117,9 @@ def deconvolve(
         step: Of the angles, degrees.
     """
     serial, trait = fit_serial(pairs), angle_trait(step, strengths=(1.0,))
+    if max(map(len, pairs)) == 1:  # nothing shows the error: it may be as large as the points
+        points = np.concatenate(pairs)
+        serial = serial._replace(covariance=points.T @ points / len(points))
     likelihood = np.array([_of_driver(one, serial, trait) for one in pairs])[:, None, :]
     found = infer(likelihood, chain, trait)
     ends = ((1 - confidence) / 2, 0.5, (1 + confidence) / 2)

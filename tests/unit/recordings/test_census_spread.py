@@ -49,6 +49,13 @@ def test_drivers_who_show_little_are_close_to_the_population():
     assert widths[-1] > np.median(widths[:-1])
 
 
+def test_single_decisions_show_no_spread():
+    """Where no driver decides twice, differences may all be error."""
+    points = drivers(60.0, np.random.default_rng(2), count=30, decisions=1, noise=0.0)
+    found = deconvolve(points, np.arange(30), seed=0, resamples=5).population
+    assert found.low == 0.0 and found.high >= 60.0
+
+
 def test_one_chain_has_no_interval_over_chains():
     found = deconvolve([np.ones((2, 2)), np.ones((1, 2))], np.zeros(2, np.int64), seed=0)
     assert found.population.chain_low is None and found.population.chains == 1
