@@ -272,7 +272,7 @@ def test_what_must_hold_of_its_tables(study):
     check(results.tables, results.summary)
 
 
-WITHOUT_RESULTS: set[str] = set()
+WITHOUT_RESULTS: set[str] = {"angle-trait"}
 """Studies that have not been run yet; their pages say so."""
 
 
