@@ -50,7 +50,7 @@ def test_drivers_who_show_little_are_close_to_the_population():
 
 
 def test_single_decisions_show_no_spread():
-    """Where no driver decides twice, differences may all be error."""
+    """If no driver decides twice, differences may all be error."""
     points = drivers(60.0, np.random.default_rng(2), count=30, decisions=1, noise=0.0)
     found = deconvolve(points, np.arange(30), seed=0, resamples=5).population
     assert found.low == 0.0 and found.high >= 60.0
