@@ -110,6 +110,10 @@ def test_one_drives_and_downloads_demonstrations(tab, address, tmp_path):
     tab.evaluate("window.driving.clock.speed = 40")
     tab.click("#start")
     tab.wait_for_selector("#download:not([disabled])")
+    assert tab.inner_text("#own").startswith(
+        ("You arrive after", "You collide after", "You are still")
+    )
+    assert tab.inner_text("#own-angle") == "4 more to see your angle."
     with tab.expect_download() as waiting:
         tab.click("#download")
     waiting.value.save_as(tmp_path / "driven.safetensors")

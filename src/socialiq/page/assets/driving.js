@@ -110,7 +110,8 @@ export class Driving {
     if (this.films.includes(this.film)) return;
     this.films.push(this.film);
     const [env, social] = this.sums(this.film);
-    this.find("own").textContent = `You ${outcomeOf(this.film, this.layout).replace(/^(\w+?)s\b/, "$1")}: own progress ${signed(env)}, effect on others ${signed(social)}.`;
+    const ended = outcomeOf(this.film, this.layout).replace(/^is/, "are").replace(/^(arrive|collide)s/, "$1");
+    this.find("own").textContent = `You ${ended}: own progress ${signed(env)}, effect on others ${signed(social)}.`;
     this.account();
   }
 
