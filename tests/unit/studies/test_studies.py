@@ -272,16 +272,12 @@ def test_what_must_hold_of_its_tables(study):
     check(results.tables, results.summary)
 
 
-WITHOUT_RESULTS: set[str] = {"angle-trait"}
-"""Studies that have not been run yet; their pages say so."""
-
-
 def test_the_other_studies_have_results():
     found = {name for name in STUDIES if (packaged_results() / name).is_dir()}
-    assert found == {*STUDIES} - WITHOUT_RESULTS
+    assert found == {*STUDIES}
 
 
-@pytest.mark.parametrize("name", [name for name in STUDIES if name not in WITHOUT_RESULTS])
+@pytest.mark.parametrize("name", STUDIES)
 def test_the_packaged_results_are_shown_by_every_study(name, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", name, "--from", "results"]) == 0
