@@ -433,7 +433,7 @@ def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
     folder = packaged_results() / "dial-short"
     results = store.load(folder)
     assert (results.config["runs"], len(results.config["seeds"])) == (["online-short"], 20)
-    theirs = matching(results.tables["angles"], seed=200, readout="greedy")
+    theirs = matching(results.tables["angles"], seed=220, readout="greedy")
     angles = [row["angle"] for row in theirs]
     swept = sweep(
         DialPolicy.load(folder / "dial.safetensors"),
