@@ -1,6 +1,6 @@
 """README's picture: one network at the intersection, turned from 0 to 90 degrees.
 
-It is drawn from the committed table `results/intersection-dial/policies.csv` alone:
+It is drawn from the committed table `results/intersection-dial-clock/policies.csv` alone:
 
     python docs/pictures/front.py [FILE.png]
 """
@@ -22,7 +22,7 @@ LABELLED = {
     45: (10, 6),
     60: (9, 8),
     75: (0, 11),
-    90: (9, -14),
+    90: (-6, 13),
 }
 """Angles that get a label, and its offset in points."""
 
@@ -31,8 +31,8 @@ MEANING = {0: " for itself", 90: " for the others"}
 
 def points() -> dict[float, np.ndarray]:
     """Mean totals of both rewards by angle, a row for each training seed."""
-    with (ROOT / "results" / "intersection-dial" / "policies.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["family"] == "dial"]
+    with (ROOT / "results" / "intersection-dial-clock" / "policies.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["family"] == "iterated"]
     return {
         angle: np.array(
             [
@@ -70,7 +70,8 @@ def draw() -> Figure:
         )
     axes.set_xlabel("own progress: mean total reward of an episode  →")
     axes.set_ylabel("effect on others: mean total reward  →")
-    axes.set_xlim(-0.9, 11.0)
+    axes.set_xlim(-0.9, 11.3)
+    axes.set_ylim(-0.35, 2.95)
     axes.legend(frameon=False, loc="lower left")
     axes.set_title("One network at a crossing, asked for angles from 0° to 90°", loc="left")
     return drawn
