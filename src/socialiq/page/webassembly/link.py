@@ -72,7 +72,7 @@ def zig_library() -> Path:
         import ziglang  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise UserError("building the page's core needs: pip install 'socialiq[page]'") from error
-    return Path(ziglang.__file__).parent / "lib"
+    return Path(str(ziglang.__file__)).parent / "lib"
 
 
 def _zig(words: list[str], target: Path) -> None:
