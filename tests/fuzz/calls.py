@@ -31,6 +31,7 @@ BASES: dict[str, list[str]] = {
     "page": ["--out", OUT],
     "train": [DATA, "--world", "crossing5", "--updates", "2", "--hidden", "4", "--out", OUT],
     "train-dial": ["crossing5", "--preset", "online-alone", "--updates", "2", "--out", OUT],
+    "improve-dial": [DIAL, "--updates", "2", "--states-per-update", "1", "--out", OUT],
     "sweep": ["{ok}/sweep.toml", "--processes", "1", "--out", OUT],
     "dial": ["crossing5", "--policy", DIAL],
     "turn": [DIAL, "--angle", "30", "--out", OUT],
@@ -86,7 +87,7 @@ LONG = (
     "data predict",
 )
 """Commands that take long: only calls that must be refused are made of them."""
-TRAINING = ("train", "train-dial")
+TRAINING = ("train", "train-dial", "improve-dial")
 """Commands that take seconds: calls that may do their work are left to a long run."""
 
 STUDIES = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world", "theory", "audit-power")

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.unit.recordings.world.conftest import crossing_road, tracks
+from tests.extras.recorded_world.conftest import crossing_road, tracks
 
 from socialiq.errors import UserError
 from socialiq.recordings.recording import Recording

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.recordings.world.conftest import crossing_road, tracks
+from tests.extras.recorded_world.conftest import crossing_road, tracks
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
