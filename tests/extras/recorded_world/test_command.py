@@ -33,7 +33,7 @@ def test_a_recording_becomes_a_world_that_a_policy_is_evaluated_in(folder, tmp_p
     assert "speeds" in (tmp_path / "report" / "compared.csv").read_text()
     assert main([*words, "--json"]) == 2  # it exists
     assert "exists already" in capsys.readouterr().err
-    driver = "python:tests.unit.cli.test_recorded_world:idle"
+    driver = "python:tests.extras.recorded_world.test_command:idle"
     call = ["evaluate", driver, "--allow-code", "--world", str(out), "--episodes", "3", "--json"]
     assert main(call) == 0
     found = json.loads(capsys.readouterr().out)
