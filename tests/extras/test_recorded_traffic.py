@@ -265,7 +265,7 @@ def test_the_census_writes_its_folder(recorded, tmp_path, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["population"]["drivers"] == len(told["drivers"]) > 5
     names = {"census.png", "config.json", "drivers.csv", "posterior.csv", "recordings.csv"}
-    names |= {"summary.json"}
+    names |= {"shrunken.csv", "summary.json"}
     assert {path.name for path in out.iterdir()} == names
     assert main(["data", "census", *recorded, "--out", str(out)]) == 2
     capsys.readouterr()
