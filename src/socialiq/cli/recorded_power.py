@@ -9,9 +9,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table, say
+from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
 from socialiq.cli.recorded_prediction import load_identified
+from socialiq.cli.recorded_trait import say_if_too_few
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.experiments.study import counter
 from socialiq.plotting.style import png
@@ -128,11 +129,7 @@ def _show(rows: list[Row], needed: list[Row], summary: dict[str, Any]) -> None:
     )
     title = f"\nNeeded to find it in {POWER:.0%} of tries"
     print_table([_needed_line(row) for row in needed], title)
-    if summary["chains"] < summary["chains_needed"]:
-        say(
-            f"not enough data: with {summary['chains']} independent chains no gain can be found "
-            f"after correction, whatever its size; {summary['chains_needed']} are needed"
-        )
+    say_if_too_few(summary["chains"], summary["chains_needed"])
 
 
 def _needed_line(row: Row) -> Row:

@@ -41,15 +41,20 @@ class TraitTest:
             f"\nA driver's angle from its first half, on its second: {of['decisions']} decisions, "
             f"{of['drivers']} drivers, {of['chains']} chains",
         )
-        if of["chains"] < of["chains_needed"]:
-            say(
-                f"not enough data: with {of['chains']} independent chains no gain can be found "
-                f"after correction, whatever its size; {of['chains_needed']} are needed"
-            )
+        say_if_too_few(of["chains"], of["chains_needed"])
 
 
 NOT_TESTED = TraitTest()
 """The test left out."""
+
+
+def say_if_too_few(chains: int, needed: int) -> None:
+    """Say that so few independent chains can't show a gain, if that is so."""
+    if chains < needed:
+        say(
+            f"not enough data: with {chains} independent chains no gain can be found "
+            f"after correction, whatever its size; {needed} are needed"
+        )
 
 
 def trait_test(seen: Situations, seed: int) -> TraitTest:

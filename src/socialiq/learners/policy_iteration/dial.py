@@ -133,7 +133,7 @@ class DialIteration(PolicyIteration):
 
     def greedy(self, network: DialNetwork) -> Act:
         """Return the greedy actions of observations that end with their angle."""
-        return greedy(DialPolicy.of(network, 1.0, 0.0, 90.0, {}))
+        return greedy(DialPolicy.of(network, 1.0, self.static.low, self.static.high, {}))
 
     def policy(
         self,

@@ -143,7 +143,8 @@ def _blocks(seen: Situations) -> list[Fold]:
     if len(vehicles) < LEAST:
         raise UserError(
             f"these recordings share their vehicles, {len(vehicles)} in all, and vehicles are held "
-            f"out of at least {LEAST}: add recordings, or hold out moments (--holdout moments)"
+            f"out of at least {LEAST}: add recordings; held-out moments alone can be predicted "
+            "(socialiq data predict --holdout moments)"
         )
     clock = seen.time
     first = np.full(len(vehicles), np.inf)

@@ -73,18 +73,20 @@ def observe(every: Sequence[Encounters], kept: Sequence[set[int]]) -> Observed:
         kept: Tracks of each that count, so that a vehicle in two recordings counts once.
     """
     rows: dict[str, list[float]] = {
-        name: [] for name in (*Observed._fields, *Followed._fields) if name != "followed"
+        name: []
+        for name in (*Observed._fields, *Followed._fields)
+        if name not in ("followed", "vehicles")
     }
+    vehicles = 0
     for encounters, tracks in zip(every, kept, strict=True):
         for way in encounters.ways.values():
             if way.track in tracks:
                 _vehicle(encounters, way, rows)
+                vehicles += 1
         _conflicts(encounters, tracks, rows)
     arrays = {name: np.array(values, np.float64) for name, values in rows.items()}
-    followed = Followed(*(arrays[name] for name in Followed._fields))
-    arrays["vehicles"] = len(rows["vehicles"])  # type: ignore[assignment]
-    plain = {name: arrays[name] for name in Observed._fields if name != "followed"}
-    return Observed(**plain, followed=followed)  # type: ignore[arg-type]
+    followed = Followed(*(arrays.pop(name) for name in Followed._fields))
+    return Observed(**arrays, followed=followed, vehicles=vehicles)
 
 
 def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> None:
@@ -112,7 +114,6 @@ def _vehicle(encounters: Encounters, way: Way, rows: dict[str, list[float]]) -> 
             rows["gap"].append(ahead.gap)
             rows["leader_speed"].append(ahead.speed)
             rows["acceleration"].append((way.state(frame + second)[1] - speed) / _SECOND)
-    rows["vehicles"].append(1.0)
     for name, values, best in (
         ("free_speeds", free, np.max),
         ("headways", headways, np.median),
