@@ -1,4 +1,5 @@
-// Decisions of the page's network: `node page_network.mjs DIAL OBSERVATIONS ANGLE FEATURES OUT`.
+// Decision and values of the page's network, float64: `node page_network.mjs DIAL OBSERVATIONS ANGLE FEATURES OUT`.
+// With a clock the time is the last feature.
 
 import { readFileSync, writeFileSync } from "node:fs";
 import { dialOf } from "../../src/socialiq/page/assets/network.js";
@@ -8,5 +9,10 @@ const bytes = readFileSync(observations);
 const seen = new Float32Array(bytes.buffer, bytes.byteOffset, bytes.length / 4);
 const network = dialOf(new Uint8Array(readFileSync(dial))).at(Number(angle));
 const width = Number(features);
-const decided = Uint8Array.from({ length: seen.length / width }, (_, row) => network.decide(seen.subarray(row * width, (row + 1) * width)));
-writeFileSync(out, decided);
+const shown = width - (width % 7); // without the time
+const answers = Array.from({ length: seen.length / width }, (_, row) => {
+  const first = row * width;
+  const observed = [seen.subarray(first, first + shown), width > shown ? seen[first + shown] : 0];
+  return [network.decide(...observed), ...network.values(...observed)];
+});
+writeFileSync(out, Float64Array.from(answers.flat()));

@@ -5,41 +5,60 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
+from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.webassembly.equality import DIAL
+from socialiq.page.shown_dial import FAMILY, STUDY
 from socialiq.page.webassembly.layout import layout
 from socialiq.page.webassembly.replay import CORE, native
 from socialiq.storage import packaged_results
+from socialiq.types import Ending
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
 pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="Node.js is not installed")
 
 HERE = Path(__file__).parent
-DIAL_FILE = packaged_results() / DIAL
+DIAL_FILE = packaged_results() / STUDY / f"{FAMILY}.safetensors"
 
 
 def node(script, *words):
     subprocess.run(["node", str(HERE / script), *map(str, words)], check=True)
 
 
-def decisions(dial, angle, episodes, folder):
-    """Decisions of the page and of the package on all that the dial sees in some episodes."""
-    policy = dial.at(angle)
-    driven = native(Options(), np.arange(50_000_000, 50_000_000 + episodes), policy)
-    seen = driven.arrays["observation"][:-1][driven.actions >= 0].reshape(-1, 70)
+def seen_by(dial, angle, episodes):
+    """All that the dial at an angle observes in some episodes that it drives."""
+    batch, policy = Batch(Options(), episodes), dial.at(angle)
+    batch.reset(np.arange(50_000_000, 50_000_000 + episodes))
+    alive, seen = np.ones(episodes, bool), []
+    while alive.any():
+        now = batch.seen_by(policy)
+        seen.append(now[alive])
+        chosen = policy.predict(now, deterministic=True)[0]
+        ending = batch.step(chosen, auto_reset=False, rows=alive).ending
+        alive &= ending == Ending.NONE
+    return np.concatenate(seen)
+
+
+def answers(path, angle, seen, folder):
+    """Decisions, then values, of the page and of the package on some observations."""
     (folder / "seen.bin").write_bytes(seen.astype("<f4").tobytes())
-    node("page_network.mjs", DIAL_FILE, folder / "seen.bin", angle, 70, folder / "decided.bin")
-    theirs = np.fromfile(folder / "decided.bin", np.uint8)
-    return theirs, policy.predict(seen, deterministic=True)[0]
+    files = path, folder / "seen.bin", angle, seen.shape[1], folder / "answers.bin"
+    node("page_network.mjs", *files)
+    theirs = np.fromfile(folder / "answers.bin").reshape(len(seen), -1)
+    policy = DialPolicy.load(path).at(angle)
+    ours = policy.predict(seen, deterministic=True)[0]
+    return (theirs[:, 0], ours), (theirs[:, 1:], policy.q_values(seen))
 
 
 def test_the_networks_decide_alike(tmp_path):
-    theirs, ours = decisions(DialPolicy.load(DIAL_FILE), 45.0, 60, tmp_path)
+    seen = seen_by(DialPolicy.load(DIAL_FILE), 45.0, 60)
+    (theirs, ours), _ = answers(DIAL_FILE, 45.0, seen, tmp_path)
     assert len(ours) > 500 and len(set(ours.tolist())) == 3
     np.testing.assert_array_equal(theirs, ours)
 
@@ -48,10 +67,35 @@ def test_the_networks_decide_alike(tmp_path):
 def test_the_networks_decide_alike_on_100000_observations(tmp_path):
     dial, count = DialPolicy.load(DIAL_FILE), 0
     for angle in np.arange(0.0, 91.0, 15.0).tolist():
-        theirs, ours = decisions(dial, angle, 1_050, tmp_path)
+        (theirs, ours), _ = answers(DIAL_FILE, angle, seen_by(dial, angle, 1_150), tmp_path)
         assert (theirs != ours).sum() == 0, angle
         count += len(ours)
     assert count >= 100_000
+
+
+KINDS = [
+    ("flat", 0, False, (), "relu"),
+    ("flat", 20, True, (), "elu"),
+    ("flat_relative_scaled", 20, False, (0.0, 45.0, 90.0), "relu"),
+    ("set_absolute", 0, True, (), "elu"),
+    ("set", 20, True, (0.0, 45.0, 90.0), "relu"),
+]
+
+
+@pytest.mark.parametrize(("view", "times", "pairs", "knots", "activation"), KINDS)
+def test_networks_of_every_kind_have_the_same_values(
+    view, times, pairs, knots, activation, tmp_path
+):
+    seen = seen_by(DialPolicy.load(DIAL_FILE), 45.0, 20)
+    seen = seen if times else np.ascontiguousarray(seen[:, :-1])
+    network = DialNetwork.initialise(
+        jax.random.key(1), seen.shape[1], (32, 19), 3, activation, view, (), times, pairs, knots
+    )
+    path = tmp_path / "dial.safetensors"
+    DialPolicy.of(network, 1.0, 0.0, 90.0, {}).save(path)
+    _, (theirs, ours) = answers(path, 32.0, seen, tmp_path)
+    assert np.ptp(ours, axis=0).min() > 0.001
+    np.testing.assert_allclose(theirs, ours, atol=1e-6)
 
 
 def test_what_was_driven_is_a_file_that_train_learns_from(tmp_path):

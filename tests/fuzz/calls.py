@@ -28,7 +28,7 @@ BASES: dict[str, list[str]] = {
     "predict-lambda": ["crossing5"],
     "render": ["crossing5", "--out", f"{OUT}.png"],
     "collect": ["crossing5", "--episodes", "2", "--out", OUT],
-    "page": ["--out", OUT],
+    "page": ["--out", OUT, "--dial", DIAL],
     "train": [DATA, "--world", "crossing5", "--updates", "2", "--hidden", "4", "--out", OUT],
     "train-dial": ["crossing5", "--preset", "online-alone", "--updates", "2", "--out", OUT],
     "improve-dial": [DIAL, "--updates", "2", "--states-per-update", "1", "--out", OUT],

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from socialiq.cli.drivers import refuse_misfit
 from socialiq.cli.output import say
-from socialiq.outputs import new_folder
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.outputs import new_folder, refuse_existing
+from socialiq.worlds.intersection.options import Options
 
 
 @dataclass(frozen=True)
@@ -21,10 +24,19 @@ class Page:
 
     out: Path
     """New folder; it gets `index.html`."""
+    dial: Path | None = None
+    """Dial file of the intersection that the page turns, in the place of the shipped one. Its
+    trade-off curve is measured first, by 500 episodes at every fifth degree."""
 
     def run(self) -> int:
         """Write."""
-        from socialiq.page.write import write_page
+        from socialiq.page.shown_dial import own_dial
+        from socialiq.page.write import FILE, write_page
 
-        say(f"open {write_page(new_folder(self.out))}")
+        refuse_existing(self.out / FILE)
+        shown = None
+        if self.dial:
+            refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Options())
+            shown = own_dial(self.dial)
+        say(f"open {write_page(new_folder(self.out), shown)}")
         return 0

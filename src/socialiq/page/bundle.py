@@ -10,16 +10,21 @@ import re
 from pathlib import Path
 
 ASSETS = Path(__file__).with_name("assets")
-START = "page.js"
+START = "page"
+"""Script that starts the page."""
 
 _IMPORT = re.compile(r'^import \{ ([^}]+) \} from "\./([\w-]+)\.js";$', re.M)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.M)
 
 
-def program() -> str:
-    """Return the page's program: every script that `page.js` needs, each after those it needs."""
+def program(start: str = START) -> str:
+    """Return a program: a script with every script that it needs, each after those it needs.
+
+    Args:
+        start: Name of the script that starts it, without `.js`.
+    """
     parts: dict[str, str] = {}
-    _add(START.removesuffix(".js"), parts)
+    _add(start, parts)
     return "\n".join(['"use strict";', *parts.values()])
 
 

@@ -1,18 +1,23 @@
 """The page as one file."""
 
 import base64
+import dataclasses
 import hashlib
 import json
 import re
 
+import jax
 import pytest
 
 from socialiq.cli.main import main
+from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.page.content import curve
+from socialiq.page.shown_dial import FAMILY, SEED, STUDY, measured, shipped_dial
 from socialiq.page.webassembly.replay import CORE
 from socialiq.page.write import page
 from socialiq.storage import packaged_results
+
+DIAL = packaged_results() / STUDY / f"{FAMILY}.safetensors"
 
 
 @pytest.fixture(scope="module")
@@ -41,20 +46,26 @@ def test_it_is_below_a_megabyte_and_names_no_other_place(text):
 def test_its_data_are_the_core_the_dial_and_the_curve(text):
     data = json.loads(part(text, '<script type="application/json" id="data">', "</script>"))
     assert base64.b64decode(data["core"]) == CORE.read_bytes()
-    dial = packaged_results() / "intersection-dial" / "dial.safetensors"
-    assert base64.b64decode(data["dial"]) == dial.read_bytes()
+    assert base64.b64decode(data["dial"]) == DIAL.read_bytes()
     assert len(data["layout"]["lanes"]) == 20
 
 
 def test_the_curve_is_that_of_the_study():
-    points = curve()
-    dial = DialPolicy.load(packaged_results() / "intersection-dial" / "dial.safetensors")
-    assert [point["asked"] for point in points] == [5.0 * number for number in range(19)]
-    assert dial.provenance["numbers"]["seed"] == 50
-    assert points[0]["env"][0] == pytest.approx(8.737962)
+    points = shipped_dial().curve
+    assert [point.asked for point in points] == [5.0 * number for number in range(19)]
+    assert DialPolicy.load(DIAL).provenance["numbers"]["seed"] == SEED
+    assert points[0].env[0] == pytest.approx(8.914123)
     for point in points:
-        for mean, low, high in (point["env"], point["social"]):
+        for mean, low, high in (point.env, point.social):
             assert low < mean < high
+
+
+def test_a_curve_that_is_measured_agrees_with_that_of_the_study():
+    dial = DialPolicy.load(DIAL)
+    (point,) = measured(dial, 45, 45, episodes=200)
+    known = next(one for one in shipped_dial().curve if one.asked == 45.0)
+    assert abs(point.env[0] - known.env[0]) < 2 * (point.env[2] - point.env[1])
+    assert abs(point.social[0] - known.social[0]) < 2 * (point.social[2] - point.social[1])
 
 
 def test_the_command_writes_it_once(tmp_path, capsys):
@@ -62,3 +73,58 @@ def test_the_command_writes_it_once(tmp_path, capsys):
     assert (tmp_path / "site" / "index.html").stat().st_size > 300_000
     assert main(["page", "--out", str(tmp_path / "site")]) == 2
     assert "exists already" in capsys.readouterr().err
+
+
+def test_a_dial_of_ones_own_turns_in_its_range_with_a_curve_of_its_own(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("socialiq.page.shown_dial.EPISODES", 10)
+    own = dataclasses.replace(DialPolicy.load(DIAL), low=7.5, high=21.0)
+    own.save(tmp_path / "own & mine.safetensors")
+    words = ["page", "--dial", str(tmp_path / "own & mine.safetensors"), "--out"]
+    words.append(str(tmp_path / "site"))
+    assert main(words) == 0
+    written = (tmp_path / "site" / "index.html").read_text()
+    data = json.loads(part(written, '<script type="application/json" id="data">', "</script>"))
+    assert data["range"] == [8, 21]
+    assert [point["asked"] for point in data["curve"]] == [8.0, 10.0, 15.0, 20.0, 21.0]
+    assert "own &amp; mine.safetensors" in written and "seeds 1 to 10" in written
+    assert main(words) == 2 and "exists already" in capsys.readouterr().err
+
+
+def other_world(path):
+    network = DialNetwork.initialise(jax.random.key(0), 5, (4,), 4)
+    DialPolicy.of(network, 1.0, 0.0, 90.0, {}).save(path)
+
+
+def damaged(path):
+    content = bytearray(DIAL.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+
+
+def another_range(path):
+    dataclasses.replace(DialPolicy.load(DIAL), low=100.0, high=120.0).save(path)
+
+
+def no_dial(path):
+    DialPolicy.load(DIAL).at(0.0).save(path)
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (other_world, "takes 5 features and 4 actions"),
+        (damaged, "damaged"),
+        (another_range, "the page turns from 0 to 90"),
+        (no_dial, "dial"),
+        (lambda path: path.mkdir(), "is a folder"),
+    ],
+)
+def test_another_file_is_refused_in_one_line(made, said, tmp_path, capsys):
+    made(tmp_path / "dial.safetensors")
+    words = ["page", "--dial", str(tmp_path / "dial.safetensors"), "--out", str(tmp_path / "site")]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not (tmp_path / "site").exists()

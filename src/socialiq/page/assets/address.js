@@ -11,18 +11,24 @@ export function writeAddress(state) {
   return `#${parts.join("&")}`;
 }
 
-/** Return the state of a text after #; what is missing or wrong is as at first. */
-export function readAddress(text) {
+/**
+ * Return the state of a text after #; what is missing or wrong is as at first.
+ *
+ * @param {string} text The text.
+ * @param {number[]} range Smallest and largest angle of the dial.
+ */
+export function readAddress(text, [low, high] = [0, 90]) {
   const given = new URLSearchParams(text.replace(/^#/, ""));
   const state = { ...FIRST, angles: [...FIRST.angles] };
-  for (const [name, [low, high]] of Object.entries(WHOLE)) {
+  for (const [name, [least, most]] of Object.entries(WHOLE)) {
     const value = Number(given.get(name) ?? NaN);
-    if (Number.isInteger(value) && value >= low && value <= high) state[name] = value;
+    if (Number.isInteger(value) && value >= least && value <= most) state[name] = value;
   }
   for (const [name, known] of Object.entries(WORDS)) if (known.includes(given.get(name))) state[name] = given.get(name);
   const angles = (given.get("angles") ?? "").split(",").filter((one) => one.trim() !== "").map(Number);
   const right = angles.every((angle) => Number.isInteger(angle) && angle >= 0 && angle <= 90);
   if (right && angles.length >= 1 && angles.length <= 3) state.angles = angles;
+  state.angles = state.angles.map((angle) => Math.min(Math.max(angle, low), high));
   state.chosen = Math.min(state.chosen, state.angles.length - 1);
   return state;
 }

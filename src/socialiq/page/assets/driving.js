@@ -4,10 +4,9 @@ import { signed } from "./bars.js";
 import { Curve } from "./curve.js";
 import { demonstrationsFile } from "./demonstrations.js";
 import { meanOf } from "./episodes.js";
-import { sceneAt } from "./film.js";
+import { outcomeOf, sceneAt } from "./film.js";
 import { Stage } from "./scene.js";
 import { Transport } from "./transport.js";
-import { outcomeOf } from "./twins.js";
 
 const ENOUGH = 5; // episodes from which on an angle is shown
 const RESAMPLES = 2000;

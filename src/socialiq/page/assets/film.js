@@ -79,6 +79,13 @@ export function filmOf(recorder, network, seed) {
   return film;
 }
 
+/** Return the film of a seed in which these decisions are taken, as far as it goes. */
+export function filmOfActions(recorder, seed, actions) {
+  const film = recorder.begin(seed);
+  for (const action of actions) if (!recorder.decide(action)) break;
+  return film;
+}
+
 /** Return the sums of a film's first decisions: `{ env, social, signals }`. */
 export function sumsOf(film, decisions, signals) {
   const sums = { env: 0, social: 0, signals: new Array(signals).fill(0) };
@@ -130,4 +137,12 @@ function towards(one, other, share) {
 /** Return the decision that is under way at a time in sub-steps, from 0; the last at the end. */
 export function decisionAt(film, time, frames) {
   return Math.max(0, Math.min(Math.floor(time / frames), film.decisions.length - 1));
+}
+
+/** Return a short account of how a film ended. */
+export function outcomeOf(film, layout) {
+  const seconds = film.decisions.length * layout.decision_seconds;
+  const words = { arrival: "arrives", collision: "collides", timeout: "is still waiting" };
+  const name = Object.keys(layout.endings).find((key) => layout.endings[key] === film.ending);
+  return `${words[name] ?? "drives"} after ${seconds} s`;
 }

@@ -21,12 +21,13 @@ function pointOf(angle, share = 1) {
 export class Knob {
   /**
    * @param {SVGElement} root Element that is filled.
+   * @param {number[]} range Smallest and largest angle, whole degrees.
    * @param {(angle: number) => void} turned Called with a whole number of degrees.
    */
-  constructor(root, turned) {
-    this.root = root;
-    this.turned = turned;
-    this.angle = 0;
+  constructor(root, [low, high], turned) {
+    Object.assign(this, { root, low, high, turned, angle: low });
+    root.setAttribute("aria-valuemin", low);
+    root.setAttribute("aria-valuemax", high);
     this.drawScale();
     this.hands = svg("g", {});
     root.append(this.hands);
@@ -91,7 +92,7 @@ export class Knob {
 
   key(event) {
     const steps = { ArrowRight: -1, ArrowLeft: 1, ArrowUp: 1, ArrowDown: -1, PageUp: 15, PageDown: -15 };
-    const ends = { Home: 0, End: 90 };
+    const ends = { Home: this.low, End: this.high };
     if (event.key in steps) this.to(this.angle + steps[event.key] * (event.shiftKey ? 5 : 1));
     else if (event.key in ends) this.to(ends[event.key]);
     else return;
@@ -100,7 +101,7 @@ export class Knob {
   }
 
   to(angle) {
-    const whole = Math.round(Math.min(Math.max(angle, 0), 90));
+    const whole = Math.round(Math.min(Math.max(angle, this.low), this.high));
     if (whole !== this.angle) this.turned(whole);
   }
 }

@@ -135,10 +135,10 @@ function start() {
     const { dial } = open(data, 1);
     const module = new WebAssembly.Module(bytesOf(data.core));
     const recorder = () => new Recorder(new Core(module, data.layout, 1, true));
-    const state = readAddress(window.location.hash);
+    const state = readAddress(window.location.hash, data.range);
     if (!window.location.hash && window.innerWidth < NARROW) state.view = "ghosts";
     const parts = {
-      layout: data.layout, dial, curve: data.curve,
+      layout: data.layout, dial, range: data.range, curve: data.curve,
       background: workerOf({ core: data.core, layout: data.layout, dial: data.dial }), colours: coloursOf(),
     };
     showTab(state.tab, state);

@@ -4,7 +4,7 @@ import { FIRST, writeAddress } from "./address.js";
 import { Bars, element, signed } from "./bars.js";
 import { Curve } from "./curve.js";
 import { differing, summaryOf } from "./episodes.js";
-import { decisionAt, filmOf, sceneAt, sumsOf } from "./film.js";
+import { decisionAt, filmOf, outcomeOf, sceneAt, sumsOf } from "./film.js";
 import { Knob } from "./knob.js";
 import { Stage } from "./scene.js";
 import { Transport } from "./transport.js";
@@ -14,17 +14,9 @@ const BACKGROUND = 500; // episodes of a run in the background
 const SEARCHED = 150; // seeds among which those that differ most are looked for
 const MOST_SEED = 2 ** 53 - 1;
 
-/** Return a short account of how a film ended. */
-export function outcomeOf(film, layout) {
-  const seconds = film.decisions.length * layout.decision_seconds;
-  const words = { arrival: "arrives", collision: "collides", timeout: "is still waiting" };
-  const name = Object.keys(layout.endings).find((key) => layout.endings[key] === film.ending);
-  return `${words[name] ?? "drives"} after ${seconds} s`;
-}
-
 export class Twins {
   /**
-   * @param {object} parts `{ layout, dial, recorder, curve, background, colours }` of the page.
+   * @param {object} parts `{ layout, dial, range, recorder, curve, background, colours }` of the page.
    * @param {object} state Of `address.readAddress`; changed in place.
    */
   constructor(parts, state) {
@@ -33,7 +25,7 @@ export class Twins {
     this.find = (name) => document.getElementById(name);
     this.bars = new Bars(this.find("bars"), this.layout);
     this.plot = new Curve(this.find("curve"), this.curve);
-    this.knob = new Knob(this.find("dial"), (angle) => this.turn(angle));
+    this.knob = new Knob(this.find("dial"), this.range, (angle) => this.turn(angle));
     this.clock = new Transport(this.layout.frames / this.layout.decision_seconds, () => this.show());
     this.measured = new Map();
     this.listen();
@@ -111,8 +103,10 @@ export class Twins {
 
   toggleThird() {
     const { state } = this;
+    const [low, high] = this.range;
+    const free = FIRST.angles.find((angle) => angle >= low && angle <= high && !state.angles.includes(angle));
     if (state.angles.length === 3) state.angles.pop();
-    else state.angles.push(FIRST.angles.find((angle) => !state.angles.includes(angle)) ?? 90);
+    else state.angles.push(free ?? high);
     state.chosen = Math.min(state.chosen, state.angles.length - 1);
     this.arrange();
   }
