@@ -83,8 +83,8 @@ def shipped_dial() -> ShownDial:
         Point(float(row["asked"]), _read(row, "r_env"), _read(row, "r_social")) for row in rows
     ]
     source = (
-        f"The dial observes the time and was improved by policy iteration: {STUDY}, family {FAMILY}, "
-        f"training seed {SEED}. Its curve has 2,000 episodes at each angle. `socialiq reproduce "
+        f"The dial observes the time and was improved by policy iteration: {STUDY}, family "
+        f"{FAMILY}, training seed {SEED}. Its curve has 2,000 episodes at each angle. `socialiq reproduce "
         "intersection-dial` makes both again; the options are in the documentation."
     )
     file = (folder / f"{FAMILY}.safetensors").read_bytes()
@@ -119,12 +119,12 @@ def own_dial(path: Path) -> ShownDial:
     low, high = math.ceil(max(dial.low, 0.0)), math.floor(min(dial.high, 90.0))
     if low > high:
         raise UserError(
-            f"{path} has the angles {dial.low:g} to {dial.high:g} degrees, and the page turns from 0 "
-            "to 90: train it in that range"
+            f"{path} has the angles {dial.low:g} to {dial.high:g} degrees, and the page turns from "
+            "0 to 90: train it in that range"
         )
     source = (
-        f"The dial is {path.name}, SHA-256 {dial.turned.sha256}. Its curve was measured when this page "
-        f"was written: {EPISODES} episodes at each angle, seeds 1 to {EPISODES}."
+        f"The dial is {path.name}, SHA-256 {dial.turned.sha256}. Its curve was measured when this "
+        f"page was written: {EPISODES} episodes at each angle, seeds 1 to {EPISODES}."
     )
     return ShownDial(read_bytes(path, _MOST), low, high, measured(dial, low, high), source)
 
