@@ -12,6 +12,7 @@ from jaxtyping import Int64
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.consistency import Recorder
 from socialiq.audit.evidence.outcomes import Evidence
+from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.scenario import World
 from socialiq.audit.request import Request
@@ -76,7 +77,7 @@ class Collection(NamedTuple):
         Raises:
             UserError: If parts of the episodes would give other evidence than all at once.
         """
-        draws_by_seed = isinstance(self.world, Intersection) and isinstance(
+        draws_by_seed = isinstance(self.world, Intersection | Junction) and isinstance(
             self.loaded.policy, SoftPolicy
         )
         if self.request.soft and not draws_by_seed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from socialiq.audit.evidence.drive_junction import DRIVER
 from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 
 OPTIMUM = "optimum_"
@@ -20,6 +21,7 @@ _NAMES = {
     "go": "always goes",
     "wait": "always waits",
     "idm": "Intelligent Driver Model: follows the car in front and gives way",
+    DRIVER: "calibrated driver of the recording",
     "gap_2s": "goes at gaps of 2 s",
     "gap_3s": "goes at gaps of 3 s",
     "gap_4s": "goes at gaps of 4 s",

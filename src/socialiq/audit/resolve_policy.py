@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.collect import RULES
+from socialiq.audit.evidence.drive_junction import rules_at_junction
 from socialiq.audit.evidence.outcomes import Reference
+from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
@@ -119,6 +121,8 @@ def resolve_references(
     """
     found = _shipped(world) if isinstance(world, Intersection) else []
     rules = RULES if isinstance(world, Intersection) else ()
+    if isinstance(world, Junction):
+        rules = tuple(one.name for one in rules_at_junction(world.n_actions))
     with contextlib.ExitStack() as started:
         for spec in named:
             found += _named(str(spec), world, trust, started)
@@ -197,7 +201,8 @@ def _named(
 def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     """Load a policy's file; its input may have the time as a further feature.
 
-    The time is that of a gridworld or of the intersection (`evidence.drive`, `evaluation.play`).
+    The time is that of a world of this package or a recorded junction; other environments have
+    none (`evidence.drive`, `evidence.drive_junction`, `evaluation.play`).
     """
     more: dict[str, Any] = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
     if is_code(spec):
@@ -205,7 +210,9 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     try:
         return load_policy(spec, world.n_features, world.n_actions, **more)
     except UserError:
-        clocked = isinstance(world, GridWorld | Intersection) and spec.endswith(".safetensors")
+        clocked = isinstance(world, GridWorld | Intersection | Junction) and spec.endswith(
+            ".safetensors"
+        )
         if not clocked or kind_of(Path(spec)) not in ("policy", "ensemble", "dial"):
             raise
         try:

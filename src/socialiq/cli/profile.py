@@ -29,8 +29,8 @@ class New:
     """
 
     world: str
-    """crossing5, crossing7, intersection, or an environment: a Gymnasium id, MODULE:ID or
-    MODULE:FUNCTION."""
+    """crossing5, crossing7, intersection, a file of `socialiq data world`, or an environment: a
+    Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     owner: str = "unnamed owner"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Int64
@@ -14,6 +14,12 @@ from socialiq.audit.evidence.drive import (
     exact_optima,
     fates,
 )
+from socialiq.audit.evidence.drive_junction import (
+    drive_junction,
+    junction_strata,
+    rules_at_junction,
+    trivial_at_junction,
+)
 from socialiq.audit.evidence.outcomes import Evidence, Reference
 from socialiq.audit.evidence.strata import gridworld_strata, intersection_strata
 from socialiq.audit.evidence.trivial import (
@@ -22,13 +28,15 @@ from socialiq.audit.evidence.trivial import (
     trivial_in_grid,
 )
 from socialiq.audit.profile.environment import Environment
+from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
+from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.types import Policy
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.policies import policy as rule
-from socialiq.worlds.intersection.world import Intersection
 
 SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
 
@@ -54,9 +62,10 @@ def collect_evidence(
 ) -> Evidence:
     """Run the policy, its references and trivial drivers on the same episodes.
 
-    In a gridworld the exact optima are always among the references, at the intersection `RULES`;
-    an environment has no such references. Trivial drivers (`trivial`) run in every world. The
-    result has some 50 bytes for each episode and driver.
+    In a gridworld the exact optima are always among the references, at the intersection `RULES`,
+    at a recorded junction `rules_at_junction`; an environment has no such references.
+    Trivial drivers (`trivial`) run in every world. The result has some 50 bytes for each episode
+    and driver.
 
     Args:
         world: World of the declaration: `Profile.world()`.
@@ -65,8 +74,8 @@ def collect_evidence(
         references: Further drivers, for instance a family of policies over the angles.
         name: Name of the policy in the report.
         deterministic: Whether the policy takes its best action; references always do.
-        threads: Number of threads of the intersection.
-        side_by_side: Number of the intersection's episodes at once. The last bits of a network's
+        threads: Number of threads of the intersection or the recorded junction.
+        side_by_side: Number of their episodes at once. The last bits of a network's
             output may depend on it, so parts of one collection need the same number.
 
     Raises:
@@ -76,6 +85,9 @@ def collect_evidence(
         return _in_grid(world, policy, seeds, references, name, deterministic)
     if isinstance(world, Environment):
         return _in_environment(world, Reference(name, policy), seeds, references, deterministic)
+    if isinstance(world, Junction):
+        batch = world.batch(side_by_side or min(SIDE_BY_SIDE, len(seeds)), threads)
+        return _at_junction(world, batch, Reference(name, policy), seeds, references, deterministic)
     batch = world.batch(side_by_side or min(SIDE_BY_SIDE, len(seeds)), threads)
     drivers = [*(Reference(name, rule(name)) for name in RULES), *references]
     return Evidence(
@@ -83,7 +95,7 @@ def collect_evidence(
         seeds=seeds,
         policy=drive_intersection(batch, Reference(name, policy), seeds, deterministic),
         references=tuple(drive_intersection(batch, one, seeds) for one in drivers),
-        strata=_first_strata(world, seeds),
+        strata=_strata(world.batch(min(SIDE_BY_SIDE, len(seeds))), seeds, intersection_strata),
         trivial=trivial_at_intersection(batch, seeds),
     )
 
@@ -134,12 +146,34 @@ def _in_environment(
     )
 
 
-def _first_strata(world: Intersection, seeds: Seeds) -> dict[str, np.ndarray]:
+def _at_junction(
+    world: Junction,
+    batch: JunctionBatch,
+    policy: Reference,
+    seeds: Seeds,
+    references: Sequence[Reference],
+    deterministic: bool,
+) -> Evidence:
+    drivers = [*rules_at_junction(world.n_actions), *references]
+    return Evidence(
+        scenario=world.description,
+        seeds=seeds,
+        policy=drive_junction(batch, policy, seeds, deterministic),
+        references=tuple(drive_junction(batch, one, seeds) for one in drivers),
+        strata=_strata(batch, seeds, junction_strata),
+        trivial=trivial_at_junction(batch, seeds),
+    )
+
+
+def _strata(
+    batch: Batch | JunctionBatch,
+    seeds: Seeds,
+    labels: Callable[[np.ndarray], dict[str, np.ndarray]],
+) -> dict[str, np.ndarray]:
     """Return the strata of all episodes, from the first observations."""
-    size = min(SIDE_BY_SIDE, len(seeds))
-    batch, parts = world.batch(size), []
+    size, parts = batch.size, []
     for first in range(0, len(seeds), size):
         block = seeds[first : first + size]
         seen = batch.reset(block, rows=np.arange(len(block)))[: len(block)]
-        parts.append(intersection_strata(seen))
+        parts.append(labels(seen))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -78,7 +78,7 @@ def _driven(
     episodes = len(fate)
     simulator = TableSimulator(table, episodes, FixedChance(fate))
     steps = simulate(simulator, actor, np.arange(episodes))
-    totals, ending, length = _summed(steps, episodes)
+    totals, ending, _, length = _summed(steps, episodes)
     contact = np.where(ending == Ending.COLLISION, int(Contact.EGO_STRUCK), int(Contact.NONE))
     return Outcomes(name, totals, ending, contact.astype(np.int8), length, angles, expected)
 
@@ -161,24 +161,38 @@ class _TimedActor:
 
 
 class _Summed(NamedTuple):
-    """Totals, last ending and length of each episode."""
+    """Totals, last ending, contact and length of each episode."""
 
     totals: Float[np.ndarray, "episode 2"]
     ending: Int8[np.ndarray, " episode"]
+    contact: Int8[np.ndarray, " episode"]
     length: Int64[np.ndarray, " episode"]
 
 
 def _summed(steps: Iterator[Step], episodes: int) -> _Summed:
     totals, length = np.zeros((episodes, 2)), np.zeros(episodes, np.int64)
-    ending = np.zeros(episodes, np.int8)
+    ending, contact = np.zeros(episodes, np.int8), np.zeros(episodes, np.int8)
     for one in steps:
         which = one.episode[one.running]
         for side, reward in enumerate(one.made.rewards):
             totals[which, side] += np.atleast_1d(reward)[one.running]
         length[which] += 1
         ending[which] = one.made.ending[one.running]
+        if hasattr(one.made, "contact"):
+            contact[which] = one.made.contact[one.running]
     assert (ending != Ending.NONE).all()
-    return _Summed(totals, ending, length)
+    return _Summed(totals, ending, contact, length)
+
+
+def outcomes_of(driver: Reference, steps: Iterator[Step], episodes: int) -> Outcomes:
+    """Return the outcomes of a driver whose simulator reports contacts, or none at all.
+
+    Args:
+        driver: The driver.
+        steps: Its decisions.
+        episodes: Number of episodes.
+    """
+    return Outcomes(driver.name, *_summed(steps, episodes), driver.angles)
 
 
 def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple[Outcomes, ...]:
@@ -230,9 +244,7 @@ def drive_environment(
     if not deterministic and isinstance(policy, SoftPolicy):
         actor = SoftActor(policy, size=1)
     simulator = GymSimulator(world.env, modulus=LARGEST_SEED)
-    totals, ending, length = _summed(simulate(simulator, actor, seeds), len(seeds))
-    contact = np.zeros(len(seeds), np.int8)
-    return Outcomes(driver.name, totals, ending, contact, length, driver.angles)
+    return outcomes_of(driver, simulate(simulator, actor, seeds), len(seeds))
 
 
 def drive_intersection(

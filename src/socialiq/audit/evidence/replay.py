@@ -95,7 +95,7 @@ class ReplayedEpisode(NamedTuple):
 def replayer(
     world: World, policy: Policy, deterministic: bool = True
 ) -> Callable[[int], ReplayedEpisode] | None:
-    """Return a function that runs the episode of a seed again; None for an environment.
+    """Return a function that runs the episode of a seed again; None for other environments.
 
     A driver that answers a single observation otherwise than one among many, or that draws its
     actions in order, gives another episode than in the evidence (`ReplayedEpisode.repeats`).

@@ -43,7 +43,7 @@ class ConstantPolicy:
     """
 
     def __init__(self, action: int) -> None:
-        self._action = action
+        self.action = action
 
     def predict(
         self,
@@ -53,7 +53,7 @@ class ConstantPolicy:
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[np.ndarray, Any]:
         """Return the action for one observation."""
-        return np.asarray(self._action), state
+        return np.asarray(self.action), state
 
 
 class UniformPolicy:

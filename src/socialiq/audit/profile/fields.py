@@ -27,7 +27,7 @@ TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
 
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
 
-WORLD_PATTERN = f"^(?:{'|'.join(WORLDS)}|{NAME_PATTERN})$"
+WORLD_PATTERN = f"^(?:{'|'.join(WORLDS)}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ class Field:
         return {
             "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
             "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
-            "world": f"one of {', '.join(WORLDS)}, a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
+            "world": f"one of {', '.join(WORLDS)}, a file of `socialiq data world`, a Gymnasium "
+            "id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",
         }[self.kind]

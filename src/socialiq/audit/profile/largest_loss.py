@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from socialiq.audit.profile.environment import Environment
+from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.scenario import World
 from socialiq.social.angle import exact_weights
 from socialiq.worlds.enumerate import episode_range
@@ -25,9 +26,10 @@ def possible_loss(world: World, angle: float) -> float | None:
         angle: Social angle α in degrees.
 
     Returns:
-        The difference, rounded up; None in an environment, whose limits are not known.
+        The difference, rounded up; None in an environment and at a recorded junction, whose
+        limits are not known.
     """
-    if isinstance(world, Environment):
+    if isinstance(world, Environment | Junction):
         return None
     weights = exact_weights(angle)
     if isinstance(world, Intersection):

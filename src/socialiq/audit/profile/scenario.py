@@ -10,6 +10,7 @@ from typing import Any
 
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
+from socialiq.audit.profile.junction import Junction, is_junction
 from socialiq.errors import UserError, one_of
 from socialiq.recordings.recording import refuse_recording
 from socialiq.worlds import IDS
@@ -20,7 +21,7 @@ from socialiq.worlds.intersection.settings import ENV_SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import WORLDS, make
 
-World = GridWorld | Intersection | Environment
+World = GridWorld | Intersection | Environment | Junction
 
 # A declaration may be untrusted; these bound the memory and the time of its scenario.
 MOST_VEHICLES = 200
@@ -51,7 +52,7 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     """Build a world from unchecked values of a file.
 
     Args:
-        name: Name of the world.
+        name: Name of the world, or the file of a recorded junction.
         options: Texts, numbers and lists of numbers, as read from TOML.
         allow_code: Whether an environment's module may be imported.
 
@@ -59,6 +60,8 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
         UserError: If the world or an option is unknown, a value is of the wrong type or size, or
             an environment can't be made.
     """
+    if is_junction(name):
+        return Junction.of(name, options)
     refuse_recording(name)
     if is_environment(name) and name not in IDS.values():
         check_options(options)
@@ -99,7 +102,7 @@ def reward_specification(world: World) -> dict[str, Any]:
     found: dict[str, Any] = {"id": reward_id(world)}
     if isinstance(world, Environment):
         return found | world.reward
-    if isinstance(world, Intersection):
+    if isinstance(world, Intersection | Junction):
         weigh = {side: _weights(world.options, names) for side, names in _SIDES.items()}
         units = {name: getattr(world.options, name) for name in _UNITS}
         return found | weigh | {"units": units}

@@ -12,6 +12,7 @@ from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.looks.look import Look
+from socialiq.audit.profile.junction import is_junction
 from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.auditor_claims import claims_of_auditor
@@ -259,6 +260,15 @@ _EXACT = (
     "the best that any driver can do."
 )
 
+_RECORDED = (
+    "The traffic of this recorded junction is simulated: drivers calibrated on the recordings "
+    "enter as the recorded ones did and follow a model; nobody in it is a person.",
+    "The reference `driver` knows the ways of all vehicles and the closed lines, of which a policy "
+    "sees a part.",
+    "The file of the world is not part of this report; its SHA-256 is in the description of the "
+    "scenario.",
+)
+
 _UNKNOWN = (
     "This environment is not part of the package. It does not report fault, so every collision "
     "counts as at fault and the share of being struck is blank; there are no kinds of episodes, "
@@ -271,4 +281,6 @@ _UNKNOWN = (
 def limits(world: str) -> list[str]:
     """Return the limits that apply in a world of this name."""
     found = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
+    if is_junction(world):
+        return [*_RECORDED, *found]
     return found if world in WORLDS else [*_UNKNOWN, *found]

@@ -10,9 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from socialiq.audit.profile.junction import is_junction
 from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 INTERSECTION = "intersection"
+
+JUNCTION = "recorded junction"
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,15 @@ ASSUMPTIONS = {
         "The road is a grid, time is in whole steps, and vehicles move by rule in both.",
         "The state is observed exactly.",
     ),
+    JUNCTION: (
+        "Other vehicles follow the Intelligent Driver Model along recorded ways, with parameters "
+        "calibrated on the recordings; none of them is a person, and none changes lanes.",
+        "Lines are closed where a recorded vehicle stood without a reason that the model knows; "
+        "nothing is known of lights and of entries after the end of a recording.",
+        "The ego drives a recorded vehicle's way; its policy chooses an acceleration per decision.",
+        "Observations are exact, for a limited number of vehicles: no noise, no delay.",
+        "A collision is an overlap of two rectangles; its severity is not modelled.",
+    ),
 }
 
 
@@ -65,13 +77,16 @@ def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
         report: Content of `report.json`.
 
     Returns:
-        `kind`: the intersection's name, "gridworld" or "environment". `assumptions`: sentences.
+        `kind`: the intersection's name, `JUNCTION`, "gridworld" or "environment".
+        `assumptions`: sentences.
         `conformance`: the comparison with highway-env, if the world is the intersection. `beyond`:
         declared options that were not part of it.
     """
     scenario = report["declaration"]["scenario"]
     world = scenario["world"]
     kind = "gridworld" if world in GRIDWORLDS else world if world in WORLDS else "environment"
+    if is_junction(world):
+        kind = JUNCTION
     compared = CONFORMANCE if kind == INTERSECTION else None
     beyond = [name for name in scenario["options"] if name not in CONFORMANCE.compared]
     return {

@@ -7,6 +7,7 @@ from typing import Any
 
 from socialiq.audit.evidence.outcomes import CRITERIA
 from socialiq.audit.names import names_of
+from socialiq.audit.profile.junction import is_junction
 from socialiq.audit.report import pictures
 from socialiq.audit.report.angle_picture import angles
 from socialiq.audit.report.animations import moving
@@ -211,4 +212,5 @@ def _words(report: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:
     """Whether the world reports the event of a criterion; an environment doesn't report fault."""
-    return criterion != "struck" or report["declaration"]["scenario"]["world"] in WORLDS
+    world = report["declaration"]["scenario"]["world"]
+    return criterion != "struck" or world in WORLDS or is_junction(world)

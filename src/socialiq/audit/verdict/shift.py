@@ -15,6 +15,7 @@ import numpy as np
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
 from socialiq.audit.profile.environment import Environment
+from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.profile.scenario import World, scenario_sha256, world_of
 from socialiq.audit.verdict.decision import Decision
@@ -116,7 +117,7 @@ def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
     """
     declared = profile.scenario
     world = profile.world() if declared.world in OTHER_TRAFFIC else None
-    if world is None or isinstance(world, Environment):
+    if world is None or isinstance(world, Environment | Junction):
         raise UserError(f"{declared.world} has one traffic only: leave out --shift")
     found: list[tuple[str, dict[str, Any]]] = []
     if isinstance(world, Intersection):

@@ -81,6 +81,13 @@ class JunctionBatch:
         steps = self.traffic.step - self.traffic.begun
         return (steps // self.world.config.frames).astype(np.float32)
 
+    def seen_by(self, policy: Any) -> Float32[np.ndarray, "row feature"]:
+        """Return what a policy observes: with the time at the end if it has one feature more."""
+        seen = self.observation
+        if getattr(policy, "n_features", None) != seen.shape[1] + 1:
+            return seen
+        return np.column_stack([seen, self.time])
+
     def reset(self, seeds: Any = None, rows: Any = None) -> Float32[np.ndarray, "row feature"]:
         """Start new episodes.
 
