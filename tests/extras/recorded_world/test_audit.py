@@ -123,7 +123,7 @@ def test_an_audit_from_the_command_line(world_file, tmp_path, monkeypatch, capsy
     report = json.loads(capsys.readouterr().out)
     assert report["policy"]["means"]["timeout"] == 1.0
     assert [one["name"] for one in report["references"]] == [DRIVER, "go", "wait"]
-    assert "nobody in it is a person" in report["limits"][0]
+    assert "none of them is a person" in report["limits"][0]
     (tmp_path / "w.safetensors").unlink()  # a report is verified without the world
     assert main(["audit", "verify", "a"]) == 0
     assert "Intelligent Driver Model" in (tmp_path / "a" / "credibility.md").read_text()

@@ -262,7 +262,7 @@ _EXACT = (
 
 _RECORDED = (
     "The traffic of this recorded junction is simulated: drivers calibrated on the recordings "
-    "enter as the recorded ones did and follow a model; nobody in it is a person.",
+    "enter as the recorded ones did and follow a model; none of them is a person.",
     "The reference `driver` knows the ways of all vehicles and the closed lines, of which a policy "
     "sees a part.",
     "The file of the world is not part of this report; its SHA-256 is in the description of the "
