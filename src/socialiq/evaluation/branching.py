@@ -22,6 +22,10 @@ from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
 Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
 """Given the number of episodes and random numbers, returns an angle for each, in degrees."""
 
+Worth = Callable[[Float32[np.ndarray, "row feature"]], RewardPair]
+"""Given what the policy observes, returns a further reward pair of each action, each
+(row, action)."""
+
 
 def branched_returns(
     batch: Batch,
@@ -29,6 +33,7 @@ def branched_returns(
     follow: Act,
     clock: bool = False,
     angles: Float[np.ndarray, " batch"] | None = None,
+    worth: Worth | None = None,
 ) -> RewardPair:
     """Return the sums of rewards of each action in the present states, each (batch, actions).
 
@@ -41,6 +46,7 @@ def branched_returns(
         follow: Policy after the first action.
         clock: Whether it observes the time.
         angles: Of each episode in degrees, if the policy observes it.
+        worth: Further rewards of actions, the first one's own among them; None for none.
     """
     size, count = batch.size, len(ACTIONS)
     now = batch.save()
@@ -56,8 +62,14 @@ def branched_returns(
         running &= made.ending == int(Ending.NONE)
         rows = np.flatnonzero(running)
         if len(rows):
-            action[rows] = follow(observed(copies, clock, turned)[rows])
+            seen = observed(copies, clock, turned)[rows]
+            action[rows] = follow(seen)
+            if worth:
+                total[rows] += np.stack(worth(seen), axis=-1)[np.arange(len(rows)), action[rows]]
     shared = np.take_along_axis(total.reshape(size, count, 2), same[..., None], axis=1)
+    if worth:
+        first = np.stack(worth(observed(batch, clock, angles)), axis=-1)
+        shared += np.where(now.waiting[:, None, None], 0.0, first)
     return RewardPair(shared[..., 0], shared[..., 1])
 
 
@@ -101,6 +113,7 @@ class Branching:
         clock: Whether observations end with the time.
         angles: Draws the angle at which each episode is driven and its copies too; observations
             then end with it, after the time. None for a policy of one angle.
+        worth: Further rewards of actions; None for none.
 
     Raises:
         UserError: If a number is not positive.
@@ -113,11 +126,12 @@ class Branching:
         episodes: int = 256,
         clock: bool = False,
         angles: Angles | None = None,
+        worth: Worth | None = None,
     ) -> None:
         for name, value in (("states", states), ("episodes", episodes)):
             if value < 1:
                 raise UserError(f"{name} must be at least 1, got {value}")
-        self._states, self._clock, self._angles = states, clock, angles
+        self._states, self._clock, self._angles, self._worth = states, clock, angles, worth
         self._batch = Batch(options, min(episodes, states))
         self._copies = Batch(options, len(ACTIONS) * self._batch.size)
 
@@ -128,7 +142,8 @@ class Branching:
         angles = self._angles(batch.size, rng) if self._angles else None
         for _ in range(-(-self._states // batch.size)):
             seen = observed(batch, self._clock, angles)
-            returns = branched_returns(batch, self._copies, follow, self._clock, angles)
+            copies = self._copies
+            returns = branched_returns(batch, copies, follow, self._clock, angles, self._worth)
             found.append((seen, *returns))
             batch.step(visit(seen))
         states, env, social = (

@@ -8,12 +8,11 @@ learned.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PRNGKeyArray
 
@@ -114,16 +113,14 @@ class DialIteration(PolicyIteration):
     ) -> tuple[Array, Terms]:
         """The regression's loss of both rewards, or at the end the expected score's."""
         del target_network
-        observation, angle = batch.states.observation[:, :-1], batch.states.observation[:, -1]
-        radians = jnp.deg2rad(angle)
-        direction = RewardPair(jnp.cos(radians), jnp.sin(radians))
-        both = jax.vmap(network.both)(observation, direction)
+        direction = direction_of(batch.states.observation)
+        both = jax.vmap(network.both)(batch.states.observation[:, :-1], direction)
         errors = [
             regression_error(output, value, hyperparameters.value_weight).mean()
             for output, value in zip(both, batch.states.returns, strict=True)
         ]
         outputs, returns = (
-            score(_of_rows(direction), pair) for pair in (both, batch.states.returns)
+            score(of_rows(direction), pair) for pair in (both, batch.states.returns)
         )
         gain, entropy = expected_return(outputs, returns, hyperparameters.temperature)
         gain, entropy, error = gain.mean(), entropy.mean(), errors[0] + errors[1]
@@ -149,22 +146,33 @@ class DialIteration(PolicyIteration):
 
 def greedy(dial: DialPolicy) -> Act:
     """Return a dial's greedy actions, of observations that end with their angle in degrees."""
+    values = values_of(dial)
+    return lambda observation: values(observation).argmax(axis=1)
+
+
+def values_of(dial: DialPolicy) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a dial's values of each action, of observations that end with their angle."""
     encode, layers = split(dial.turned)
 
-    def act(observation: np.ndarray) -> np.ndarray:
-        seen, angle = observation[:, :-1], observation[:, -1]
-        radians = np.deg2rad(angle)
-        direction = RewardPair(np.cos(radians), np.sin(radians))
-        columns = [encode(seen), *angle_columns(direction, dial.knots)]
-        values = layers.q_values(np.concatenate(columns, axis=-1))
+    def values(observation: np.ndarray) -> np.ndarray:
+        direction = direction_of(observation)
+        columns = [encode(observation[:, :-1]), *angle_columns(direction, dial.knots)]
+        found = layers.q_values(np.concatenate(columns, axis=-1))
         if dial.pairs:
-            values = score(_of_rows(direction), RewardPair(*np.split(values, 2, axis=1)))
-        return values.argmax(axis=1)
+            found = score(of_rows(direction), RewardPair(*np.split(found, 2, axis=1)))
+        return found
 
-    return act
+    return values
 
 
-def _of_rows(direction: RewardPair) -> RewardPair:
+def direction_of(observation: Any) -> RewardPair:
+    """Return (cos α, sin α) of observations that end with their angle in degrees."""
+    xp = observation.__array_namespace__()
+    radians = xp.deg2rad(observation[:, -1])
+    return RewardPair(xp.cos(radians), xp.sin(radians))
+
+
+def of_rows(direction: RewardPair) -> RewardPair:
     """Return directions with an axis for the actions."""
     return RewardPair(direction.env[:, None], direction.social[:, None])
 
@@ -177,6 +185,7 @@ def train(
     callbacks: Callbacks | None = None,
     chunk: int = 200,
     start: DialPolicy | None = None,
+    kind: type[DialIteration] = DialIteration,
 ) -> Trained:
     """Train one dial for each entry of `hyperparameters`, all in one compiled program.
 
@@ -188,13 +197,14 @@ def train(
         callbacks: Progress, monitor, checkpoint.
         chunk: Updates between two calls of the callbacks, and between two rounds of labelling.
         start: Dial that every run improves.
+        kind: The learner.
 
     Raises:
         UserError: If there is no run, not one labeller for each, or another first network.
         Stopped: On Ctrl-C.
     """
-    learner = DialIteration(static, sizes)
+    learner = kind(static, sizes)
     if start is not None:
         network = checked(start.network(), learner)
-        learner = DialIteration(static, sizes, start=network, start_sha256=start.turned.sha256)
+        learner = kind(static, sizes, start=network, start_sha256=start.turned.sha256)
     return trained(learner, hyperparameters, labellers, callbacks, chunk)

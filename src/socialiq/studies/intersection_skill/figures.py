@@ -15,15 +15,19 @@ from socialiq.studies.intersection_skill.plan import (
     CLONES,
     EXPERTS,
     FOLDERS,
+    IMPROVED,
     INFERRED,
     PRIOR,
     REFERENCES,
     RETURNS,
     SHARED,
+    TURNED,
     UNSKILLED,
 )
 
 _LOOKS = {
+    IMPROVED: ("#1b7837", "o"),
+    TURNED: ("#7fbf7b", "s"),
     SHARED: ("#2166ac", "o"),
     INFERRED: ("#67a9cf", "s"),
     RETURNS: ("#e08214", "^"),

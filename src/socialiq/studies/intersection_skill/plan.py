@@ -9,21 +9,35 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.demonstration_sets import DEMONSTRATIONS, Recording
 from socialiq.experiments.intersection.episodes import EPISODES
 from socialiq.experiments.intersection.experts import finer
+from socialiq.experiments.intersection.policy_iteration import ITERATION, ITERATION_NUMBERS
 from socialiq.experiments.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
 from socialiq.experiments.jobs import Job
 from socialiq.learners import behaviour_cloning as cloning
+from socialiq.learners import clone_dial
 from socialiq.learners.config import check_counts
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
+from socialiq.learners.policy_iteration import config as iteration
+from socialiq.learners.policy_iteration import dial as dial_iteration
+from socialiq.studies.intersection_skill.improvement import (
+    Choice,
+    CloneDialRun,
+    IterationRun,
+    LeftOutRun,
+    choose,
+    improve,
+    predict_left_out,
+    train_clone_dial,
+)
 from socialiq.studies.intersection_skill.jobs import (
     CloneRun,
     DemonstratorRun,
@@ -43,8 +57,12 @@ from socialiq.worlds.intersection import atlas
 ALONE, PRIOR, RETURNS = "RL on R(α)", "prior on rewards", "prior on returns-to-go"
 SHARED, INFERRED = "shared competence", "shared competence, angles inferred"
 CLONES, EXPERTS, UNSKILLED = "clones", "demonstrators", "experts of R(α) alone"
+TURNED, IMPROVED = "clone of every angle", "improved clone"
 METHODS = (ALONE, RETURNS, PRIOR, SHARED, INFERRED)
 """Compared methods: each gets R(α), and all but the first the demonstrations."""
+LATER = (TURNED, IMPROVED)
+"""Methods with committed results of their own: a clone of all demonstrators as one dial, and what
+policy iteration makes of it in the simulator."""
 REFERENCES = (CLONES, EXPERTS, UNSKILLED)
 """References with a policy for each demonstrated angle; elsewhere the nearest is used."""
 FOLDERS = {
@@ -53,11 +71,15 @@ FOLDERS = {
     PRIOR: "prior",
     SHARED: "shared",
     INFERRED: "inferred",
+    TURNED: "turned",
+    IMPROVED: "improved",
     CLONES: "clones",
     EXPERTS: "experts",
     UNSKILLED: "unskilled",
 }
 """Folder of the jobs of each method."""
+CHOSEN = "choice/price"
+"""Folder of the choice of η."""
 
 LEARNER = dataclasses.replace(DIAL_STRUCTURE, updates=12_000, expert_batch=66, replay_batch=190)
 """Static config of every dial: the network of the dial study, 256 rows an update."""
@@ -84,6 +106,12 @@ EXPERT_NUMBERS = finer(dqn.Hyperparameters(learning_rate=5e-4, polyak=0.01, seed
 CLONE = cloning.StaticConfig(hidden=(128, 128), view="set", batch_size=256, updates=3000)
 """Static config of a clone."""
 
+IMPROVEMENT = dataclasses.replace(ITERATION, view="set", hidden=(128, 128), updates=4000)
+"""Static config of the policy iteration of a clone."""
+
+IMPROVEMENT_NUMBERS = dataclasses.replace(ITERATION_NUMBERS, temperature=1.0)
+"""Hyperparameters beside it: outputs are log-probabilities."""
+
 
 @dataclass(frozen=True)
 class Config:
@@ -93,7 +121,7 @@ class Config:
     """Training seeds, each with its own draw of demonstrations. 0 and 1 were used in
     development."""
     methods: tuple[str, ...] = METHODS
-    """Names of methods; RL on R(α) is always among them."""
+    """Names of methods; with any of the first five RL on R(α) is always among them."""
     angles: tuple[float, ...] = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     """Angles of the evaluation, in degrees; 0, 45 and 90 are demonstrated."""
     weight: float = 0.5
@@ -119,6 +147,16 @@ class Config:
     """Hyperparameters of the prior on returns-to-go, without angle and seed."""
     clone_structure: cloning.StaticConfig = CLONE
     """Static config of the clones, one of each demonstrator."""
+    turned_structure: clone_dial.StaticConfig = field(default_factory=clone_dial.StaticConfig)
+    """Static config of the clone of every angle."""
+    improved_structure: dial_iteration.StaticConfig = IMPROVEMENT
+    """Static config of the policy iteration."""
+    improved_numbers: iteration.Hyperparameters = IMPROVEMENT_NUMBERS
+    """Hyperparameters of the policy iteration, without the seed."""
+    prices: tuple[float, ...] = (0.1, 0.3, 1.0)
+    """Candidates of η, in units of reward for a nat; the choice is by prediction."""
+    left_out_updates: int = 600
+    """Updates of the policies that predict a demonstrator that is left out."""
     grid: int = 5
     """Step in degrees of the grid from which the demonstrators' angles are inferred."""
     steps_per_update: int = 12
@@ -129,13 +167,27 @@ class Config:
     def __post_init__(self) -> None:
         """Refuse unknown methods and empty sizes."""
         for method in self.methods:
-            one_of("method", method, METHODS)
-        if ALONE not in self.methods or not self.seeds or not self.angles:
+            one_of("method", method, (*METHODS, *LATER))
+        alone = ALONE in self.methods or set(self.methods) <= set(LATER)
+        if not (alone and self.methods and self.seeds and self.angles):
             raise UserError(f"the study needs seeds, angles, and {ALONE} to compare with")
         low, high = self.structure.low, self.structure.high
         if not all(low <= angle <= high for angle in self.angles):
             raise UserError(f"angles must lie in the dials' range, {low:g} to {high:g} degrees")
-        check_counts(self, ("pool_episodes", "size", "grid", "steps_per_update", "episodes"))
+        names = ("pool_episodes", "size", "grid", "steps_per_update", "episodes")
+        check_counts(self, (*names, "left_out_updates"))
+        if not self.prices or min(self.prices) <= 0.0:
+            raise UserError("name at least one price η, all above 0")
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Return the references; clones are trained beside RL on R(α) only."""
+        return REFERENCES if ALONE in self.methods else (EXPERTS, UNSKILLED)
+
+    @property
+    def trained(self) -> tuple[str, ...]:
+        """Return the methods and references that are trained for each seed."""
+        return (*self.methods, *(one for one in self.references if one == CLONES))
 
     def dial_of(self, method: str) -> dial.StaticConfig:
         """Return the static config of a method's dial; all have equal rows an update."""
@@ -168,7 +220,7 @@ def plan(config: Config) -> list[Job]:
     jobs += [_driving(config, FOLDERS[UNSKILLED], (), sha256)]
     for seed in config.seeds:
         jobs += _learners(config, seed)
-    return jobs
+    return [*jobs, *_improvement(config)]
 
 
 def _expert(config: Config, angle: float) -> Job:
@@ -188,7 +240,7 @@ def _driving(
 def _learners(config: Config, seed: int) -> Iterator[Job]:
     """Train and drive every learner of a seed."""
     makers = {RETURNS: _returns, CLONES: _clones}
-    for method in (*config.methods, CLONES):
+    for method in (one for one in config.trained if one not in LATER):
         name = f"{FOLDERS[method]}/{seed}"
         if method in makers:
             yield makers[method](config, name, seed)
@@ -234,3 +286,47 @@ def _returns(config: Config, name: str, seed: int) -> Job:
 def _clones(config: Config, name: str, seed: int) -> Job:
     run = CloneRun(config.clone_structure, config.size, seed)
     return Job(name, train_clones, run, (DEMONSTRATIONS,), cost=config.clone_structure.updates / 50)
+
+
+def _improvement(config: Config) -> Iterator[Job]:
+    """Clone at every angle, choose η on the demonstrations of the first seed, and improve."""
+    if IMPROVED in config.methods:
+        yield from _choice(config)
+    for seed in config.seeds:
+        for method in (one for one in LATER if {one, IMPROVED} & set(config.methods)):
+            name = f"{FOLDERS[method]}/{seed}"
+            yield _turned(config, name, seed) if method == TURNED else _improved(config, seed)
+            if method in config.methods:
+                yield _driving(config, name, (name,))
+
+
+def _turned(config: Config, name: str, seed: int) -> Job:
+    run = CloneDialRun(config.turned_structure, config.size, seed)
+    return Job(name, train_clone_dial, run, (DEMONSTRATIONS,), cost=run.structure.updates / 80)
+
+
+def _choice(config: Config) -> Iterator[Job]:
+    names = []
+    short = dataclasses.replace(config.improved_structure, updates=config.left_out_updates)
+    for mode in MODES:
+        run = LeftOutRun(
+            structure=short,
+            numbers=dataclasses.replace(config.improved_numbers, seed=config.seeds[0]),
+            clone=config.turned_structure,
+            mode=mode,
+            prices=config.prices,
+            size=config.size,
+        )
+        names.append(f"left-out/{mode}")
+        cost = len(config.prices) * short.updates / 30
+        yield Job(names[-1], predict_left_out, run, (DEMONSTRATIONS,), cost=cost)
+    yield Job(CHOSEN, choose, Choice(), tuple(names))
+
+
+def _improved(config: Config, seed: int) -> Job:
+    run = IterationRun(
+        structure=config.improved_structure,
+        numbers=dataclasses.replace(config.improved_numbers, seed=seed),
+    )
+    name, inputs = f"{FOLDERS[IMPROVED]}/{seed}", (f"{FOLDERS[TURNED]}/{seed}", CHOSEN)
+    return Job(name, improve, run, inputs, cost=run.structure.updates / 30)

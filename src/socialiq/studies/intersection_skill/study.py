@@ -17,12 +17,12 @@ from socialiq.experiments.tables import groups, matching, mean, nested, paired_r
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.storage import read_json
 from socialiq.studies.intersection_skill.figures import draw
+from socialiq.studies.intersection_skill.improvement import CHOICE, LEFT_OUT
 from socialiq.studies.intersection_skill.jobs import ANGLES
 from socialiq.studies.intersection_skill.plan import (
     ALONE,
-    CLONES,
+    EXPERTS,
     FOLDERS,
-    REFERENCES,
     Config,
     plan,
 )
@@ -46,6 +46,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "scores": scores,
         "groups": by_group,
         "differences": _differences(config, by_group) if len(config.seeds) > 1 else [],
+        "above": _above_demonstrators(config, by_group) if len(config.seeds) > 1 else [],
+        "choices": list(_choices(jobs, work)),
         "angles": list(_angles(jobs, work)),
         "curves": curves(jobs, work, _OF_CURVES),
         "times": times(jobs, work),
@@ -55,8 +57,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 def _scores(config: Config, work: Path) -> Iterator[Row]:
     """Give a row for each method, training seed and angle; references not trained have no seed."""
-    for method in (*config.methods, *REFERENCES):
-        trained = method in (*config.methods, CLONES)
+    for method in (*config.methods, *config.references):
+        trained = method in config.trained
         for seed in config.seeds if trained else ("",):
             name = f"{FOLDERS[method]}/{seed}" if trained else FOLDERS[method]
             for angle in config.angles:
@@ -126,15 +128,40 @@ def _by_group(scores: Sequence[Row]) -> list[Row]:
 def _differences(config: Config, by_group: Sequence[Row]) -> list[Row]:
     """Test each method's score against RL alone, paired over training seeds, Holm over all rows."""
     found: list[Row] = []
-    for method in (*(one for one in config.methods if one != ALONE), CLONES):
+    for method in (one for one in config.trained if one != ALONE):
         for group in GROUPS:
             scores, alone = (
                 [row["score"] for row in matching(by_group, method=name, angles=group)]
                 for name in (method, ALONE)
             )
-            if scores:
+            if scores and alone:
                 found.append(paired_row({"method": method, "angles": group}, scores, alone))
     return with_holm(found)
+
+
+def _above_demonstrators(config: Config, by_group: Sequence[Row]) -> list[Row]:
+    """Test each method's score against the demonstrators', which no seed changes; Holm as above."""
+    found: list[Row] = []
+    for method in config.methods:
+        for group in GROUPS:
+            scores, theirs = (
+                [row["score"] for row in matching(by_group, method=name, angles=group)]
+                for name in (method, EXPERTS)
+            )
+            if scores:
+                same = theirs * len(scores)
+                found.append(paired_row({"method": method, "angles": group}, scores, same))
+    return with_holm(found)
+
+
+def _choices(jobs: Sequence[Job], work: Path) -> Iterator[Row]:
+    """Give the mean log-likelihood of each demonstrator's actions, left out, by η."""
+    chosen = [job for job in jobs if job.stage == "choice"]
+    for job in (one for one in jobs if one.stage == "left-out"):
+        price = read_json(work / chosen[0].name / CHOICE)["price"]
+        for row in read_json(work / job.name / LEFT_OUT):
+            label = {"left_out": job.name.split("/")[1]}
+            yield label | row | {"chosen": int(row["price"] == price)}
 
 
 def _angles(jobs: Sequence[Job], work: Path) -> Iterator[Row]:
@@ -156,6 +183,7 @@ def _summary(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
         "methods": methods,
         "by_angle": _nested(tables["pooled"], "method", "angle"),
         "differences": _nested(tables["differences"], "method", "angles"),
+        "above": _nested(tables["above"], "method", "angles"),
     }
     last = max((row["step"] for row in tables["angles"]), default=None)
     for row in tables["angles"]:
