@@ -150,7 +150,16 @@ class CloneDial(Learner):
         passed = jnp.cumsum(shares(angle, one.demonstrators, one.margin), axis=1)[:, :-1]
         chosen = (jax.random.uniform(for_choice, (size, 1)) >= passed).sum(axis=1)
         bounds = self.table.row_bounds
-        rows = self.table.rows(draw_between(for_row, size, bounds[chosen], bounds[chosen + 1]))
+        drawn = [  # of each demonstrator as many, and at each angle that of the chosen one
+            draw_between(one_key, size, first, end)
+            for one_key, first, end in zip(
+                jax.random.split(for_row, len(one.demonstrators)),
+                bounds[:-1],
+                bounds[1:],
+                strict=True,
+            )
+        ]
+        rows = self.table.rows(jnp.stack(drawn)[chosen, jnp.arange(size)])
         radians = jnp.deg2rad(angle)
         return Shown(rows, RewardPair(jnp.cos(radians), jnp.sin(radians))), key
 

@@ -6,7 +6,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching, branched_returns, equivalent_actions
 from socialiq.evaluation.play import episodes_of
-from socialiq.types import Ending
+from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
@@ -50,6 +50,30 @@ def test_the_policys_own_action_gives_its_episode():
     alone = episodes_of(Batch(Options(), 64), GO, np.arange(700, 764)).totals
     np.testing.assert_allclose(found.env[:, FASTER], alone.env)
     np.testing.assert_allclose(found.social[:, FASTER], alone.social)
+
+
+def test_the_worth_of_actions_counts_at_each_decision():
+    """The first action has its own, also where two actions are one; later ones that of `follow`."""
+    batch, own = batch_after((SLOWER,) * 4), np.array([1.0, 2.0, 4.0])
+    copies = Batch(Options(), 3 * batch.size)
+    plain = branched_returns(batch, copies, follow)
+
+    def worth(seen):
+        return RewardPair(np.tile(own, (len(seen), 1)), np.zeros((len(seen), 3)))
+
+    found = branched_returns(batch, copies, follow, worth=worth)
+    for action in range(len(ACTIONS)):
+        copy = Batch(Options(), batch.size)
+        copy.restore(batch.save())
+        running, chosen = np.ones(batch.size, bool), np.full(batch.size, action)
+        wanted = np.zeros(batch.size)
+        while running.any():
+            wanted[running] += own[chosen[running]]
+            made = copy.step(chosen, auto_reset=False, rows=running)
+            running &= made.ending == int(Ending.NONE)
+            chosen = follow(made.observation)
+        np.testing.assert_allclose(found.env[:, action] - plain.env[:, action], wanted)
+    np.testing.assert_array_equal(found.social, plain.social)
 
 
 def test_actions_that_select_one_speed_are_equivalent():

@@ -25,11 +25,14 @@ from socialiq.studies.intersection_skill.plan import (
     ALONE,
     CLONES,
     EXPERTS,
+    IMPROVED,
     INFERRED,
+    LATER,
     METHODS,
     PRIOR,
     REFERENCES,
     SHARED,
+    TURNED,
     UNSKILLED,
     Config,
 )
@@ -70,6 +73,21 @@ TINY = dataclasses.replace(
     clone_structure=dataclasses.replace(
         CONFIG.clone_structure, view="flat", hidden=(8,), batch_size=8, updates=20
     ),
+    turned_structure=dataclasses.replace(
+        CONFIG.turned_structure, view="flat", hidden=(8,), batch_size=8, updates=20
+    ),
+    improved_structure=dataclasses.replace(
+        CONFIG.improved_structure,
+        view="flat",
+        hidden=(8,),
+        batch_size=8,
+        updates=20,
+        states_per_update=1,
+        first_rounds=1,
+        replay_capacity=500,
+    ),
+    prices=(0.1, 3.0),
+    left_out_updates=10,
     grid=45,
     episodes=12,
 )
@@ -230,6 +248,43 @@ def test_inferred_angles_are_those_that_the_dial_was_with_skill(results, work) -
     assert tuple(dial.provenance["structure"]["demonstrators"]) == first
 
 
+@pytest.fixture(name="later", scope="module")
+def later_results(work, results):
+    """The later methods, beside the same demonstrators."""
+    assert results
+    return run(STUDY, dataclasses.replace(TINY, methods=LATER), work=work)
+
+
+def test_the_price_is_that_which_predicts_the_ones_left_out_best(later) -> None:
+    rows = later.tables["choices"]
+    assert {row["left_out"] for row in rows} == {"egoistic", "prosocial", "altruistic"}
+    means = {
+        price: np.mean([row["log_likelihood"] for row in rows if row["price"] == price])
+        for price in TINY.prices
+    }
+    assert {row["price"] for row in rows if row["chosen"]} == {max(means, key=lambda p: means[p])}
+
+
+def test_later_methods_are_compared_with_the_demonstrators(later, results) -> None:
+    groups = {(r["method"], r["seed"], r["angles"]): r["score"] for r in later.tables["groups"]}
+    rows = {(row["method"], row["angles"]): row for row in later.tables["above"]}
+    assert set(rows) == {(m, g) for m in LATER for g in ("all", "demonstrated", "unseen")}
+    gaps = [groups[IMPROVED, seed, "all"] - groups[EXPERTS, "", "all"] for seed in (0, 1)]
+    assert rows[IMPROVED, "all"]["mean"] == pytest.approx(np.mean(gaps), abs=1e-5)
+    for name in (EXPERTS, UNSKILLED):
+        theirs = [row for row in results.tables["scores"] if row["method"] == name]
+        assert [row for row in later.tables["scores"] if row["method"] == name] == theirs
+    assert "differences" not in later.tables
+
+
+def test_the_improved_dial_begins_with_the_clone_of_its_seed(later, work) -> None:
+    assert {row["method"] for row in later.tables["scores"]} == {*LATER, EXPERTS, UNSKILLED}
+    clone = DialPolicy.load(work / "turned" / "1" / "dial.safetensors")
+    made = DialPolicy.load(work / "improved" / "1" / "dial.safetensors")
+    assert made.provenance["start"]["sha256"] == clone.turned.sha256
+    assert clone.provenance["learner"] == "clone_dial" and TURNED in later.summary["methods"]
+
+
 def test_references_drive_alike_with_every_training_seed(results) -> None:
     rows = [row for row in results.tables["scores"] if row["method"] == UNSKILLED]
     assert [(row["seed"], row["angle"]) for row in rows] == [("", a) for a in TINY.angles]
@@ -262,6 +317,8 @@ def test_nonsense_is_refused() -> None:
         Config(methods=("magic",))
     with pytest.raises(UserError, match="compare with"):
         Config(methods=(INFERRED,))
+    with pytest.raises(UserError, match="price"):
+        Config(prices=(0.0,))
     with pytest.raises(UserError, match="range"):
         Config(angles=(120.0,))
     with pytest.raises(UserError, match="episodes"):
