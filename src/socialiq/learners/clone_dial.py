@@ -59,8 +59,8 @@ class StaticConfig(config.StaticConfig):
     """Encoding of the vehicles of the intersection; a name of `nn.view.CHOICES`."""
     batch_size: int = 256
     """Demonstrated transitions of an update."""
-    updates: int = 2000
-    """Gradient steps; many more learn the demonstrations by heart."""
+    updates: int = 5000
+    """Gradient steps."""
 
     def __post_init__(self) -> None:
         """Refuse names, sizes and angles that make no run."""

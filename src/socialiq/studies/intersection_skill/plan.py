@@ -106,7 +106,9 @@ EXPERT_NUMBERS = finer(dqn.Hyperparameters(learning_rate=5e-4, polyak=0.01, seed
 CLONE = cloning.StaticConfig(hidden=(128, 128), view="set", batch_size=256, updates=3000)
 """Static config of a clone."""
 
-IMPROVEMENT = dataclasses.replace(ITERATION, view="set", hidden=(128, 128), updates=4000)
+IMPROVEMENT = dataclasses.replace(
+    ITERATION, view="set", hidden=(128, 128), updates=3000, first_rounds=3
+)
 """Static config of the policy iteration of a clone."""
 
 IMPROVEMENT_NUMBERS = dataclasses.replace(ITERATION_NUMBERS, temperature=1.0)
@@ -155,7 +157,7 @@ class Config:
     """Hyperparameters of the policy iteration, without the seed."""
     prices: tuple[float, ...] = (0.1, 0.3, 1.0)
     """Candidates of η, in units of reward for a nat; the choice is by prediction."""
-    left_out_updates: int = 600
+    left_out_updates: int = 400
     """Updates of the policies that predict a demonstrator that is left out."""
     grid: int = 5
     """Step in degrees of the grid from which the demonstrators' angles are inferred."""
