@@ -16,9 +16,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
+from socialiq.worlds.intersection.actions import space_of
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
 HIGHWAY_STEPS = 150
 CORE_STEPS = 30_000
@@ -49,20 +51,26 @@ def run(repeats: int) -> dict[str, Any]:
     options = Options()
     real = real_environment(options)
     core = Batch(options, BATCH)
+    steered = ContinuousOptions(actions="continuous_steering")
+    real_steered, core_steered = real_environment(steered), Batch(steered, BATCH)
     wide = {threads: Batch(options, WIDE_BATCH, threads) for threads in (1, 2)}
     rates: dict[str, list[float]] = {}
     for _ in range(repeats):
         _note(rates, "highway_env_steps_per_s", lambda: real_steps_per_second(real))
         _note(rates, "steps_per_s_1_thread", lambda: steps_per_second(core, CORE_STEPS))
+        _note(rates, "highway_env_steered_per_s", lambda: real_steps_per_second(real_steered))
+        _note(rates, "steered_per_s_1_thread", lambda: steps_per_second(core_steered, CORE_STEPS))
         for threads, batch in wide.items():
             name = f"steps_per_s_{threads}_threads" if threads > 1 else "steps_per_s_wide_1_thread"
             _note(rates, name, lambda batch=batch: steps_per_second(batch, 2 * CORE_STEPS))
     found = {name: statistics.median(values) for name, values in rates.items()}
     ratios = np.divide(rates["steps_per_s_1_thread"], rates["highway_env_steps_per_s"])
+    steering = np.divide(rates["steered_per_s_1_thread"], rates["highway_env_steered_per_s"])
     scaling = np.divide(rates["steps_per_s_2_threads"], rates["steps_per_s_wide_1_thread"])
     return {
         **found,
         "ratio": float(np.median(ratios)),
+        "steered_ratio": float(np.median(steering)),
         "two_thread_scaling": float(np.median(scaling)),
         **by_density(repeats),
         **start_up(),
@@ -82,11 +90,11 @@ def real_environment(options: Options) -> Any:
 
 def real_steps_per_second(environment: Any) -> float:
     """Policy steps per second under random actions, resets included."""
-    actions = np.random.default_rng(0).integers(3, size=HIGHWAY_STEPS)
+    actions = drawn(environment.action_space, HIGHWAY_STEPS)
     environment.reset(seed=0)
     begin = time.perf_counter()
     for action in actions:
-        _, _, terminated, truncated, _ = environment.step(int(action))
+        _, _, terminated, truncated, _ = environment.step(action)
         if terminated or truncated:
             environment.reset()
     return HIGHWAY_STEPS / (time.perf_counter() - begin)
@@ -95,12 +103,20 @@ def real_steps_per_second(environment: Any) -> float:
 def steps_per_second(batch: Batch, steps: int) -> float:
     """Policy steps per second of a batch under random actions, resets included."""
     rounds = -(-steps // batch.size)
-    actions = np.random.default_rng(0).integers(3, size=(rounds, batch.size))
+    actions = drawn(space_of(batch.options), rounds, batch.size)
     batch.reset(0)
     begin = time.perf_counter()
     for row in actions:
         batch.step(row)
     return rounds * batch.size / (time.perf_counter() - begin)
+
+
+def drawn(space: Any, *shape: int) -> np.ndarray:
+    """Uniform actions of a space, of this shape."""
+    rng = np.random.default_rng(0)
+    if isinstance(space, spaces.Discrete):
+        return rng.integers(space.n, size=shape)
+    return rng.uniform(space.low, space.high, (*shape, *space.shape)).astype(np.float32)
 
 
 def by_density(repeats: int) -> dict[str, float]:

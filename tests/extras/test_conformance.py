@@ -1,4 +1,4 @@
-"""The compiled intersection is highway-env: 208 seeded episodes, every field, to the last bit."""
+"""The compiled intersection is highway-env: 248 seeded episodes, every field, to the last bit."""
 
 import dataclasses
 import json
@@ -35,6 +35,20 @@ def test_bits_are_equal(population, connected):
     assert found["max_deviation"] == 0.0
     assert found["max_observation_deviation"] == 0.0
     assert found["max_reward_deviation"] == 0.0
+    assert status == 0
+
+
+@pytest.mark.parametrize("actions", ["continuous", "continuous_steering"])
+def test_bits_are_equal_with_continuous_actions(actions):
+    steering = actions == "continuous_steering"
+    flags = ["--connected", "--population", "thesis"] if steering else []
+    status, found = conformance(
+        "--episodes", 20, "--seed", 33_000 + 500 * steering, "--actions", actions, *flags
+    )
+    assert found["episodes"] == 20
+    assert found["steps"] > 5 * 20
+    deviations = [found[name] for name in found if name not in ("episodes", "steps")]
+    assert deviations == [0] * 4
     assert status == 0
 
 

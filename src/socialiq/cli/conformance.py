@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from socialiq.cli.output import print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.reference.conformance import PORTABLE
 
 _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
@@ -34,13 +35,15 @@ class Conformance:
     """Episodes to compare."""
     driver: str = ""
     """Driver: a rule, a policy of the atlas or a policy file; by default go, idle, wait and
-    random in turn."""
+    random in turn. Not with continuous actions, which are drawn."""
     seed: int = 0
     """Seed of the first episode; the others follow."""
     population: str = "highway_env"
     """Other drivers: highway_env or thesis."""
     connected: bool = False
     """Drivers look beyond the end of their lane, as in intersection-v2."""
+    actions: Literal["discrete", "continuous", "continuous_steering"] = "discrete"
+    """The ego's actions: of continuous ones, acceleration alone or with steering."""
     default_numpy: bool = False
     """Use NumPy's AVX-512 routines, with which highway-env itself differs by an ulp. Tolerates
     deviations, but no discrete difference."""
@@ -53,7 +56,10 @@ class Conformance:
             raise UserError(f"seed must be at least 0, got {self.seed}")
         if self.episodes < 1:
             raise UserError(f"episodes must be at least 1, got {self.episodes}")
-        options = Options(population=self.population, connected_lanes=self.connected)
+        traffic: dict[str, Any] = {"population": self.population, "connected_lanes": self.connected}
+        options = Options(**traffic)
+        if self.actions != "discrete":
+            options = ContinuousOptions(actions=self.actions, **traffic)
         if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
             return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
         found = self.compare(options)
@@ -68,7 +74,7 @@ class Conformance:
     def _again(self) -> list[str]:
         command = [sys.executable, "-m", "socialiq", "conformance"]
         command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
-        command += ["--population", self.population]
+        command += ["--population", self.population, "--actions", self.actions]
         command += ["--driver", self.driver] if self.driver else []
         flags = {"--connected": self.connected, "--json": self.json}
         return command + [flag for flag, wanted in flags.items() if wanted]

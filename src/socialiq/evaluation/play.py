@@ -57,10 +57,10 @@ class BatchActor:
         self,
         observation: np.ndarray,
         running: np.ndarray,  # noqa: ARG002
-    ) -> Int64[np.ndarray, " batch"]:
-        """Return the policy's actions."""
-        chosen, _ = self._policy.predict(observation, deterministic=self._deterministic)
-        return np.asarray(chosen, np.int64)
+    ) -> np.ndarray:
+        """Return the policy's actions: numbers, (batch,), or continuous ones, (batch, values)."""
+        chosen = np.asarray(self._policy.predict(observation, deterministic=self._deterministic)[0])
+        return chosen if chosen.ndim == 2 else chosen.astype(np.int64)
 
 
 class TimedActor:

@@ -33,7 +33,7 @@ class Step(NamedTuple):
     episode: Int64[np.ndarray, " row"]
     running: Bool[np.ndarray, " row"]
     observation: Any
-    action: Int64[np.ndarray, " row"]
+    action: Int64[np.ndarray, " row"] | Float[np.ndarray, "row value"]
     made: Any
 
 

@@ -13,6 +13,12 @@ IDS = {
     "intersection": "socialiq/Intersection-v1",
 }
 
+CONTINUOUS_IDS = {
+    "continuous": "socialiq/IntersectionContinuous-v1",
+    "continuous_steering": "socialiq/IntersectionContinuousSteering-v1",
+}
+"""The intersection with continuous actions, by the option `actions`."""
+
 RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
 """Environment of a file of `socialiq data world`, which is named with `file`."""
 
@@ -36,5 +42,9 @@ def register() -> None:
             gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS)
         else:
             gymnasium.register(name, _GRID, kwargs={"world": world})
+    for actions, name in CONTINUOUS_IDS.items():
+        if name not in gymnasium.registry:
+            more = {"actions": actions}
+            gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=more)
     if RECORDED_JUNCTION not in gymnasium.registry:
         gymnasium.register(RECORDED_JUNCTION, _RECORDED)

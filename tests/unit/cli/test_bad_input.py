@@ -79,6 +79,7 @@ def refused(capsys, *arguments):
         (["conformance", "--seed", "-1"], "seed must be at least 0"),
         (["conformance", "--population", "x"], "choose one of highway_env, thesis"),
         (["conformance", "--episodes", "0"], "episodes must be at least 1"),
+        (["conformance", "--actions", "x"], "'continuous_steering'"),
         (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
         (["evaluate", "policy.onnx"], "`socialiq audit` drives other kinds too"),
         (["train", "nowhere.safetensors", "--out", "x"], "no such file: nowhere.safetensors"),

@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Float32, Int8, Int64
 
 from socialiq.errors import UserError, one_of
 from socialiq.types import Ending, RewardPair
+from socialiq.worlds.intersection.actions import checked
+from socialiq.worlds.intersection.actions import commands as meant
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS, settings_of
 from socialiq.worlds.intersection.state import (
-    ACTIONS,
     DECIDE,
     DECIDE_AND_RESET,
     RESET,
@@ -74,7 +75,10 @@ class Engine(Protocol):
     """Back end that advances the episodes: the compiled core, or the real highway-env."""
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
-        """Carry out one command for each episode; see `step.run`."""
+        """Carry out one command for each episode; see `step.run`.
+
+        Actions are numbers, or rows of continuous values.
+        """
         ...
 
 
@@ -90,9 +94,18 @@ class Core:
 
     def run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         """Carry out one command for each episode."""
+        if actions.ndim == 2:
+            actions = self._held(actions, commands != SKIP)
         self._step.on_threads(
             self._threads, self._buffers, commands, seeds, seeded, actions, self._settings
         )
+
+    def _held(self, actions: Any, rows: np.ndarray) -> Int64[np.ndarray, " batch"]:
+        """Write continuous actions into the egos' records; return numbers for the entry point."""
+        ego = np.flatnonzero(rows), self._buffers.episodes["ego"][rows]
+        for name, values in meant(actions[rows])._asdict().items():
+            self._buffers.vehicles[name][ego] = values
+        return np.zeros(len(actions), np.int64)
 
 
 class Batch:
@@ -195,27 +208,23 @@ class Batch:
         """Take one decision in every episode, or in some.
 
         Args:
-            actions: An action for each episode: 0 slower, 1 idle, 2 faster.
+            actions: An action for each episode: 0 slower, 1 idle, 2 faster; or, if the options
+                say so, continuous ones of float32 or float64 in [-1, 1], (batch, values).
             auto_reset: Start a new episode where one ended; `observation` then belongs to it.
                 Otherwise episodes that ended must be reset before the next step.
             rows: Episodes to advance, as an index or a mask; all by default. The results of the
                 others are those of their last decision.
 
         Raises:
-            UserError: If an action is not one of the three, or an episode has not begun or has
-                ended.
+            UserError: If an action is not one of these, or an episode has not begun or has ended.
         """
-        chosen = np.asarray(actions)
-        if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
-            raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
-        if chosen.min() < 0 or chosen.max() >= len(ACTIONS):
-            raise UserError(f"actions must be 0, 1 or 2, got {sorted({*chosen.tolist()})}")
+        chosen = checked(actions, self.size, self.options)
         deciding = self._chosen(rows)
         if (self._waiting & deciding).any():
             raise UserError("an episode has not begun, or has ended: reset it first")
         command = DECIDE_AND_RESET if auto_reset else DECIDE
         commands = np.where(deciding, command, SKIP).astype(np.int8)
-        self._engine.run(commands, self._no_seeds, self._unseeded, chosen.astype(np.int64))
+        self._engine.run(commands, self._no_seeds, self._unseeded, chosen)
         if not auto_reset:
             self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
         return self._decisions()

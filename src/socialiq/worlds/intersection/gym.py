@@ -14,7 +14,7 @@ from socialiq.errors import UserError
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import BackEnd, Batch, Decisions
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import parse_options
@@ -22,11 +22,16 @@ from socialiq.worlds.registry import parse_options
 _TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION))
 
 
-def _spaces(world: Intersection, clock: bool) -> tuple[spaces.Box, spaces.Discrete]:
+def _made(options: dict[str, Any]) -> Intersection:
+    kind = ContinuousOptions if "actions" in options else Options
+    return Intersection(parse_options("intersection", kind, options))
+
+
+def _spaces(world: Intersection, clock: bool) -> tuple[spaces.Box, spaces.Discrete | spaces.Box]:
     low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
     if clock:
         low[-1], high[-1] = 0.0, world.options.decisions
-    return spaces.Box(low, high, dtype=np.float32), spaces.Discrete(world.n_actions)
+    return spaces.Box(low, high, dtype=np.float32), world.action_space
 
 
 class IntersectionEnv(gymnasium.Env):
@@ -42,7 +47,7 @@ class IntersectionEnv(gymnasium.Env):
         render_mode: "rgb_array" or None.
         back_end: "core" or "highway_env".
         clock: Whether observations end with the time, in decisions since the reset.
-        options: Fields of `Options`.
+        options: Fields of `Options`; with `actions`, of `ContinuousOptions`.
 
     Raises:
         UserError: If an option is unknown, the angle is invalid, or highway-env is not installed.
@@ -58,7 +63,7 @@ class IntersectionEnv(gymnasium.Env):
         clock: bool = False,
         **options: Any,
     ) -> None:
-        self.world = Intersection(parse_options("intersection", Options, options))
+        self.world = _made(options)
         self.render_mode = render_mode
         self._weights = weights(check_angle(angle))
         self.observation_space, self.action_space = _spaces(self.world, clock)
@@ -77,7 +82,8 @@ class IntersectionEnv(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one decision. A timeout truncates; every other ending terminates."""
-        made = self.batch.step(np.array([int(action)]), auto_reset=False)
+        chosen = action if self.world.options.continuous else int(action)
+        made = self.batch.step(np.asarray([chosen]), auto_reset=False)
         ending = int(made.ending[0])
         info = {
             "reward_pair": np.array([made.rewards.env[0], made.rewards.social[0]]),
@@ -121,7 +127,7 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
         back_end: "core" or "highway_env".
         autoreset_mode: Gymnasium's, NEXT_STEP by default.
         clock: As of `IntersectionEnv`.
-        options: Fields of `Options`.
+        options: Fields of `Options`; with `actions`, of `ContinuousOptions`.
 
     Raises:
         UserError: If an option is unknown, or a number or the angle is invalid.
@@ -137,7 +143,7 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
         clock: bool = False,
         **options: Any,
     ) -> None:
-        self.world = Intersection(parse_options("intersection", Options, options))
+        self.world = _made(options)
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": autoreset_mode}
         self.autoreset_mode = autoreset_mode

@@ -77,6 +77,8 @@ Destination = Literal["right", "left", "straight", "random"]
 
 MOST_SPEEDS = 8
 
+ContinuousActions = Literal["continuous", "continuous_steering"]
+
 
 @dataclass(frozen=True)
 class Options:
@@ -211,6 +213,11 @@ class Options:
             )
 
     @property
+    def continuous(self) -> bool:
+        """Whether the ego's actions are continuous."""
+        return False
+
+    @property
     def max_speed(self) -> float:
         """Fastest target speed v_max, m/s."""
         return float(self.target_speeds[-1])
@@ -229,3 +236,37 @@ class Options:
     def capacity(self) -> int:
         """Largest number of vehicles of an episode: every spawn attempt, and the ego."""
         return self.initial_vehicle_count + 1 + self.decisions + 1
+
+
+@dataclass(frozen=True)
+class ContinuousOptions(Options):
+    """Options of the same scenario with highway-env's continuous actions.
+
+    Nothing steers along the lane for the ego: with acceleration alone it drives straight on.
+
+    Attributes:
+        destination: As of `Options`; only its route's progress depends on it. With acceleration
+            alone it must be "straight".
+        actions: "continuous": acceleration alone. "continuous_steering": acceleration, then the
+            angle of the front wheels.
+
+    Raises:
+        UserError: As `Options`, and if the ego can't reach its destination.
+    """
+
+    destination: Destination = "straight"
+    actions: ContinuousActions = "continuous"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("actions", self.actions, get_args(ContinuousActions))
+        if self.actions == "continuous" and self.destination != "straight":
+            raise UserError(
+                f"the ego can't reach '{self.destination}' by acceleration alone: choose the "
+                "destination 'straight', or the actions 'continuous_steering'"
+            )
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the ego's actions are continuous."""
+        return True

@@ -62,6 +62,7 @@ SETTINGS = np.dtype(
         ("speed_threshold", np.float64),
         ("speed_cap", np.float64),
         ("weights", np.float64, (len(SIGNALS),)),
+        ("continuous", np.bool_),  # the ego's record holds its commands
     ],
     align=True,
 )

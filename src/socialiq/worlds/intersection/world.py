@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gymnasium import spaces
+
+from socialiq.errors import UserError
+from socialiq.worlds.intersection.actions import space_of
 from socialiq.worlds.intersection.batch import BackEnd, Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import SIGNALS
@@ -29,8 +33,22 @@ class Intersection:
 
     @property
     def n_actions(self) -> int:
-        """Number of actions."""
+        """Number of actions.
+
+        Raises:
+            UserError: If they are continuous.
+        """
+        if self.options.continuous:
+            raise UserError(
+                "the actions of this intersection are continuous: choose discrete ones, or a "
+                "method for continuous actions"
+            )
         return len(ACTIONS)
+
+    @property
+    def action_space(self) -> spaces.Discrete | spaces.Box:
+        """Space of one action: `n_actions` numbers, or values in [-1, 1]."""
+        return space_of(self.options)
 
     @property
     def n_features(self) -> int:

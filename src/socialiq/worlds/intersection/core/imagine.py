@@ -69,7 +69,7 @@ def imagine(observation, episode, vehicles, settings):
     episode.next_identity = count
     episode.contact = _NO_CONTACT
     episode.touched = -1
-    enforce(vehicles, count, 0, settings.tie)
+    enforce(vehicles, count, 0, settings)
 
 
 @kernel

@@ -17,7 +17,8 @@ from socialiq.worlds.intersection.core.geometry import (
     longitudinal,
     position,
 )
-from socialiq.worlds.intersection.core.traffic import LEG_COUNT
+from socialiq.worlds.intersection.core.traffic import LEG_COUNT, advance
+from socialiq.worlds.intersection.state import VEHICLE
 
 N_PREDICTIONS = 11  # every quarter of a second up to 2.75 s
 PREDICTION_STEP = 0.25  # s
@@ -27,7 +28,7 @@ _SURELY_APART = VEHICLE_LENGTH * VEHICLE_LENGTH * (1 + 1e-9)
 
 
 @kernel
-def enforce(vehicles, count, ego, tie):
+def enforce(vehicles, count, ego, settings):
     """Release all vehicles, then stop the yielding vehicle of every pair whose predictions meet.
 
     The ego never yields: where it would have to, neither vehicle does.
@@ -38,10 +39,13 @@ def enforce(vehicles, count, ego, tie):
             vehicles[slot].target_speed = min(SPEED_LIMIT, vehicles[slot].desired_speed)
     predictions = np.empty((count, N_PREDICTIONS, 3))
     for slot in range(count):
-        _predict(vehicles[slot], predictions[slot])
+        if slot == ego and settings.continuous:
+            _predict_held(vehicles[slot], predictions[slot])
+        else:
+            _predict(vehicles[slot], predictions[slot])
     for first in range(count - 1):
         for second in range(first + 1, count):
-            slot = yielder(vehicles, first, second, tie)
+            slot = yielder(vehicles, first, second, settings.tie)
             if slot == ego or vehicles[slot].yielding:
                 continue
             if _meet(predictions[first], predictions[second]):
@@ -90,6 +94,19 @@ def _predict(vehicle, predictions):
         predictions[number, 0] = x
         predictions[number, 1] = y
         predictions[number, 2] = heading_at(lane, along)
+
+
+@kernel
+def _predict_held(vehicle, predictions):
+    """Write positions and headings at the present speed and angle of the wheels."""
+    ahead = np.empty(1, VEHICLE)
+    ahead[0] = vehicle
+    ahead[0].acceleration = 0.0
+    for number in range(N_PREDICTIONS):
+        advance(ahead[0], PREDICTION_STEP)
+        predictions[number, 0] = ahead[0].x
+        predictions[number, 1] = ahead[0].y
+        predictions[number, 2] = ahead[0].heading
 
 
 @kernel

@@ -134,7 +134,8 @@ def enter_ego(episode, vehicles, settings):
     episode.ego = episode.vehicles
     heading = heading_at(lane, 60.0)
     ego = _enter(episode, vehicles, x, y, heading, SPEED_LIMIT, 0, destination, settings.tie)
-    ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
+    if not settings.continuous:
+        ego.target_speed = settings.target_speeds[speed_index(SPEED_LIMIT, settings)]
     episode.contact = _NO_CONTACT
     episode.touched = -1
     kept = 0

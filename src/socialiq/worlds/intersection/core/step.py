@@ -35,13 +35,13 @@ def sub_step(episode, vehicles, settings):
     """Advance by a sub-step: decisions, road rules if due, motion, then collisions."""
     count, ego = episode.vehicles, episode.ego
     for slot in range(count):
-        if slot == ego:
-            control(vehicles[slot])
-        else:
+        if slot != ego:
             drive(vehicles, count, slot, settings)
+        elif not settings.continuous:  # else the record holds the command
+            control(vehicles[slot])
     episode.sub_steps += 1
     if episode.sub_steps % settings.rule_period == 0:
-        enforce(vehicles, count, ego, settings.tie)
+        enforce(vehicles, count, ego, settings)
     for slot in range(count):
         move(vehicles[slot], settings.dt, settings.tie)
     contact, touched = episode.contact, episode.touched
@@ -72,7 +72,8 @@ def decide(buffers, row, action, settings):
     episode, vehicles = buffers.episodes[row], buffers.vehicles[row]
     _copy(vehicles, episode.vehicles, buffers.before[row])
     episode.time += settings.decision
-    choose(vehicles[episode.ego], action, settings)
+    if not settings.continuous:
+        choose(vehicles[episode.ego], action, settings)
     for frame in range(settings.frames):
         sub_step(episode, vehicles, settings)
         if len(buffers.trace):
@@ -157,7 +158,8 @@ Args:
     commands: One of `buffers`' commands for each episode, int8.
     entropy: Seed of each episode's stream, uint64.
     seeded: Whether to begin the stream from that seed, bool.
-    actions: The ego's actions, int64.
+    actions: The ego's actions, int64. Continuous ones are held in its record instead: steering
+        and acceleration.
     options: SETTINGS record in an array of one.
     first: First episode of the part to do.
     end: End of that part.

@@ -170,6 +170,13 @@ def turned(vehicle, heading):
 
 @inlined_kernel
 def move(vehicle, dt, tie):
+    """Advance a vehicle by a sub-step, and find its closest lane."""
+    advance(vehicle, dt)
+    vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)
+
+
+@kernel
+def advance(vehicle, dt):
     """Advance the kinematic bicycle model; a pending push moves the vehicle and marks a crash."""
     if vehicle.crashed:
         vehicle.steering = 0.0
@@ -195,4 +202,3 @@ def move(vehicle, dt, tie):
         vehicle.push_y = 0.0
     turned(vehicle, vehicle.heading + vehicle.speed * sin(slip) / (VEHICLE_LENGTH / 2) * dt)
     vehicle.speed += vehicle.acceleration * dt
-    vehicle.lane = closest_lane(vehicle.x, vehicle.y, vehicle.heading, vehicle.lane, tie)

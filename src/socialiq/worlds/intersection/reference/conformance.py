@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
+from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
@@ -60,7 +61,7 @@ def compare(
         options: The scenario.
         episodes: Number of episodes.
         seed: Seed of the first episode; episode i has seed + i.
-        driver: Policy of the ego; by default go, idle, wait and random in turn.
+        driver: Policy of the ego; by default `driver_of_turn`.
 
     Raises:
         UserError: If `episodes` is below 1, or highway-env is not installed.
@@ -69,8 +70,66 @@ def compare(
         raise UserError(f"episodes must be at least 1, got {episodes}")
     core, real = Batch(options, 1), Batch(options, 1, back_end="highway_env")
     for number in range(episodes):
-        turn = policy(POLICIES[number % len(POLICIES)], seed + number)
+        turn = driver_of_turn(number, seed + number, options)
         yield _episode(core, real, driver or turn, seed + number)
+
+
+def driver_of_turn(number: int, seed: int, options: Options) -> Policy:
+    """Return one of the drivers that a comparison takes in turn.
+
+    They are go, idle, wait and random. Continuous actions are drawn: full acceleration without
+    steering; acceleration at random with little steering, in float32 and in float64; all at random.
+
+    Args:
+        number: Number of the episode.
+        seed: Seed of its actions.
+        options: Scenario.
+    """
+    turn = number % len(POLICIES)
+    if not options.continuous:
+        return policy(POLICIES[turn], seed)
+    least, steering, kind = _DRAWN[turn]
+    return RandomValues(width(options), least, steering, kind, seed)
+
+
+_DRAWN = (
+    (1.0, 0.0, np.float32),
+    (-0.3, 0.1, np.float32),
+    (-1.0, 0.1, np.float64),
+    (-1.0, 1.0, np.float32),
+)
+"""Least acceleration, most steering and type of the actions of each turn."""
+
+
+class RandomValues:
+    """Continuous actions at random.
+
+    Args:
+        values: Number of values: 1, or 2 with steering.
+        least: Least acceleration; the most is 1.
+        steering: Most steering to either side.
+        kind: Type of the actions, float32 or float64.
+        seed: Seed of the draws.
+    """
+
+    def __init__(
+        self, values: int, least: float, steering: float, kind: type[np.floating], seed: int
+    ) -> None:
+        self._high = np.array([1.0, steering])[:values]
+        self._low = np.array([least, -steering])[:values]
+        self._kind, self._rng = kind, np.random.default_rng(seed)
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,  # noqa: ARG002  part of the protocol
+    ) -> tuple[np.ndarray, Any]:
+        """Draw an action for each observation."""
+        rows = len(observation)
+        drawn = self._rng.uniform(self._low, self._high, (rows, len(self._low)))
+        return drawn.astype(self._kind), state
 
 
 def _episode(core: Batch, real: Batch, driver: Policy, seed: int) -> Compared:

@@ -49,10 +49,11 @@ class Reference:
         decided = np.isin(commands, (DECIDE, DECIDE_AND_RESET))
         seen = np.zeros_like(made.reached)
         for row in np.flatnonzero(decided):
-            seen[row] = self._rows[row].step(int(actions[row])).reshape(seen[row].shape)
+            seen[row] = self._rows[row].step(actions[row]).reshape(seen[row].shape)
             self._write_decision(int(row))
         wanted = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
-        step.on_threads(1, made, wanted, seeds, np.zeros_like(decided), actions, self._settings)
+        unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
+        step.on_threads(1, made, wanted, seeds, unseeded, unused, self._settings)
         made.reached[decided] = seen[decided]
         made.observation[decided] = seen[decided]
         ended = (commands == DECIDE_AND_RESET) & (made.ending != int(Ending.NONE))

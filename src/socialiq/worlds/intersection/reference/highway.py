@@ -18,8 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.core import collisions
 from socialiq.worlds.intersection.core.compile import for_python
+from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import (
     FEATURES,
@@ -31,11 +33,15 @@ from socialiq.worlds.intersection.state import (
 
 try:
     # Type checks also run where the extra is not installed.
+    from highway_env.envs.common.action import (  # pyright: ignore[reportMissingImports]
+        ContinuousAction,
+    )
     from highway_env.envs.intersection_env import (  # pyright: ignore[reportMissingImports]
         IntersectionEnv,
     )
     from highway_env.road.regulation import RegulatedRoad  # pyright: ignore[reportMissingImports]
     from highway_env.vehicle.behavior import IDMVehicle  # pyright: ignore[reportMissingImports]
+    from highway_env.vehicle.kinematics import Vehicle  # pyright: ignore[reportMissingImports]
 
     from socialiq.worlds.intersection.reference.drivers import DRIVERS
 except ImportError as error:
@@ -72,12 +78,7 @@ def environment_config(options: Options) -> dict[str, Any]:
             "see_behind": False,
             "observe_intentions": False,
         },
-        "action": {
-            "type": "DiscreteMetaAction",
-            "longitudinal": True,
-            "lateral": False,
-            "target_speeds": list(options.target_speeds),
-        },
+        "action": _action_config(options),
         "simulation_frequency": options.simulation_frequency,
         "policy_frequency": options.policy_frequency,
         "duration": options.duration,
@@ -91,12 +92,46 @@ def environment_config(options: Options) -> dict[str, Any]:
     }
 
 
+def _action_config(options: Options) -> dict[str, Any]:
+    if options.continuous:
+        return {"type": "ContinuousAction", "longitudinal": True, "lateral": width(options) == 2}
+    return {
+        "type": "DiscreteMetaAction",
+        "longitudinal": True,
+        "lateral": False,
+        "target_speeds": list(options.target_speeds),
+    }
+
+
 class _Entry(NamedTuple):
     """Facts of a vehicle that are lost once it has driven a part of its route."""
 
     identity: int
     origin: int
     destination: int
+
+
+# Of an ego with continuous actions, which highway-env gives no target lane and no route.
+_ENTRY = ("o0", "ir0")
+_WHOLE_ROUTE = (None, None, None)
+
+
+class _SteeredVehicle(Vehicle):
+    """highway-env's vehicle with continuous actions, which records where it was sent."""
+
+    def plan_route_to(self, destination: str) -> None:
+        """Record the destination; like the base class, it can't plan."""
+        self.planned = destination
+        raise AttributeError("no route is planned")
+
+
+class _SteeredAction(ContinuousAction):
+    """highway-env's continuous actions of a vehicle that records where it was sent."""
+
+    @property
+    def vehicle_class(self) -> type:
+        """Class of the ego."""
+        return _SteeredVehicle
 
 
 class _WatchedRoad(RegulatedRoad):
@@ -116,7 +151,8 @@ class _WatchedRoad(RegulatedRoad):
 
     def enter(self, vehicle: Any) -> int:
         """Number a vehicle that has just entered, and record its origin and destination."""
-        origin, destination = vehicle.route[0][0], vehicle.route[-1][1]
+        destination = getattr(vehicle, "planned", None) or vehicle.route[-1][1]
+        origin = vehicle.lane_index[0]
         entry = _Entry(len(self._entries), int(origin[1:]), int(destination[1:]))
         self._entries[vehicle] = entry
         return entry.identity
@@ -145,7 +181,7 @@ class _WatchedRoad(RegulatedRoad):
         row["along_x"], row["along_y"] = vehicle.direction
         row["steering"] = vehicle.action["steering"]
         row["acceleration"] = vehicle.action["acceleration"]
-        row["target_speed"] = vehicle.target_speed
+        row["target_speed"] = getattr(vehicle, "target_speed", SPEED_LIMIT)
         row["pushed"] = vehicle.impact is not None
         if vehicle.impact is not None:
             row["push_x"], row["push_y"] = vehicle.impact
@@ -153,8 +189,8 @@ class _WatchedRoad(RegulatedRoad):
         row["identity"] = entry.identity
         row["origin"], row["destination"] = entry.origin, entry.destination
         row["lane"] = self._lane_numbers[vehicle.lane_index[:2]]
-        row["target_lane"] = self._lane_numbers[vehicle.target_lane_index[:2]]
-        row["leg"] = 3 - len(vehicle.route)
+        row["target_lane"] = self._lane_numbers[getattr(vehicle, "target_lane_index", _ENTRY)[:2]]
+        row["leg"] = 3 - len(getattr(vehicle, "route", _WHOLE_ROUTE))
         row["yielding"] = getattr(vehicle, "is_yielding", False)
         row["crashed"] = vehicle.crashed
 
@@ -174,6 +210,12 @@ class _WatchedEnv(IntersectionEnv):
 
     road: Any
     after: np.ndarray
+    action_type: Any
+
+    def define_spaces(self) -> None:
+        super().define_spaces()
+        if isinstance(self.action_type, ContinuousAction):
+            self.action_type = _SteeredAction(self, **self.config["action"])
 
     def _make_road(self) -> None:
         super()._make_road()
@@ -228,11 +270,11 @@ class HighwayIntersection:
         self.before = self.after = self.vehicles
         return observation.reshape(-1)
 
-    def step(self, action: int) -> np.ndarray:
+    def step(self, action: Any) -> np.ndarray:
         """Take one decision.
 
         Args:
-            action: 0 slower, 1 idle, 2 faster.
+            action: 0 slower, 1 idle, 2 faster; or the values of a continuous action.
 
         Returns:
             The observation, float32 (observed vehicles * 7,).
