@@ -1,4 +1,4 @@
-"""Continuous actions of the ego: their commands, motion with a known answer, and what is refused."""
+"""Continuous actions of the ego: commands, motion with a known answer, what is refused."""
 
 import math
 
