@@ -148,6 +148,38 @@ class Simulator(Protocol):
 
 
 @runtime_checkable
+class ContinuousSimulator(Protocol):
+    """Protocol of a world of continuous actions that compiled programs can step.
+
+    An action is float32 (size,) within [-1, 1], the ends being the bounds of the world's own
+    action space.
+    """
+
+    @property
+    def action_size(self) -> int:
+        """Length of an action."""
+        ...
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        ...
+
+    @property
+    def description(self) -> str:
+        """Name and options of the world; worlds with equal descriptions are identical."""
+        ...
+
+    def reset(self, key: Any) -> tuple[Any, Any]:
+        """Start an episode: (episode state, observation)."""
+        ...
+
+    def advance(self, key: Any, episode: Any, action: Any) -> tuple[Any, Step]:
+        """Take one step: (next episode state, result)."""
+        ...
+
+
+@runtime_checkable
 class Transitions(Protocol):
     """Protocol of the columns of a demonstrations table that learners read.
 
@@ -161,7 +193,7 @@ class Transitions(Protocol):
 
     @property
     def action(self) -> np.ndarray:
-        """(transitions,), integers."""
+        """(transitions,), integers; continuous ones (transitions, size), float32 in [-1, 1]."""
         ...
 
     @property

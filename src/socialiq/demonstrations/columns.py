@@ -16,7 +16,8 @@ from jaxtyping import Bool, Int, Int32
 from socialiq.errors import UserError
 from socialiq.types import Ending
 
-# The type and number of axes of each column; also the order of columns in a file.
+# The type and number of axes of each column of discrete actions; also the order of columns in a
+# file. Continuous actions are (np.float32, 2).
 LAYOUT: dict[str, tuple[type[np.generic], int]] = {
     "observation": (np.float32, 2),
     "action": (np.int32, 1),
@@ -37,21 +38,32 @@ def check(columns: Mapping[str, Any], n_actions: Any, mode_names: Any) -> None:
 
     Args:
         columns: One array for each name of `LAYOUT`.
-        n_actions: Number of discrete actions; `action` lies in [0, n_actions).
+        n_actions: Number of discrete actions, `action` in [0, n_actions); 0 for continuous ones,
+            float32 rows in [-1, 1].
         mode_names: Names that `mode` indexes.
 
     Raises:
         UserError: At the first violation.
     """
-    _check_names(n_actions, mode_names)
-    _check_layout(columns)
-    _check_finite(columns)
-    _check_range("action", columns["action"], n_actions, "n_actions")
+    continuous = type(n_actions) is int and n_actions == 0 and is_continuous(columns["action"])
+    _check_names(1 if continuous else n_actions, mode_names)
+    layout = LAYOUT | {"action": (np.float32, 2)} if continuous else LAYOUT
+    _check_layout(columns, layout)
+    _check_finite(columns, layout)
+    if continuous:
+        _check_bounded(columns["action"])
+    else:
+        _check_range("action", columns["action"], n_actions, "n_actions")
     _check_range("mode", columns["mode"], len(mode_names), "the number of mode_names")
     _check_episodes(columns["episode"])
     _check_endings(columns)
     _check_within_episodes(columns)
     _check_steps(columns)
+
+
+def is_continuous(action: Any) -> bool:
+    """Whether actions are arrays of floats, (transition, size)."""
+    return isinstance(action, np.ndarray) and action.dtype.kind == "f" and action.ndim == 2
 
 
 def flags_of(
@@ -98,8 +110,11 @@ def _check_names(n_actions: Any, mode_names: Any) -> None:
         raise UserError("mode_names must be distinct, and at most 127: merge or rename modes")
 
 
-def _check_layout(columns: Mapping[str, Any]) -> None:
-    for name, (dtype, axes) in LAYOUT.items():
+Layout = Mapping[str, tuple[type[np.generic], int]]
+
+
+def _check_layout(columns: Mapping[str, Any], layout: Layout) -> None:
+    for name, (dtype, axes) in layout.items():
         column = columns[name]
         if not isinstance(column, np.ndarray):
             raise UserError(
@@ -137,8 +152,8 @@ def _refuse(name: str, bad: np.ndarray, problem: str) -> None:
         raise UserError(f"column {name}, row {int(np.argmax(bad))}: {problem}")
 
 
-def _check_finite(columns: Mapping[str, Any]) -> None:
-    for name, (dtype, axes) in LAYOUT.items():
+def _check_finite(columns: Mapping[str, Any], layout: Layout) -> None:
+    for name, (dtype, axes) in layout.items():
         if issubclass(dtype, np.floating):
             bad = ~np.isfinite(columns[name])
             _refuse(
@@ -146,6 +161,16 @@ def _check_finite(columns: Mapping[str, Any]) -> None:
                 bad.any(axis=1) if axes == 2 else bad,
                 "not finite: leave out the episode, or correct its recording",
             )
+
+
+def _check_bounded(action: np.ndarray) -> None:
+    if action.shape[1] == 0:
+        raise UserError("column action has rows without a number: pass one or more for each row")
+    _refuse(
+        "action",
+        np.abs(action).max(axis=1) > 1.0,
+        "outside [-1, 1]: scale actions by the bounds of their space",
+    )
 
 
 def _check_range(name: str, column: np.ndarray, size: int, what: str) -> None:

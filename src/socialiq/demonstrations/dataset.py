@@ -34,7 +34,8 @@ class Demonstrations:
 
     Attributes:
         observation: s.
-        action: a, in [0, n_actions).
+        action: a: discrete ones int32 in [0, n_actions), (transition,); continuous ones float32 in
+            [-1, 1], (transition, size), the ends being the bounds of the world's action space.
         next_observation: s'.
         terminated: Whether s' is a terminal state.
         truncated: Whether the world's clock cut the episode at s'.
@@ -44,7 +45,7 @@ class Demonstrations:
         episode: Number of the episode, from 0 without gaps.
         step: Number of the step within its episode, from 0; it skips where rows were left out.
         mode_names: Names of the demonstrators' modes; some may be without episodes.
-        n_actions: Number of discrete actions of the world.
+        n_actions: Number of discrete actions of the world; 0 if they are continuous.
         source: Provenance (world, options, seeds), as JSON returns it.
 
     Raises:
@@ -52,7 +53,7 @@ class Demonstrations:
     """
 
     observation: Float32[np.ndarray, "transition feature"]
-    action: Int32[np.ndarray, " transition"]
+    action: Shaped[np.ndarray, transition * size]
     next_observation: Float32[np.ndarray, "transition feature"]
     terminated: Bool[np.ndarray, " transition"]
     truncated: Bool[np.ndarray, " transition"]
@@ -97,12 +98,12 @@ class Demonstrations:
 
         Args:
             observation: s, (transition, feature).
-            action: a, (transition,).
+            action: a, (transition,); continuous ones (transition, size), in [-1, 1].
             next_observation: s', (transition, feature).
             ending: Values of `types.Ending`, (transition,).
             rewards: (r_env, r_social), each (transition,).
             episode: Number of the episode, (transition,), from 0 without gaps.
-            n_actions: Number of discrete actions of the world.
+            n_actions: Number of discrete actions of the world; 0 for continuous ones.
             mode: Index into `mode_names`, (transition,); 0 in every row without it.
             mode_names: Names of the demonstrators' modes.
             step: Number of the step, (transition,); counted within the episode without it.
@@ -115,7 +116,7 @@ class Demonstrations:
         terminated, truncated = columns.flags_of(kinds)
         return Demonstrations(
             observation=np.asarray(observation, np.float32),
-            action=np.asarray(action, np.int32),
+            action=np.asarray(action, np.int32 if n_actions else np.float32),
             next_observation=np.asarray(next_observation, np.float32),
             terminated=terminated,
             truncated=truncated,
@@ -172,6 +173,11 @@ class Demonstrations:
     def n_features(self) -> int:
         """Length of an observation."""
         return self.observation.shape[1]
+
+    @property
+    def action_size(self) -> int:
+        """Length of a continuous action; 0 if actions are discrete."""
+        return self.action.shape[1] if self.action.ndim == 2 else 0
 
     @property
     def episode_starts(self) -> Int[np.ndarray, " episode"]:

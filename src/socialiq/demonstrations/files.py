@@ -11,6 +11,8 @@ from socialiq.errors import UserError
 
 KIND = "demonstrations"
 SCHEMA_VERSION = 1
+CONTINUOUS_VERSION = 2
+"""Schema version of tables with continuous actions, which readers of version 1 would not know."""
 
 
 def save(path: Path, demonstrations: Demonstrations, replace: bool = True) -> str:
@@ -28,13 +30,17 @@ def save(path: Path, demonstrations: Demonstrations, replace: bool = True) -> st
         UserError: If the file can't be written.
     """
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
-    return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header, replace)
+    return storage.save_arrays(path, KIND, _version(demonstrations), arrays, header, replace)
 
 
 def sha256_of(demonstrations: Demonstrations) -> str:
     """Return the SHA-256 of a table's content, as `save` does."""
     arrays, header = demonstrations.arrays(), header_of(demonstrations)
-    return storage.sha256_of(KIND, SCHEMA_VERSION, arrays, header)
+    return storage.sha256_of(KIND, _version(demonstrations), arrays, header)
+
+
+def _version(demonstrations: Demonstrations) -> int:
+    return CONTINUOUS_VERSION if demonstrations.action_size else SCHEMA_VERSION
 
 
 def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
@@ -46,14 +52,23 @@ def header_of(demonstrations: Demonstrations) -> dict[str, Any]:
     }
 
 
-def load(path: Path) -> Demonstrations:
+def load(path: Path, continuous: bool = False) -> Demonstrations:
     """Read a table, checking the file's bytes and then every column.
+
+    Args:
+        path: The file.
+        continuous: Whether tables with continuous actions are read too.
 
     Raises:
         UserError: If the file is missing, damaged, of another kind or version, or its content
-            isn't a valid table; the line names the file.
+            isn't a valid table, or has continuous actions where these have no use; the line names
+            the file.
     """
-    arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
+    arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, CONTINUOUS_VERSION))
+    if header["version"] == CONTINUOUS_VERSION and not continuous:
+        raise UserError(
+            f"{path} has continuous actions: this takes demonstrations of discrete ones"
+        )
     mode_names, n_actions, source = (
         header.get(name) for name in ("mode_names", "n_actions", "source")
     )
@@ -66,6 +81,8 @@ def load(path: Path) -> Demonstrations:
         raise UserError(
             f"{path} lacks mode_names, n_actions or source in its header: make the file again"
         )
+    if (n_actions == 0) != (header["version"] == CONTINUOUS_VERSION):
+        raise UserError(f"{path} has actions of another kind than its version: make the file again")
     try:
         return Demonstrations.of_arrays(arrays, tuple(mode_names), n_actions, source)
     except UserError as error:

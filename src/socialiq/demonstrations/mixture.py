@@ -151,11 +151,11 @@ def concatenate(tables: Sequence[Demonstrations]) -> Demonstrations:
     sources are one, it is kept; otherwise the distinct ones are listed.
 
     Raises:
-        UserError: If there is none, or they differ in features or in n_actions.
+        UserError: If there is none, or they differ in features or in actions.
     """
     if not tables:
         raise UserError("no demonstrations to concatenate: pass at least one table")
-    for what in ("n_features", "n_actions"):
+    for what in ("n_features", "n_actions", "action_size"):
         values = {getattr(table, what) for table in tables}
         if len(values) > 1:
             raise UserError(

@@ -86,7 +86,7 @@ class BehaviourCloning(Learner):
     def of(cls, static: Any, datasets: Sequence[Transitions]) -> BehaviourCloning:
         """Make the learner of sets of demonstrations."""
         sizes = (datasets[0].observation.shape[1], datasets[0].n_actions)
-        return cls(static, sizes, _table(static, datasets))
+        return cls(static, sizes, table_of(static, datasets))
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw a network from the run's seed, and weigh the demonstrations."""
@@ -124,17 +124,28 @@ class BehaviourCloning(Learner):
 
 def effective_size(data: Transitions, hyperparameters: Hyperparameters) -> float:
     """Return how many transitions of equal weight a weighted run's data are worth (B.2)."""
-    table = _table(StaticConfig(weighted=True), [data])
+    table = table_of(StaticConfig(weighted=True), [data])
     run = stack([dataclasses.replace(hyperparameters, dataset=0)])[0]
     return float(priors.effective_sample_size(priors.table_weights(table, run)))
 
 
-def _table(static: StaticConfig, datasets: Sequence[Transitions]) -> ExpertTable:
-    """The sets; where they are weighted, with each row's score."""
+def table_of(
+    static: StaticConfig, datasets: Sequence[Transitions], continuous: bool = False
+) -> ExpertTable:
+    """Return the sets; where they are weighted, with each row's score.
+
+    Args:
+        static: Whether and by what they are weighted.
+        datasets: The sets.
+        continuous: Whether their actions are.
+
+    Raises:
+        UserError: As `ExpertTable.of`.
+    """
     if static.weighted:
         discount = 0.99 if static.weighted_by in ADVANTAGES else 1.0
-        return ExpertTable.of(datasets, static.weighted_by, discount)
-    return ExpertTable.of(datasets, "instantaneous", 0.0)
+        return ExpertTable.of(datasets, static.weighted_by, discount, continuous)
+    return ExpertTable.of(datasets, "instantaneous", 0.0, continuous)
 
 
 def negative_log_likelihood(network: QNetwork, observation: Array, action: Array) -> Array:

@@ -21,7 +21,7 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
 
 Act = Callable[[np.ndarray], Any]
-"""From observations, (batch, features), to actions, (batch,)."""
+"""From observations, (batch, features), to actions, (batch,), or continuous ones (batch, size)."""
 
 Source = Callable[[Act, np.random.Generator], Batch]
 """Lets a driver act in an environment for a fixed number of steps."""
@@ -106,20 +106,22 @@ def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:
     """Return a source of one environment.
 
     Args:
-        env: With discrete actions; `types.RewardPair.of_step` and `Ending.of_step` say how its
-            rewards and endings are read.
+        env: With discrete actions, or arrays in [-1, 1]; `types.RewardPair.of_step` and
+            `Ending.of_step` say how its rewards and endings are read.
         steps: For each chunk.
 
     Raises:
-        UserError: If the actions are not discrete.
+        UserError: If the actions are of another kind.
     """
-    _check_discrete(env.action_space)
+    _check_actions(env.action_space)
+    discrete = isinstance(env.action_space, gymnasium.spaces.Discrete)
 
     def source(act: Act, rng: np.random.Generator) -> Batch:
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
         rows: list[tuple[Any, ...]] = []
         for _ in range(steps):
-            action = np.asarray(act(np.ravel(observation)[None])).item()
+            chosen = np.asarray(act(np.ravel(observation)[None]))
+            action = chosen.item() if discrete else chosen[0].astype(np.float32)
             after, reward, terminated, truncated, info = env.step(action)
             kind = Ending.of_step(terminated, truncated, info)
             pair = RewardPair.of_step(reward, info)
@@ -134,15 +136,15 @@ def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) 
     """Return a source of environments side by side.
 
     Args:
-        env: With discrete actions and `AutoresetMode.SAME_STEP`. Its info has `reward_pair`,
-            (envs, 2), and `ending`, (envs,), values of `types.Ending`, both of the step that was
-            taken, also where a reset followed.
+        env: With discrete actions, or arrays in [-1, 1], and `AutoresetMode.SAME_STEP`. Its
+            info has `reward_pair`, (envs, 2), and `ending`, (envs,), values of `types.Ending`,
+            both of the step that was taken, also where a reset followed.
         steps: For each chunk, of all environments together.
 
     Raises:
-        UserError: If the actions are not discrete, or it resets at another time.
+        UserError: If the actions are of another kind, or it resets at another time.
     """
-    _check_discrete(env.single_action_space)
+    _check_actions(env.single_action_space)
     if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
         raise UserError("a vector environment must reset in the same step: AutoresetMode.SAME_STEP")
 
@@ -184,9 +186,16 @@ def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:
     return after
 
 
-def _check_discrete(space: Any) -> None:
+def _check_actions(space: Any) -> None:
+    if isinstance(space, gymnasium.spaces.Box):
+        if space.dtype == np.float32 and (space.low == -1.0).all() and (space.high == 1.0).all():
+            return
+        raise UserError(
+            "continuous actions must be float32 in [-1, 1]: make the environment by "
+            "make_environment, which scales them"
+        )
     if not isinstance(space, gymnasium.spaces.Discrete):
-        raise UserError("only discrete actions are supported: wrap the environment")
+        raise UserError("only discrete actions, or a Box, are supported: wrap the environment")
 
 
 def _batch(
@@ -202,7 +211,7 @@ def _batch(
 
     return Batch(
         column(observation, np.float32),
-        column(action, np.int32),
+        column(action, np.float32 if action.ndim == 2 else np.int32),
         column(after, np.float32),
         column(ending, np.int32),
         RewardPair(column(env, np.float32), column(social, np.float32)),

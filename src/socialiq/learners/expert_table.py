@@ -19,7 +19,7 @@ class Batch(NamedTuple):
 
     Attributes:
         observation: s.
-        action: a.
+        action: a, integers (batch,); continuous ones are float32 (batch, size).
         next_observation: s'.
         ending: Value of `types.Ending`.
         target: What the social prior compares r̂ with, before the angle: the pair
@@ -27,7 +27,7 @@ class Batch(NamedTuple):
     """
 
     observation: Float[Array, "batch feature"]
-    action: Int[Array, " batch"]
+    action: Int[Array, " batch"] | Float[Array, "batch size"]
     next_observation: Float[Array, "batch feature"]
     ending: Int[Array, " batch"]
     target: RewardPair
@@ -55,12 +55,22 @@ class ExpertTable(NamedTuple):
 
     @staticmethod
     def of(
-        datasets: Sequence[Transitions], target_kind: str, social_discount: float
+        datasets: Sequence[Transitions],
+        target_kind: str,
+        social_discount: float,
+        continuous: bool = False,
     ) -> ExpertTable:
         """Lay out sets of demonstrations and derive their cumulative returns.
 
+        Args:
+            datasets: The sets.
+            target_kind: Kind of "cumulative returns" of `Transitions.returns`.
+            social_discount: γ_svo of these returns.
+            continuous: Whether the learner takes continuous actions, or discrete ones.
+
         Raises:
-            UserError: If there is none, or they differ in features or actions.
+            UserError: If there is none, or they differ in features or actions, or have actions of
+                the other kind.
         """
         if not datasets:
             raise UserError("no demonstrations: pass at least one set")
@@ -68,6 +78,16 @@ class ExpertTable(NamedTuple):
             raise UserError("the sets of demonstrations have different observations")
         if len({data.n_actions for data in datasets}) > 1:
             raise UserError("the sets of demonstrations have different actions")
+        shapes = {data.action.shape[1:] for data in datasets}
+        if len(shapes) > 1:
+            raise UserError("the sets of demonstrations have actions of different sizes")
+        if (shapes != {()}) != continuous:
+            raise UserError(
+                "this learner takes continuous actions: the demonstrations have discrete ones"
+                if continuous
+                else "this learner takes discrete actions: train on continuous ones with a learner "
+                "of learners.continuous"
+            )
         returns = [data.returns(target_kind, social_discount) for data in datasets]
         sizes = [len(data.action) for data in datasets]
         offsets = np.concatenate([[0], np.cumsum(sizes)])
@@ -81,7 +101,9 @@ class ExpertTable(NamedTuple):
         return ExpertTable(
             columns=Batch(
                 observation=join([data.observation for data in datasets], "float32"),
-                action=join([data.action for data in datasets], "int32"),
+                action=join(
+                    [data.action for data in datasets], "float32" if continuous else "int32"
+                ),
                 next_observation=join([data.next_observation for data in datasets], "float32"),
                 ending=join([data.ending for data in datasets], "int32"),
                 target=RewardPair(
@@ -127,7 +149,7 @@ class ExpertTable(NamedTuple):
     def ending_shares(self, dataset: Int[Array, ""]) -> Float[Array, " kind"]:
         """Return the share of one set's transitions with each value of `types.Ending`."""
         first, end = self.row_bounds[dataset], self.row_bounds[dataset + 1]
-        rows = jnp.arange(self.columns.action.shape[0])
+        rows = jnp.arange(len(self.columns.ending))
         return shares_of_endings(self.columns.ending, (rows >= first) & (rows < end))
 
     def rows(self, rows: Int[Array, " batch"]) -> Batch:

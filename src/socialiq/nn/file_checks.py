@@ -52,7 +52,7 @@ def fault_of(policy: Any, activations: tuple[str, ...], extra: int) -> str:
     # Before anything is computed with them: widths that a header claims could be of any size.
     if consistent:
         width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
-        consistent = width > 0 and _chained(policy.weights, policy.biases, width + extra)
+        consistent = width > 0 and chained(policy.weights, policy.biases, width + extra)
     return "" if consistent else "has layers that don't follow one another"
 
 
@@ -76,11 +76,12 @@ def _view_is_possible(view: Any) -> bool:
     inputs = ROW + (6 if relative else 0)  # of one vehicle, as `View` lists them
     encoded = (view.width - view.times - (ROW - 1)) // 2 if pooled else 0
     return not pooled or (
-        _chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded
+        chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded
     )
 
 
-def _chained(weights: tuple[Any, ...], biases: tuple[Any, ...], inputs: int) -> bool:
+def chained(weights: tuple[Any, ...], biases: tuple[Any, ...], inputs: int) -> bool:
+    """Return whether each layer takes what the one before it gives, the first so many inputs."""
     for weight, bias in zip(weights, biases, strict=True):
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != inputs:
             return False

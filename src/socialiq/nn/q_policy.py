@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError, one_of
+from socialiq.nn import perceptron
 from socialiq.nn.file_checks import FAULTS, fault_before, fault_of
 from socialiq.nn.q_network import ACTIVATIONS as TRAINABLE
 from socialiq.nn.q_network import Encoding, QNetwork, ValueNetwork
@@ -24,13 +25,7 @@ from socialiq.storage import load_arrays, save_arrays
 
 SCHEMA_VERSION = 2
 
-_ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "relu": lambda x: np.maximum(x, 0.0),
-    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
-    "tanh": np.tanh,  # for imported policies; this project's networks are trained with the others
-}
-
-ACTIVATIONS = tuple(_ACTIVATIONS)
+ACTIVATIONS = tuple(perceptron.ACTIVATIONS)
 """Names of the activations of a policy."""
 
 
@@ -134,11 +129,7 @@ class QPolicy(ValuePolicy):
         """
         value = self.checked_batch(observations)
         value = self.view(value) if self.view else value
-        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            if number:
-                value = _ACTIVATIONS[self.activation](value)
-            value = value @ weight.T + bias
-        return value
+        return perceptron.perceptron(self.weights, self.biases, self.activation, value)
 
     def save(self, path: Path, replace: bool = True) -> str:
         """Write the policy to one safetensors file.

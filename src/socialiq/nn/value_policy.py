@@ -98,7 +98,7 @@ class ValuePolicy(ABC):
         Raises:
             UserError: If an observation is nested, has another shape or is not finite.
         """
-        numbers = _numbers(observation)
+        numbers = numbers_of(observation)
         batch = np.atleast_2d(numbers)
         self.check_shape(batch)
         if deterministic:
@@ -110,7 +110,7 @@ class ValuePolicy(ABC):
         return (actions if numbers.ndim == 2 else actions.squeeze(axis=0)), state
 
 
-def _numbers(observation: object) -> np.ndarray:
+def numbers_of(observation: object) -> np.ndarray:
     """Return an observation as float32.
 
     Raises:

@@ -84,10 +84,10 @@ def objective(
     target = score(hyperparameters.weights, batch.target)
 
     terms = {
-        "expert": _expert_term(reward[:size], target[:size], hyperparameters, static, own),
+        "expert": expert_term(reward[:size], target[:size], hyperparameters, static, own),
         "value": _value_term(network, value, follows, batches.initial, hyperparameters, static),
     }
-    terms |= _quadratic_terms(reward, target, hyperparameters, static, own)
+    terms |= quadratic_terms(reward, target, hyperparameters, static, own)
     total = jnp.sum(jnp.stack(list(terms.values())))
     seen = {"max_q": jnp.max(jnp.abs(q)), "expert_reward": jnp.mean(reward[:size])}
     return total, terms | seen | {"loss": total}
@@ -121,13 +121,14 @@ def _continuation(
     return losses.continuation(value, batch.ending, treatment, absorbing, occupancy)
 
 
-def _expert_term(
+def expert_term(
     reward: Array,
     target: Array,
     hyperparameters: HyperparameterArrays,
     static: StaticConfig,
     own: UserFunctions,
 ) -> Scalar:
+    """Term 1 on demonstrations, of the shifted r̂ with the prior "bellman_shift"."""
     if static.prior == "bellman_shift":
         reward = priors.bellman_shift(reward, target, hyperparameters.strength)
     return losses.expert_term(own.divergence or static.divergence, reward)
@@ -148,7 +149,7 @@ def _value_term(
     return losses.value_term(value[rows], follows[rows], hyperparameters.discount)
 
 
-def _quadratic_terms(
+def quadratic_terms(
     reward: Array,
     target: Array,
     hyperparameters: HyperparameterArrays,

@@ -107,7 +107,7 @@ class IQLearn(Learner):
             own = replay.sample(carry.replay, for_replay, static.batch_size)
             if carry.endings is not None:
                 counted = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
-                shares = _followed(carry.endings, own.ending, counted)
+                shares = followed(carry.endings, own.ending, counted)
                 carry = carry._replace(endings=shares)
         batches = Batches(
             expert=table.sample_weighted(for_expert, carry.cumulative, static.batch_size)
@@ -195,7 +195,7 @@ def train(
     return iq_learn.train(hyperparameters, callbacks, chunk, before_chunk, world)
 
 
-def _followed(
+def followed(
     endings: Float[Array, "2 kind"], own: Int[Array, " batch"], share: Float[Array, ""]
 ) -> Float[Array, "2 kind"]:
     """Mix the endings of a batch of replay into the average."""

@@ -1,0 +1,1 @@
+"""Learners of continuous actions: an actor, a squashed Gaussian, and twin critics."""

@@ -1,0 +1,113 @@
+"""Acting with continuous actions: in a compiled world, or in an environment outside JAX."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from socialiq.learners import replay
+from socialiq.learners.collect import Act, Behaviour
+from socialiq.learners.dial.rows import draw_directions
+from socialiq.learners.expert_table import Batch
+from socialiq.learners.state import HyperparameterArrays
+from socialiq.nn.actor import Actor
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.nn.dial_network import angle_columns
+from socialiq.types import ContinuousSimulator, Ending, RewardPair
+
+STEPS_PER_ANGLE = 100
+"""Steps outside JAX that a dial takes at an angle before the next is drawn."""
+
+
+class Acting(NamedTuple):
+    """Where a learner is in a compiled world.
+
+    Attributes:
+        episode: State of the world.
+        observation: Of that state.
+        direction: (cos α, sin α) at which it acts in this episode.
+    """
+
+    episode: Any
+    observation: Float[Array, " feature"]
+    direction: RewardPair
+
+
+def begin(
+    simulator: ContinuousSimulator,
+    static: Any,
+    hyperparameters: HyperparameterArrays,
+    key: PRNGKeyArray,
+) -> Acting:
+    """Start an episode, of a dial at a drawn angle."""
+    for_world, for_angle = jax.random.split(key)
+    direction = hyperparameters.weights
+    if static.dial:
+        direction = jax.tree.map(jnp.squeeze, draw_directions(for_angle, 1, static))
+    return Acting(*simulator.reset(for_world), direction)
+
+
+def act(
+    simulator: ContinuousSimulator,
+    static: Any,
+    hyperparameters: HyperparameterArrays,
+    actor: Actor,
+    ring: replay.Replay,
+    now: Acting,
+    key: PRNGKeyArray,
+) -> tuple[replay.Replay, Acting]:
+    """Take steps in the world with drawn actions, the first of a run uniform, into the replay."""
+    for one in jax.random.split(key, static.env_steps_per_update):
+        for_action, for_random, for_step, for_reset = jax.random.split(one, 4)
+        seen = now.observation
+        if static.dial:
+            seen = jnp.concatenate([seen, *angle_columns(now.direction, ())])
+        mean, log_std = actor(seen)
+        drawn = jnp.tanh(mean + jnp.exp(log_std) * jax.random.normal(for_action, mean.shape))
+        uniform = jax.random.uniform(for_random, mean.shape, minval=-1.0, maxval=1.0)
+        action = jnp.where(ring.added < static.random_steps, uniform, drawn)
+        follows, step = simulator.advance(for_step, now.episode, action)
+        row = Batch(now.observation, action, step.observation, step.ending, step.rewards)
+        ring = replay.add(ring, row)
+        ended = step.ending != int(Ending.NONE)
+        fresh = begin(simulator, static, hyperparameters, for_reset)
+        going = Acting(follows, step.observation, now.direction)
+        now = jax.tree.map(lambda new, old, ended=ended: jnp.where(ended, new, old), fresh, going)
+    return ring, now
+
+
+def drawing(static: Any, steps_per_update: int) -> Behaviour:
+    """Return how runs act outside JAX: uniformly at first, then with drawn actions.
+
+    A dial takes `STEPS_PER_ANGLE` steps at each drawn angle.
+
+    Args:
+        static: Of the runs.
+        steps_per_update: Steps in the environment for each update.
+    """
+
+    def behaviour(network: Any, run: int, done: int, rng: np.random.Generator) -> Act:  # noqa: ARG001
+        actor, taken = network.actor, done * steps_per_update
+        whole = ActorPolicy.of(actor, {}, rng)
+        driver = None if static.dial else whole
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            nonlocal taken, driver
+            if static.dial and (driver is None or taken % STEPS_PER_ANGLE == 0):
+                angle = rng.uniform(static.low, static.high)
+                turned = ActorDial(whole, static.low, static.high).at(angle)
+                driver = dataclasses.replace(turned, rng=rng)
+            taken += len(observation)
+            if taken <= static.random_steps:
+                return rng.uniform(-1.0, 1.0, (len(observation), actor.size))
+            assert driver is not None
+            return driver.predict(observation, deterministic=False)[0]
+
+        return act
+
+    return behaviour

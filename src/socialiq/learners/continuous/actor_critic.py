@@ -1,0 +1,249 @@
+"""The part that learners with an actor and critics share: networks, rows, acting, policies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from socialiq.learners import replay
+from socialiq.learners.continuous import acting
+from socialiq.learners.continuous import soft_values as soft
+from socialiq.learners.continuous.acting import Acting
+from socialiq.learners.dial.rows import draw_directions
+from socialiq.learners.expert_table import Batch, ExpertTable
+from socialiq.learners.iq_learn import losses
+from socialiq.learners.kernel import Learner, Terms
+from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.nn.actor import Actor, TwinCritics, frozen
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.nn.dial_network import angle_columns
+from socialiq.types import ContinuousSimulator, Ending, RewardPair, Transitions
+
+Scalar = Float[Array, ""]
+
+
+class Networks(NamedTuple):
+    """What an optimiser step changes.
+
+    Attributes:
+        actor: The policy.
+        critics: Its values.
+        log_temperature: log τ, which only a tuned temperature changes.
+    """
+
+    actor: Actor
+    critics: TwinCritics
+    log_temperature: Scalar
+
+
+class Carry(NamedTuple):
+    """Loop carry of an update.
+
+    Attributes:
+        key: Random key.
+        replay: The learner's own transitions; None offline.
+        acting: Where it acts; None offline, or if experience comes from outside JAX.
+        more: What a learner adds.
+    """
+
+    key: Array
+    replay: replay.Replay | None
+    acting: Acting | None
+    more: Any = None
+
+
+class Rows(NamedTuple):
+    """Rows of one update.
+
+    Attributes:
+        batch: Transitions, demonstrations first.
+        direction: (cos α, sin α) of each row.
+        n_expert: How many are demonstrations.
+        key: For the actions that the loss draws.
+        initial: Observations of true initial states; None if they have no use.
+        more: What a learner adds.
+    """
+
+    batch: Batch
+    direction: RewardPair
+    n_expert: int
+    key: PRNGKeyArray
+    initial: Float[Array, "batch feature"] | None = None
+    more: Any = None
+
+
+class ActorCritic(Learner):
+    """Base of learners with an actor and twin critics; a subclass writes `loss`.
+
+    `sizes` are the length of an observation and of an action.
+
+    Attributes:
+        simulator: The world to act in; None offline, or when experience is collected outside JAX.
+    """
+
+    simulator: ContinuousSimulator | None = eqx.field(static=True, default=None)
+
+    stochastic: ClassVar[bool] = True
+    """Whether the actor has deviations."""
+    online: ClassVar[bool] = True
+    """Whether the learner keeps a replay."""
+    shown: ClassVar[bool] = False
+    """Whether the learner sees demonstrations."""
+
+    @classmethod
+    def of(
+        cls,
+        static: Any,
+        datasets: Sequence[Transitions],
+        simulator: ContinuousSimulator | None = None,
+    ) -> Any:
+        """Make the learner of sets of demonstrations and the world to act in.
+
+        Raises:
+            UserError: If there is none, or they differ in features or actions, or these are
+                discrete.
+        """
+        table = ExpertTable.of(datasets, cls.target_kind, 1.0, continuous=True)
+        sizes = (int(datasets[0].observation.shape[1]), int(datasets[0].action.shape[1]))
+        return cls(static, sizes, table, simulator)
+
+    @property
+    def keeps_replay(self) -> bool:
+        """Whether this run has own transitions."""
+        return self.online
+
+    def network(self, key: PRNGKeyArray) -> Networks:
+        """Draw an actor and critics."""
+        one, (n_features, size) = self.static, self.sizes
+        inputs = n_features + (2 if one.dial else 0)
+        for_actor, for_critics = jax.random.split(key)
+        shape = (inputs, one.hidden, size, one.activation, one.input_scale)
+        actor = Actor.initialise(for_actor, *shape, stochastic=self.stochastic)
+        return Networks(actor, TwinCritics.initialise(for_critics, *shape), jnp.zeros(()))
+
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+        """Draw networks and start an episode, from the run's seed alone."""
+        key, for_network, for_acting = jax.random.split(jax.random.key(hyperparameters.seed), 3)
+        network = self.network(for_network)
+        if hasattr(hyperparameters, "temperature"):
+            first = jnp.log(hyperparameters.temperature)
+            network = network._replace(log_temperature=first)
+        ring = None
+        if self.keeps_replay:
+            ring = replay.empty_of(self.static.replay_capacity, empty_row(self.sizes))
+        begun = None
+        if self.simulator is not None:
+            begun = acting.begin(self.simulator, self.static, hyperparameters, for_acting)
+        return self.first_state(network), Carry(key, ring, begun)
+
+    def draw(
+        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
+    ) -> tuple[Rows, Carry]:
+        """Act in the world, if there is one, and sample the rows of an update."""
+        one = self.static
+        keys = jax.random.split(carry.key, 6)
+        carry = carry._replace(key=keys[0])
+        if self.simulator is not None:
+            ring, now = carry.replay, carry.acting
+            assert ring is not None and now is not None  # such a learner keeps a replay
+            given = (self.simulator, one, hyperparameters, state.network.actor, ring, now)
+            ring, now = acting.act(*given, keys[1])
+            carry = carry._replace(replay=ring, acting=now)
+        parts = []
+        if self.shown:
+            assert self.table is not None
+            parts.append(self.demonstrated(keys[2], hyperparameters, carry))
+        if carry.replay is not None:
+            parts.append(replay.sample(carry.replay, keys[3], one.batch_size))
+        batch = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
+        count, n_expert = len(batch.ending), one.batch_size if self.shown else 0
+        direction = jax.tree.map(
+            lambda weight: jnp.broadcast_to(weight, (count,)), hyperparameters.weights
+        )
+        if one.dial:
+            direction = draw_directions(keys[4], count, one)
+        return Rows(batch, direction, n_expert, keys[5]), carry
+
+    def demonstrated(
+        self,
+        key: PRNGKeyArray,
+        hyperparameters: HyperparameterArrays,
+        carry: Carry,  # noqa: ARG002
+    ) -> Batch:
+        """Return demonstrations, all alike."""
+        assert self.table is not None
+        return self.table.sample(key, hyperparameters.dataset, self.static.batch_size)
+
+    def seen(
+        self, observation: Float[Array, "batch feature"], direction: RewardPair
+    ) -> Float[Array, "batch input"]:
+        """Return the networks' inputs: observations, and of a dial the angles."""
+        if not self.static.dial:
+            return observation
+        return jnp.concatenate([observation, *angle_columns(direction, ())], axis=-1)
+
+    def temperature(self, network: Networks, hyperparameters: HyperparameterArrays) -> Scalar:
+        """Return τ, without gradient."""
+        if not self.static.tuned:
+            return hyperparameters.temperature
+        return jax.lax.stop_gradient(jnp.exp(network.log_temperature))
+
+    def continued(
+        self,
+        value: Float[Array, " batch"],
+        batch: Batch,
+        temperature: Scalar,
+        hyperparameters: HyperparameterArrays,
+        occupancy: Float[Array, " kind"] | None = None,
+    ) -> Float[Array, " batch"]:
+        """(1 - d) V(s') of Eq 2.6; an absorbing state has the entropy of uniform actions."""
+        volume = 2 ** self.sizes[1]
+        absorbing = losses.absorbing_value(volume, temperature, hyperparameters.discount)
+        treatment = self.static.endings.by_kind()
+        return losses.continuation(value, batch.ending, treatment, absorbing, occupancy)
+
+    def improvement(
+        self,
+        network: Networks,
+        seen: Float[Array, "batch input"],
+        key: PRNGKeyArray,
+        hyperparameters: HyperparameterArrays,
+    ) -> Terms:
+        """Return the losses of the actor and of a tuned temperature, and the entropy."""
+        temperature = self.temperature(network, hyperparameters)
+        drawn = soft.draw_actions(network.actor, seen, key, self.static.actions_per_state)
+        q = soft.drawn_values(frozen(network.critics), seen, drawn).min(axis=-1)
+        terms = {"actor": soft.actor_loss(q, drawn, temperature)}
+        if self.static.tuned:
+            wanted = hyperparameters.entropy_target * self.sizes[1]
+            terms["tuning"] = soft.temperature_loss(network.log_temperature, drawn, wanted)
+        return terms | {"entropy": -jnp.mean(drawn.log_density)}
+
+    def policy(
+        self,
+        hyperparameters: Any,
+        state: TrainState,
+        kept: Any = None,  # noqa: ARG002
+    ) -> ActorPolicy | ActorDial:
+        """Return the trained actor of one run, or its dial."""
+        policy = ActorPolicy.of(state.network.actor, self.record(hyperparameters))
+        one = self.static
+        return ActorDial(policy, one.low, one.high) if one.dial else policy
+
+    def run_name(self, hyperparameters: Any) -> str:
+        """Return the name of a run in messages."""
+        if self.static.dial:
+            return f"dial, seed {hyperparameters.seed}"
+        return super().run_name(hyperparameters)
+
+
+def empty_row(sizes: tuple[int, int]) -> Batch:
+    """Return a transition of zeros, with the shapes and types of a replay's rows."""
+    observation, zero = jnp.zeros(sizes[0]), jnp.zeros(())
+    action, ending = jnp.zeros(sizes[1]), jnp.array(int(Ending.NONE), jnp.int32)
+    return Batch(observation, action, observation, ending, RewardPair(zero, zero))

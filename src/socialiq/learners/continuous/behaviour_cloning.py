@@ -1,0 +1,69 @@
+"""Behaviour cloning of continuous actions: the maximum-likelihood squashed Gaussian.
+
+Of all demonstrations alike, or weighted by how well they score at an angle, as
+`learners.behaviour_cloning` does it for discrete actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from socialiq.errors import UserError
+from socialiq.learners import behaviour_cloning
+from socialiq.learners.kernel import Terms
+from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.nn import squashed_gaussian
+from socialiq.nn.actor import Actor
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.types import Transitions
+
+
+class BehaviourCloning(behaviour_cloning.BehaviourCloning):
+    """Maximum likelihood of the demonstrated actions, which `EDGE` keeps from the bounds."""
+
+    name: ClassVar[str] = "gaussian_behaviour_cloning"
+
+    @classmethod
+    def of(cls, static: Any, datasets: Sequence[Transitions]) -> BehaviourCloning:
+        """Make the learner of sets of demonstrations.
+
+        Raises:
+            UserError: If there is none, they differ, or their actions are discrete; or if the
+                view is of discrete actions.
+        """
+        if static.view != "flat":
+            raise UserError(f"view {static.view} is of discrete actions: use the view flat")
+        table = behaviour_cloning.table_of(static, datasets, continuous=True)
+        sizes = (int(datasets[0].observation.shape[1]), int(datasets[0].action.shape[1]))
+        return cls(static, sizes, table)
+
+    def network(self, key: PRNGKeyArray) -> Actor:
+        """Draw an actor."""
+        one, (n_features, size) = self.static, self.sizes
+        return Actor.initialise(key, n_features, one.hidden, size, one.activation, one.input_scale)
+
+    def loss(
+        self,
+        network: Any,
+        target_network: Any,  # noqa: ARG002
+        batch: Any,
+        hyperparameters: HyperparameterArrays,  # noqa: ARG002
+    ) -> tuple[Float[Array, ""], Terms]:
+        """-E[log π(a|s)]."""
+        mean, log_std = jax.vmap(network)(batch.observation)
+        loss = -jnp.mean(jax.vmap(squashed_gaussian.log_density)(batch.action, mean, log_std))
+        return loss, {"loss": loss}
+
+    def policy(
+        self,
+        hyperparameters: Any,
+        state: TrainState,
+        kept: Any = None,  # noqa: ARG002
+    ) -> ActorPolicy:
+        """Return the clone of one run."""
+        return ActorPolicy.of(state.network, self.record(hyperparameters))

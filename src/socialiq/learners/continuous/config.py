@@ -1,0 +1,178 @@
+"""Configuration of the learners of continuous actions: static configs and hyperparameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+from socialiq.errors import UserError
+from socialiq.learners import config
+from socialiq.learners.config import check_above_zero, check_counts, check_not_negative
+from socialiq.learners.dial.config import check_high_share
+from socialiq.learners.iq_learn import config as iq_learn
+from socialiq.learners.iq_learn.config import Endings
+from socialiq.social.angle import check_angle
+
+CUT = Endings(timeout="bootstrap")
+"""A time limit cuts an episode off: the usual reading where observations don't show the time."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Choices that all these learners have."""
+
+    _: KW_ONLY
+    hidden: tuple[int, ...] = (256, 256)
+    """Widths of the hidden layers, of the actor and of each critic."""
+    batch_size: int = 256
+    """Transitions of an update: demonstrations, own ones, or as many of each."""
+    updates: int = 20_000
+    """Gradient steps of a run."""
+    endings: Endings = CUT
+    """Value of V(s') after each kind of ending."""
+    dial: bool = False
+    """Whether one network is trained for all angles from `low` to `high`: it then also reads
+    (cos α, sin α), and each row of an update has an angle drawn for it."""
+    low: float = 0.0
+    """Smallest social angle of a dial, in degrees."""
+    high: float = 90.0
+    """Largest social angle of a dial, in degrees."""
+    margin: float = 5.0
+    """Degrees beyond both ends of a dial in which angles are also drawn."""
+    high_from: float = 65.0
+    """Angle in degrees from which `high_share` counts."""
+    high_share: float | None = None
+    """Share of a dial's drawn angles beyond `high_from`; None: uniform."""
+    actions_per_state: int = 1
+    """Actions that are drawn for the expectation over the policy in a state."""
+    tuned: bool = False
+    """Whether the temperature is tuned so that the policy has the entropy `entropy_target`; the
+    given temperature is then the first."""
+    random_steps: int = 1000
+    """First steps in the world with uniform actions."""
+    updates_per_round: int = 500
+    """Updates between two rounds of acting in a Gymnasium environment. Each round begins with a
+    reset, so its steps should be several episodes long."""
+
+    def check_shared(self, static: Any) -> None:
+        """Refuse sizes and angles that make no run.
+
+        Raises:
+            UserError: If one is out of its range, or an option is of discrete actions.
+        """
+        check_counts(static, ("actions_per_state", "updates_per_round"))
+        check_not_negative(static, ("random_steps", "margin"))
+        check_angle(static.low)
+        check_angle(static.high)
+        if static.low > static.high:
+            raise UserError(
+                f"angles from {static.low:g} to {static.high:g}: give the smaller first"
+            )
+        check_high_share(static)
+        if static.view != "flat":
+            raise UserError(f"view {static.view} is of discrete actions: use the view flat")
+
+
+@dataclass(frozen=True)
+class StaticConfig(Shared, config.StaticConfig):
+    """Choices that shape the program of soft actor-critic."""
+
+    env_steps_per_update: int = 1
+    """Steps the learner takes in the world before each gradient step."""
+    replay_capacity: int = 100_000
+    """Size of the replay ring."""
+
+    def __post_init__(self) -> None:
+        """Refuse names and sizes that make no run."""
+        super().__post_init__()
+        self.check_shared(self)
+        check_counts(self, ("env_steps_per_update", "replay_capacity"))
+
+
+@dataclass(frozen=True)
+class OfflineStaticConfig(Shared, config.StaticConfig):
+    """Choices that shape the program of TD3+BC."""
+
+    def __post_init__(self) -> None:
+        """Refuse names and sizes that make no run."""
+        super().__post_init__()
+        self.check_shared(self)
+        if self.tuned:
+            raise UserError("TD3+BC has no temperature to tune: leave it out")
+
+
+@dataclass(frozen=True)
+class IQStaticConfig(Shared, iq_learn.StaticConfig):
+    """Choices that shape the program of continuous IQ-Learn."""
+
+    replay_capacity: int = 100_000
+    """Size of the replay ring."""
+    target_kind: Any = "instantaneous"
+    """Kind of "cumulative returns" in R(α), of `social.returns`, or the advantage."""
+
+    def __post_init__(self) -> None:
+        """Refuse names, sizes and combinations that make no run."""
+        super().__post_init__()
+        self.check_shared(self)
+        if self.form != "plain":
+            raise UserError(f"form {self.form} is of discrete actions: use the form plain")
+        if self.dial and self.prior in ("none", "reweighting"):
+            raise UserError(
+                f"prior {self.prior} has no angle of a row: a dial needs reward, bellman_shift or "
+                "shifted_chi2"
+            )
+
+
+@dataclass(frozen=True)
+class Hyperparameters(config.Hyperparameters):
+    """Numbers of a run of soft actor-critic; all are traced."""
+
+    temperature: float = 0.2
+    """τ: weight of the entropy beside R(α), in units of reward."""
+    entropy_target: float = -1.0
+    """Entropy for each number of an action that a tuned temperature leads to; uniform actions have
+    log 2 (Haarnoja et al. 2018 take -1)."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        super().__post_init__()
+        _check_finite(self, "entropy_target")
+
+
+@dataclass(frozen=True)
+class IQHyperparameters(iq_learn.Hyperparameters):
+    """Numbers of a run of continuous IQ-Learn; all are traced."""
+
+    temperature: float = 0.1
+    """τ of V(s) = E_π[Q - τ log π]."""
+    entropy_target: float = -1.0
+    """Entropy for each number of an action that a tuned temperature leads to."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        super().__post_init__()
+        _check_finite(self, "entropy_target")
+
+
+@dataclass(frozen=True)
+class OfflineHyperparameters(config.Hyperparameters):
+    """Numbers of a run of TD3+BC; all are traced. Defaults: Fujimoto and Gu 2021."""
+
+    q_weight: float = 2.5
+    """α of the paper: weight of Q, over its mean size, beside the squared distance of actions."""
+    target_noise: float = 0.2
+    """Deviation of the noise on the target policy's actions."""
+    noise_clip: float = 0.5
+    """Greatest size of that noise."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        super().__post_init__()
+        check_not_negative(self, ("q_weight", "target_noise"))
+        check_above_zero(self, ("noise_clip",))
+
+
+def _check_finite(numbers: Any, name: str) -> None:
+    if not math.isfinite(getattr(numbers, name)):
+        raise UserError(f"{name} must be a finite number, got {getattr(numbers, name)}")

@@ -1,0 +1,200 @@
+"""Continuous IQ-Learn (Garg et al. 2021, section 4.2 and algorithm 1) with the social prior.
+
+For a fixed policy π with V(s) = E_π[Q(s, a) - τ log π(a|s)] and r̂ = Q(s, a) - γ (1 - d) V(s') the
+critics minimise the objective of discrete actions, Eq 2.7 and 4.5 of the thesis, term by term;
+the actor maximises E_π[Q - τ log π], which leads V to τ log ∫ exp(Q/τ) da, the continuous Eq 2.5.
+Each of the two critics has the objective for itself; the value of the next state is the smaller.
+
+As a dial each row has an angle drawn for it, which the networks read and the prior is centred at.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from socialiq.learners.continuous import soft_values as soft
+from socialiq.learners.continuous.actor_critic import ActorCritic, Carry, Networks, Rows
+from socialiq.learners.continuous.config import IQHyperparameters, IQStaticConfig
+from socialiq.learners.expert_table import Batch
+from socialiq.learners.iq_learn import losses, objective, priors
+from socialiq.learners.iq_learn.objective import OURS, UserFunctions
+from socialiq.learners.iq_learn.train import ENDINGS_SHARE, followed
+from socialiq.learners.kernel import Terms
+from socialiq.learners.state import HyperparameterArrays, TrainState
+from socialiq.nn.actor import TwinCritics, frozen
+from socialiq.social.angle import score
+
+Scalar = Float[Array, ""]
+
+
+class ContinuousIQLearn(ActorCritic):
+    """Social Impact Regularized IQ-Learn for continuous actions.
+
+    Attributes:
+        own: Functions of the user's own in the place of ours; not a loss.
+    """
+
+    own: UserFunctions = eqx.field(static=True, default=OURS)
+
+    StaticConfig: ClassVar[type] = IQStaticConfig
+    Hyperparameters: ClassVar[type] = IQHyperparameters
+    name: ClassVar[str] = "continuous_iq_learn"
+    shown: ClassVar[bool] = True
+
+    @property
+    def keeps_replay(self) -> bool:
+        """Whether the run is online."""
+        return self.static.online
+
+    def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
+        """Draw networks, start an episode, and weigh the demonstrations."""
+        state, carry = super().initialise(hyperparameters)
+        assert self.table is not None
+        cumulative = endings = None
+        if self.static.prior == "reweighting":
+            cumulative = priors.cumulative_weights(self.table, hyperparameters)
+        if "occupancy" in self.static.endings.by_kind().values():
+            shown = self.table.ending_shares(hyperparameters.dataset)
+            endings = jnp.stack([shown, jnp.zeros_like(shown)])
+        return state, carry._replace(more=(cumulative, endings))
+
+    def demonstrated(
+        self, key: PRNGKeyArray, hyperparameters: HyperparameterArrays, carry: Carry
+    ) -> Batch:
+        """Return demonstrations, with the prior "reweighting" by their weights."""
+        cumulative, _ = carry.more
+        if cumulative is None:
+            return super().demonstrated(key, hyperparameters, carry)
+        assert self.table is not None
+        return self.table.sample_weighted(key, cumulative, self.static.batch_size)
+
+    def draw(
+        self, hyperparameters: HyperparameterArrays, state: TrainState, carry: Carry
+    ) -> tuple[Rows, Carry]:
+        """Act, sample rows, first states if term 2 is over them, and count endings."""
+        for_initial, key = jax.random.split(carry.key)
+        rows, carry = super().draw(hyperparameters, state, carry._replace(key=key))
+        cumulative, endings = carry.more
+        assert self.table is not None
+        if self.static.value_term == "v0":
+            size = self.static.batch_size
+            first = self.table.sample_initial(for_initial, hyperparameters.dataset, size)
+            rows = rows._replace(initial=first)
+        if endings is not None:
+            counted = jnp.maximum(ENDINGS_SHARE, 1.0 / (state.optimiser.count + 1))
+            endings = followed(endings, rows.batch.ending[rows.n_expert :], counted)
+            rows, carry = rows._replace(more=endings), carry._replace(more=(cumulative, endings))
+        return rows, carry
+
+    def loss(
+        self, network: Any, target_network: Any, batch: Any, hyperparameters: HyperparameterArrays
+    ) -> tuple[Float[Array, ""], Terms]:
+        """The mean of both critics' objectives, and the losses of actor and temperature."""
+        rows, for_critics, for_actor = batch, *jax.random.split(batch.key)
+        of_each = self.critic_terms(network, target_network, rows, for_critics, hyperparameters)
+        terms = jax.tree.map(lambda *both: sum(both) / len(both), *of_each)
+        total = jnp.sum(jnp.stack([terms[name] for name in ADDED if name in terms]))
+        seen = self.seen(rows.batch.observation, rows.direction)
+        terms |= self.improvement(network, seen, for_actor, hyperparameters)
+        total = total + terms["actor"] + terms.get("tuning", 0.0)
+        return total, terms | {"loss": total}
+
+    def critic_terms(
+        self,
+        network: Networks,
+        target_network: Networks,
+        rows: Rows,
+        key: PRNGKeyArray,
+        hyperparameters: HyperparameterArrays,
+    ) -> list[Terms]:
+        """Return the terms of Eq 2.7 and 4.5 for each critic."""
+        one, batch, target = hyperparameters, rows.batch, score(rows.direction, rows.batch.target)
+        value, after, start = self.values(network, target_network.critics, rows, key, one)
+        taken = jax.vmap(network.critics)(
+            self.seen(batch.observation, rows.direction), batch.action
+        )
+        found = []
+        for critic in range(2):
+            follows = after[:, critic]
+            reward = losses.implicit_reward(taken[:, critic], follows, one.discount)
+            shown, wanted = reward[: rows.n_expert], target[: rows.n_expert]
+            terms = {"expert": objective.expert_term(shown, wanted, one, self.static, self.own)}
+            if start is not None:
+                terms["value"] = losses.initial_value_term(start[:, critic], one.discount)
+            else:
+                counted = slice(None) if self.static.value_term == "value" else slice(rows.n_expert)
+                given = (value[counted, critic], follows[counted])
+                terms["value"] = losses.value_term(*given, one.discount)
+            terms |= objective.quadratic_terms(reward, target, one, self.static, self.own)
+            seen = {"max_q": jnp.max(jnp.abs(taken)), "expert_reward": jnp.mean(shown)}
+            found.append(terms | seen)
+        return found
+
+    def values(
+        self,
+        network: Networks,
+        target_critics: TwinCritics,
+        rows: Rows,
+        key: PRNGKeyArray,
+        hyperparameters: HyperparameterArrays,
+    ) -> tuple[Float[Array, "batch 2"], Float[Array, "batch 2"], Float[Array, "first 2"] | None]:
+        """Return V(s), (1 - d) V(s') and V(s_0), of each critic.
+
+        V(s') is the smaller of the target critics' without gradient, or with `next_value` online
+        each critic's own with gradient.
+        """
+        keys = jax.random.split(key, 3)
+        temperature = self.temperature(network, hyperparameters)
+        batch = rows.batch
+        seen = self.seen(batch.observation, rows.direction)
+        after = self.seen(batch.next_observation, rows.direction)
+        value = self.value_of(network, network.critics, seen, keys[0], temperature)
+        if self.static.next_value == "target":
+            both = self.value_of(network, target_critics, after, keys[1], temperature, True)
+        else:
+            both = self.value_of(network, network.critics, after, keys[1], temperature)
+        alpha, discount = hyperparameters.chi2_alpha, hyperparameters.discount
+        if self.static.bounded:
+            volume = 2 ** self.sizes[1]  # of all actions: uniform ones have the entropy log 2^size
+            both = jnp.clip(both, *losses.value_bounds(volume, temperature, discount, alpha))
+        occupancy = None
+        if rows.more is not None:
+            occupancy = losses.occupancy_value(rows.more[0], rows.more[1], discount, alpha)
+        follows = [
+            self.continued(both[:, critic], batch, temperature, hyperparameters, occupancy)
+            for critic in range(2)
+        ]
+        start = None
+        if rows.initial is not None:
+            count = len(rows.initial)
+            direction = jax.tree.map(lambda column: column[:count], rows.direction)
+            first = self.seen(rows.initial, direction)
+            start = self.value_of(network, network.critics, first, keys[2], temperature)
+        return value, jnp.stack(follows, axis=1), start
+
+    def value_of(
+        self,
+        network: Networks,
+        critics: TwinCritics,
+        seen: Float[Array, "batch input"],
+        key: PRNGKeyArray,
+        temperature: Scalar,
+        smaller: bool = False,
+    ) -> Float[Array, "batch 2"]:
+        """V(s) = E_π[Q_i - τ log π] of each critic, or of the smaller Q for both; π is fixed."""
+        count = self.static.actions_per_state
+        drawn = soft.draw_actions(frozen(network.actor), seen, key, count)
+        q = soft.drawn_values(critics, seen, drawn)
+        if smaller:
+            q = jnp.broadcast_to(q.min(axis=-1, keepdims=True), q.shape)
+        columns = [soft.soft_value(q[..., critic], drawn, temperature) for critic in range(2)]
+        return jnp.stack(columns, axis=1)
+
+
+ADDED = ("expert", "value", "chi2", "prior")
+"""Terms of a critic's objective."""

@@ -1,0 +1,326 @@
+"""Trained actor as a policy of continuous actions, and its dial: NumPy only, safetensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Float32
+
+from socialiq.errors import UserError
+from socialiq.nn.actor import LOG_STD, Actor
+from socialiq.nn.dial_policy import range_of
+from socialiq.nn.file_checks import FAULTS, chained, fault_before
+from socialiq.nn.perceptron import ACTIVATIONS, perceptron
+from socialiq.nn.value_policy import numbers_of
+from socialiq.social.angle import exact_weights
+from socialiq.storage import load_arrays, save_arrays
+
+KIND, DIAL_KIND = "actor", "actor-dial"
+SCHEMA_VERSION = 1
+
+SQUASHES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "tanh": np.tanh,
+    "clip": lambda u: np.clip(u, -1.0, 1.0),  # of imported policies
+}
+"""Functions from u to the action."""
+
+
+@dataclass(frozen=True)
+class ActorPolicy:
+    """Policy of continuous actions in [-1, 1], the ends being the bounds of the world's: tanh(u).
+
+    Deterministic, u is the mean; else it is drawn from N(mean, std²), if the network has
+    deviations.
+
+    Attributes:
+        weights: Weight matrix of each layer, (outputs, inputs).
+        biases: Bias of each layer.
+        activation: One of `nn.perceptron.ACTIVATIONS`, applied between layers.
+        action_size: Length of an action; the last layer has as many means, and no or as many
+            log-deviations.
+        provenance: JSON-compatible record of how the policy was made.
+        rng: Generator of the stochastic policy's draws.
+        sha256: SHA-256 of the file's content, for a policy that was loaded.
+        squash: One of `SQUASHES`; "tanh" but for some imported policies.
+    """
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    activation: str
+    action_size: int
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    sha256: str = ""
+    squash: str = "tanh"
+
+    @staticmethod
+    def of(
+        actor: Actor, provenance: Mapping[str, Any], rng: np.random.Generator | None = None
+    ) -> ActorPolicy:
+        """Build the policy from a trained actor; its scale becomes part of the first layer."""
+        first, *others = (np.asarray(layer.weight) for layer in actor.layers)
+        return ActorPolicy(
+            (first if actor.scale == 1.0 else first * np.float32(actor.scale), *others),
+            tuple(np.asarray(layer.bias) for layer in actor.layers),
+            actor.activation,
+            actor.size,
+            provenance,
+            np.random.default_rng(0) if rng is None else rng,
+        )
+
+    def network(self) -> Actor:
+        """Return the actor, which can be trained: the inverse of `of`."""
+        layers = []
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            empty = eqx.nn.Linear(weight.shape[1], weight.shape[0], key=jax.random.key(0))
+            given = (jnp.asarray(weight), jnp.asarray(bias))
+            layers.append(eqx.tree_at(lambda one: (one.weight, one.bias), empty, given))
+        return Actor(tuple(layers), self.activation, self.action_size)
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.weights[0].shape[1]
+
+    @property
+    def n_actions(self) -> int:
+        """Number of discrete actions: none."""
+        return 0
+
+    @property
+    def is_stochastic(self) -> bool:
+        """Whether the network has deviations."""
+        return len(self.biases[-1]) == 2 * self.action_size
+
+    def gaussian(
+        self, observations: Float[np.ndarray, "batch feature"]
+    ) -> tuple[Float32[np.ndarray, "batch size"], Float32[np.ndarray, "batch size"]]:
+        """Return mean and deviation of u for each observation; 0 without deviations.
+
+        Raises:
+            UserError: If an observation has another length or is not finite.
+        """
+        batch = np.asarray(observations, np.float32)
+        self._check_shape(batch)
+        if not np.isfinite(batch).all():
+            raise UserError("observation holds NaN or infinity: correct the sensor or the data")
+        value = perceptron(self.weights, self.biases, self.activation, batch)
+        mean = value[:, : self.action_size]
+        if not self.is_stochastic:
+            return mean, np.zeros_like(mean)
+        return mean, np.exp(np.clip(value[:, self.action_size :], *LOG_STD))
+
+    def predict(
+        self,
+        observation: object,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Choose actions in [-1, 1]: the mean u, or a drawn one, squashed.
+
+        Args:
+            observation: Shape (features,) or (batch, features).
+            state: Returned unchanged; the policy has no memory.
+            episode_start: Ignored, for the same reason.
+            deterministic: Whether the mean is taken.
+
+        Returns:
+            Float32 (size,) or (batch, size), and the state.
+
+        Raises:
+            UserError: If an observation is nested, has another shape or is not finite.
+        """
+        numbers = numbers_of(observation)
+        mean, deviation = self.gaussian(np.atleast_2d(numbers))
+        if not deterministic and self.is_stochastic:
+            mean = mean + deviation * self.rng.standard_normal(mean.shape, np.float32)
+        actions = SQUASHES[self.squash](mean)
+        return (actions if numbers.ndim == 2 else actions[0]), state
+
+    def save(self, path: Path, replace: bool = True) -> str:
+        """Write the policy to one safetensors file.
+
+        Args:
+            path: The file; its folder must exist.
+            replace: Whether a file there is replaced.
+
+        Returns:
+            SHA-256 of the content.
+
+        Raises:
+            UserError: If the file can't be written.
+        """
+        return save_arrays(path, KIND, SCHEMA_VERSION, *self.content(), replace=replace)
+
+    @staticmethod
+    def load(path: Path) -> ActorPolicy:
+        """Read a policy written by `save`.
+
+        Raises:
+            UserError: If the file is missing, damaged, or holds something else.
+        """
+        return ActorPolicy.checked(path, *load_arrays(path, KIND, SCHEMA_VERSION))
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the policy's file."""
+        arrays = {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
+        arrays |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
+        return arrays, {
+            "activation": self.activation,
+            "action_size": self.action_size,
+            "squash": self.squash,
+            "layers": len(self.weights),
+            "provenance": dict(self.provenance),
+        }
+
+    @staticmethod
+    def checked(
+        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
+    ) -> ActorPolicy:
+        """Build a policy from a file's content, after a check that its parts agree.
+
+        Raises:
+            UserError: If they don't agree.
+        """
+        fault = fault_before(arrays, header)
+        try:
+            policy = None if fault else _of_content(arrays, header)
+            fault = fault or _fault_of(policy)
+        except FAULTS as error:
+            raise UserError(
+                f"{path} has a header that doesn't fit its arrays: make the file again"
+            ) from error
+        if fault or policy is None:
+            raise UserError(f"{path} {fault}: make the file again")
+        return policy
+
+    def _check_shape(self, batch: np.ndarray) -> None:
+        if batch.ndim != 2 or batch.shape[1] != self.n_features:
+            raise UserError(
+                f"observation of shape {batch.shape[1:]}: this policy takes ({self.n_features},)"
+            )
+
+
+@dataclass(frozen=True)
+class ActorDial:
+    """Trained dial of continuous actions; `at` returns the policy of one angle.
+
+    Attributes:
+        turned: The actor as a policy whose first layer also reads (cos α, sin α), as its last
+            inputs. Only `at` uses it.
+        low: Smallest trained social angle, in degrees.
+        high: Largest trained social angle, in degrees.
+    """
+
+    turned: ActorPolicy
+    low: float
+    high: float
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.turned.n_features - 2
+
+    @property
+    def n_actions(self) -> int:
+        """Number of discrete actions: none."""
+        return 0
+
+    @property
+    def action_size(self) -> int:
+        """Length of an action."""
+        return self.turned.action_size
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """JSON-compatible record of how the dial was made."""
+        return self.turned.provenance
+
+    def at(self, angle: float) -> ActorPolicy:
+        """Return the policy of one angle, an ordinary `ActorPolicy`.
+
+        Args:
+            angle: Social angle in degrees.
+
+        Raises:
+            UserError: If the angle is outside the trained range.
+        """
+        if not self.low <= angle <= self.high:
+            raise UserError(
+                f"angle {angle:g} is outside this dial's range: "
+                f"choose one in [{self.low:g}, {self.high:g}] degrees"
+            )
+        weights, biases = list(self.turned.weights), list(self.turned.biases)
+        direction = np.array(exact_weights(angle), weights[0].dtype)
+        biases[0] = biases[0] + weights[0][:, -2:] @ direction
+        weights[0] = weights[0][:, :-2]
+        return replace(
+            self.turned,
+            weights=tuple(weights),
+            biases=tuple(biases),
+            provenance={**self.provenance, "angle": angle},
+            rng=np.random.default_rng(0),
+        )
+
+    def save(self, path: Path, replace: bool = True) -> str:
+        """Write the dial to one safetensors file; arguments and errors as `ActorPolicy.save`."""
+        arrays, header = self.turned.content()
+        header |= {"low": self.low, "high": self.high}
+        return save_arrays(path, DIAL_KIND, SCHEMA_VERSION, arrays, header, replace)
+
+    @staticmethod
+    def load(path: Path) -> ActorDial:
+        """Read a dial written by `save`.
+
+        Raises:
+            UserError: If the file is missing, damaged, or holds something else.
+        """
+        return ActorDial.checked(path, *load_arrays(path, DIAL_KIND, SCHEMA_VERSION))
+
+    @staticmethod
+    def checked(
+        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
+    ) -> ActorDial:
+        """Build a dial from a file's content, after a check that its parts agree.
+
+        Raises:
+            UserError: If they don't agree.
+        """
+        turned = ActorPolicy.checked(path, arrays, header)
+        if turned.n_features < 3:
+            raise UserError(f"{path} has no inputs of an angle: make the file again")
+        return ActorDial(turned, *range_of(path, header))
+
+
+def _of_content(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> ActorPolicy:
+    layers = range(header["layers"])
+    return ActorPolicy(
+        tuple(arrays[f"weight_{i}"] for i in layers),
+        tuple(arrays[f"bias_{i}"] for i in layers),
+        header["activation"],
+        header["action_size"],
+        header["provenance"],
+        sha256=header["sha256"],
+        squash=header["squash"],
+    )
+
+
+def _fault_of(policy: Any) -> str:
+    """Return what is wrong with a policy made of a file's content, or ""."""
+    size = policy.action_size
+    if type(size) is not int or size < 1:
+        return "has layers that don't follow one another"
+    known = policy.activation in ACTIVATIONS and policy.squash in SQUASHES
+    known = known and isinstance(policy.provenance, dict)
+    sized = len(policy.biases[-1]) in (size, 2 * size)
+    if known and sized and chained(policy.weights, policy.biases, policy.weights[0].shape[1]):
+        return ""
+    return "has layers that don't follow one another"

@@ -1,0 +1,104 @@
+import re
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.nn.actor import Actor
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.storage import load_arrays, save_arrays
+
+SEEN = np.random.default_rng(0).normal(size=(7, 3)).astype(np.float32)
+
+
+def actor(inputs: int = 3, stochastic: bool = True, scale: float = 1.0) -> Actor:
+    shape = (inputs, (8, 8), 2, "relu", scale)
+    return Actor.initialise(jax.random.key(0), *shape, stochastic=stochastic)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+@pytest.mark.parametrize("stochastic", [True, False])
+def test_the_policy_is_the_network(stochastic: bool, scale: float) -> None:
+    network = actor(stochastic=stochastic, scale=scale)
+    policy = ActorPolicy.of(network, {})
+    mean = np.asarray(jax.vmap(network)(jnp.asarray(SEEN))[0])
+    actions, state = policy.predict(SEEN, "kept")
+    np.testing.assert_allclose(actions, np.tanh(mean), atol=1e-6)
+    assert state == "kept" and actions.dtype == np.float32 and actions.shape == (7, 2)
+    assert policy.predict(SEEN[0])[0] == pytest.approx(actions[0], abs=1e-6)
+    assert policy.is_stochastic == stochastic
+    np.testing.assert_allclose(
+        jax.vmap(policy.network())(jnp.asarray(SEEN))[0], mean, rtol=1e-4, atol=1e-6
+    )
+
+
+def test_draws_have_mean_and_deviation_of_the_network() -> None:
+    policy = ActorPolicy.of(actor(), {})
+    mean, deviation = policy.gaussian(SEEN[:1])
+    drawn = policy.predict(np.repeat(SEEN[:1], 20_000, axis=0), deterministic=False)[0]
+    u = np.arctanh(drawn.astype(np.float64))
+    np.testing.assert_allclose(u.mean(axis=0), mean[0], atol=0.05)
+    np.testing.assert_allclose(u.std(axis=0), deviation[0], rtol=0.05)
+
+
+def test_a_saved_policy_comes_back(tmp_path: Path) -> None:
+    policy = ActorPolicy.of(actor(), {"made": "here"})
+    policy.save(tmp_path / "one.safetensors")
+    again = ActorPolicy.load(tmp_path / "one.safetensors")
+    np.testing.assert_array_equal(again.predict(SEEN)[0], policy.predict(SEEN)[0])
+    assert again.provenance == {"made": "here"} and again.sha256
+
+
+def test_a_dial_is_its_network_at_the_angle(tmp_path: Path) -> None:
+    network = actor(5)
+    ActorDial(ActorPolicy.of(network, {}), 0.0, 90.0).save(tmp_path / "dial.safetensors")
+    dial = ActorDial.load(tmp_path / "dial.safetensors")
+    assert (dial.n_features, dial.action_size) == (3, 2)
+    turned = np.column_stack([SEEN, np.tile(np.cos(np.pi / 3), 7), np.tile(np.sin(np.pi / 3), 7)])
+    mean = np.asarray(jax.vmap(network)(jnp.asarray(turned, jnp.float32))[0])
+    np.testing.assert_allclose(dial.at(60.0).predict(SEEN)[0], np.tanh(mean), atol=1e-5)
+    assert dial.at(60.0).provenance["angle"] == 60.0
+    with pytest.raises(UserError, match="outside this dial's range"):
+        dial.at(91.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"action_size": 3}, "has layers that don't follow one another"),
+        ({"action_size": "2"}, "has layers that don't follow one another"),
+        ({"activation": "sine"}, "has layers that don't follow one another"),
+        ({"squash": "none"}, "has layers that don't follow one another"),
+        ({"layers": 9}, "has a header that doesn't fit its arrays"),
+        ({"layers": 0}, "must have 1 to 100 layers"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_refused(tmp_path: Path, changes: dict, says: str) -> None:
+    path = tmp_path / "bad.safetensors"
+    arrays, header = ActorPolicy.of(actor(), {}).content()
+    save_arrays(path, "actor", 1, arrays, header | changes)
+    with pytest.raises(UserError, match=re.escape(f"{path} {says}: make the file again")):
+        ActorPolicy.load(path)
+
+
+def test_a_dial_without_a_range_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bad.safetensors"
+    arrays, header = ActorPolicy.of(actor(5), {}).content()
+    save_arrays(path, "actor-dial", 1, arrays, header | {"low": 90.0, "high": 0.0})
+    with pytest.raises(UserError, match="no range of angles"):
+        ActorDial.load(path)
+    assert load_arrays(path, "actor-dial", 1)[1]["high"] == 0.0
+
+
+def test_bad_observations_are_refused() -> None:
+    policy = ActorPolicy.of(actor(), {})
+    for bad, says in (
+        (np.zeros(4), "this policy takes (3,)"),
+        (np.full(3, np.nan), "holds NaN or infinity"),
+        ({"a": 1}, "is a dict"),
+    ):
+        with pytest.raises(UserError, match=re.escape(says)):
+            policy.predict(bad)
