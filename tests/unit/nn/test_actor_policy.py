@@ -69,7 +69,8 @@ def test_a_dial_is_its_network_at_the_angle(tmp_path: Path) -> None:
     ("changes", "says"),
     [
         ({"action_size": 3}, "has layers that don't follow one another"),
-        ({"action_size": "2"}, "has layers that don't follow one another"),
+        ({"action_size": 0}, "has layers that don't follow one another"),
+        ({"action_size": "2"}, "has a header that doesn't fit its arrays"),
         ({"activation": "sine"}, "has layers that don't follow one another"),
         ({"squash": "none"}, "has layers that don't follow one another"),
         ({"layers": 9}, "has a header that doesn't fit its arrays"),

@@ -25,7 +25,7 @@ STEPS_PER_ANGLE = 100
 
 
 class Acting(NamedTuple):
-    """Where a learner is in a compiled world.
+    """Place of a learner in a compiled world.
 
     Attributes:
         episode: State of the world.

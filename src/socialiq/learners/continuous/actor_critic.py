@@ -28,7 +28,7 @@ Scalar = Float[Array, ""]
 
 
 class Networks(NamedTuple):
-    """What an optimiser step changes.
+    """Networks that an optimiser step changes.
 
     Attributes:
         actor: The policy.
