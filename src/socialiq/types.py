@@ -224,3 +224,9 @@ class Transitions(Protocol):
     def returns(self, kind: str, discount: float) -> RewardPair:
         """Return the pair of cumulative returns of a kind of `social.returns.TARGET_KINDS`."""
         ...
+
+
+def is_unit_box(space: Any) -> bool:
+    """Whether the bounds of a Gymnasium `Box` are -1 and 1, and its actions one float32 vector."""
+    bounds = np.abs([space.low, space.high])
+    return space.dtype == np.float32 and len(space.shape) == 1 and bool((bounds == 1.0).all())

@@ -53,7 +53,7 @@ class Demonstrations:
     """
 
     observation: Float32[np.ndarray, "transition feature"]
-    action: Shaped[np.ndarray, transition * size]
+    action: Shaped[np.ndarray, "transition ..."]
     next_observation: Float32[np.ndarray, "transition feature"]
     terminated: Bool[np.ndarray, " transition"]
     truncated: Bool[np.ndarray, " transition"]

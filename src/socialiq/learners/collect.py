@@ -18,7 +18,7 @@ from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
 from socialiq.learners.state import Runs
 from socialiq.nn.q_network import ValueNetwork, network_of
 from socialiq.nn.q_policy import QPolicy
-from socialiq.types import Ending, RewardPair
+from socialiq.types import Ending, RewardPair, is_unit_box
 
 Act = Callable[[np.ndarray], Any]
 """From observations, (batch, features), to actions, (batch,), or continuous ones (batch, size)."""
@@ -102,26 +102,26 @@ def acting_in(
     return Collector(sources, [one.seed for one in hyperparameters], behaviour)
 
 
-def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:
+def from_env(env: gymnasium.Env[Any, Any], steps: int, continuous: bool = False) -> Source:
     """Return a source of one environment.
 
     Args:
         env: With discrete actions, or arrays in [-1, 1]; `types.RewardPair.of_step` and
             `Ending.of_step` say how its rewards and endings are read.
         steps: For each chunk.
+        continuous: Whether the learner's actions are arrays.
 
     Raises:
         UserError: If the actions are of another kind.
     """
-    _check_actions(env.action_space)
-    discrete = isinstance(env.action_space, gymnasium.spaces.Discrete)
+    _check_actions(env.action_space, continuous)
 
     def source(act: Act, rng: np.random.Generator) -> Batch:
         observation, _ = env.reset(seed=int(rng.integers(2**31)))
         rows: list[tuple[Any, ...]] = []
         for _ in range(steps):
             chosen = np.asarray(act(np.ravel(observation)[None]))
-            action = chosen.item() if discrete else chosen[0].astype(np.float32)
+            action = chosen[0].astype(np.float32) if continuous else chosen.item()
             after, reward, terminated, truncated, info = env.step(action)
             kind = Ending.of_step(terminated, truncated, info)
             pair = RewardPair.of_step(reward, info)
@@ -132,7 +132,9 @@ def from_env(env: gymnasium.Env[Any, Any], steps: int) -> Source:
     return source
 
 
-def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) -> Source:
+def from_vector_env(
+    env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int, continuous: bool = False
+) -> Source:
     """Return a source of environments side by side.
 
     Args:
@@ -140,11 +142,12 @@ def from_vector_env(env: gymnasium.vector.VectorEnv[Any, Any, Any], steps: int) 
             info has `reward_pair`, (envs, 2), and `ending`, (envs,), values of `types.Ending`,
             both of the step that was taken, also where a reset followed.
         steps: For each chunk, of all environments together.
+        continuous: Whether the learner's actions are arrays.
 
     Raises:
         UserError: If the actions are of another kind, or it resets at another time.
     """
-    _check_actions(env.single_action_space)
+    _check_actions(env.single_action_space, continuous)
     if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
         raise UserError("a vector environment must reset in the same step: AutoresetMode.SAME_STEP")
 
@@ -186,16 +189,14 @@ def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:
     return after
 
 
-def _check_actions(space: Any) -> None:
-    if isinstance(space, gymnasium.spaces.Box):
-        if space.dtype == np.float32 and (space.low == -1.0).all() and (space.high == 1.0).all():
-            return
+def _check_actions(space: Any, continuous: bool) -> None:
+    if not continuous and not isinstance(space, gymnasium.spaces.Discrete):
+        raise UserError("only discrete actions are supported: wrap the environment")
+    if continuous and not (isinstance(space, gymnasium.spaces.Box) and is_unit_box(space)):
         raise UserError(
             "continuous actions must be float32 in [-1, 1]: make the environment by "
             "make_environment, which scales them"
         )
-    if not isinstance(space, gymnasium.spaces.Discrete):
-        raise UserError("only discrete actions, or a Box, are supported: wrap the environment")
 
 
 def _batch(

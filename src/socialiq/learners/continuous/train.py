@@ -92,7 +92,7 @@ def acting_in(
         UserError: If the actions are not arrays in [-1, 1].
     """
     steps = static.updates_per_round * static.env_steps_per_update
-    sources = [from_env(make(), steps) for _ in hyperparameters]
+    sources = [from_env(make(), steps, continuous=True) for _ in hyperparameters]
     behaviour = drawing(static, static.env_steps_per_update)
     return Collector(sources, [one.seed for one in hyperparameters], behaviour)
 
