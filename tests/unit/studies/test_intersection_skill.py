@@ -259,7 +259,7 @@ def test_the_price_is_that_which_predicts_the_ones_left_out_best(later) -> None:
     rows = later.tables["choices"]
     assert {row["left_out"] for row in rows} == {"egoistic", "prosocial", "altruistic"}
     means = {
-        price: np.mean([row["log_likelihood"] for row in rows if row["price"] == price])
+        price: np.mean([row["agreement"] for row in rows if row["price"] == price])
         for price in TINY.prices
     }
     assert {row["price"] for row in rows if row["chosen"]} == {max(means, key=lambda p: means[p])}

@@ -1,8 +1,10 @@
 """Jobs of the improved clone: the clone, the choice of η by prediction, and policy iteration.
 
 η is chosen from demonstrations alone: each demonstrator is left out in turn, the method is trained
-on the others at the angle of the one left out, and that η is taken whose policies make the actions
-of the ones left out most likely. No score of any policy enters.
+on the others at the angle of the one left out, and that η is taken whose policies take most of the
+actions of the ones left out. No score of any policy enters. Likelihoods would do worse: greedy
+demonstrators have no temperature, and a policy near its clone is too sure of itself where another
+demonstrator drives.
 """
 
 from __future__ import annotations
@@ -30,12 +32,10 @@ from socialiq.learners.policy_iteration import dial
 from socialiq.learners.policy_iteration.regularised import Likeness, RegularisedIteration
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import read_json, write_json
-from socialiq.studies.intersection_skill.jobs import demonstrations, likelihood
+from socialiq.studies.intersection_skill.jobs import demonstrations
 from socialiq.worlds.intersection.options import Options
 
 LEFT_OUT, CHOICE = "left-out.json", "choice.json"
-TEMPERATURES = (0.3, 1.0, 3.0, 10.0)
-"""τ of softmax(output/τ) as a model of a demonstrator; the likeliest counts."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class LeftOutRun(IterationRun):
 def predict_left_out(
     config: LeftOutRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write the mean log-likelihood of the actions of the one left out, for each η."""
+    """Write the share of the actions of the one left out that are predicted, for each η."""
     seed, angle = config.numbers.seed, MODES[config.mode]
     drawn = demonstrations(inputs[DEMONSTRATIONS], config.size, seed)
     wanted = drawn.pop(config.mode)
@@ -98,9 +98,8 @@ def predict_left_out(
     trained = improved(at_angle, clone, config.prices, callbacks=done)
     rows = []
     for run, price in enumerate(config.prices):
-        found = trained.policy(run)
-        logs = likelihood(found, wanted.observation, wanted.action, [angle], TEMPERATURES)
-        rows.append({"price": price, "log_likelihood": float(logs[0]) / wanted.n_transitions})
+        taken = trained.policy(run).at(angle).predict(wanted.observation)[0]
+        rows.append({"price": price, "agreement": float((taken == wanted.action).mean())})
     write_json(folder / LEFT_OUT, rows)
 
 
@@ -140,10 +139,10 @@ class Choice:
 def choose(
     _config: Choice, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
-    """Write the η of the largest mean log-likelihood over the demonstrators left out."""
+    """Write the η of the largest mean agreement over the demonstrators left out."""
     tables = [read_json(trained / LEFT_OUT) for trained in inputs.values()]
     prices = [row["price"] for row in tables[0]]
-    means = np.mean([[row["log_likelihood"] for row in table] for table in tables], axis=0)
+    means = np.mean([[row["agreement"] for row in table] for table in tables], axis=0)
     write_json(folder / CHOICE, {"price": prices[int(means.argmax())]})
     on_progress(1.0)
 

@@ -207,7 +207,6 @@ def likelihood(
     observation: Float[np.ndarray, "step feature"],
     action: Int[np.ndarray, " step"],
     angles: Sequence[float],
-    temperatures: Sequence[float] = TEMPERATURES,
 ) -> Float[np.ndarray, " angle"]:
     """Return the log-likelihood of a demonstrator's actions at each angle, at the best temperature.
 
@@ -216,11 +215,10 @@ def likelihood(
         observation: Observations of the demonstrator.
         action: Its actions.
         angles: In degrees.
-        temperatures: Values of τ.
     """
     found, rows = [], np.arange(len(action))
     for angle in angles:
         q = family.at(angle).q_values(observation).astype(np.float64)
-        logs = (log_softmax(q / one, axis=1) for one in temperatures)
+        logs = (log_softmax(q / one, axis=1) for one in TEMPERATURES)
         found.append(max(float(one[rows, action].sum()) for one in logs))
     return np.array(found)

@@ -155,7 +155,7 @@ class Config:
     """Static config of the policy iteration."""
     improved_numbers: iteration.Hyperparameters = IMPROVEMENT_NUMBERS
     """Hyperparameters of the policy iteration, without the seed."""
-    prices: tuple[float, ...] = (0.1, 0.3, 1.0)
+    prices: tuple[float, ...] = (0.1, 0.2, 0.4)
     """Candidates of η, in units of reward for a nat; the choice is by prediction."""
     left_out_updates: int = 400
     """Updates of the policies that predict a demonstrator that is left out."""

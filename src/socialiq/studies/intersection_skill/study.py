@@ -155,7 +155,7 @@ def _above_demonstrators(config: Config, by_group: Sequence[Row]) -> list[Row]:
 
 
 def _choices(jobs: Sequence[Job], work: Path) -> Iterator[Row]:
-    """Give the mean log-likelihood of each demonstrator's actions, left out, by η."""
+    """Give the share of each demonstrator's actions that are predicted without it, by η."""
     chosen = [job for job in jobs if job.stage == "choice"]
     for job in (one for one in jobs if one.stage == "left-out"):
         price = read_json(work / chosen[0].name / CHOICE)["price"]
