@@ -47,6 +47,17 @@ def page(tmp_path_factory):
     return folder / "audit" / "report.html"
 
 
+@pytest.fixture(scope="module")
+def at_intersection(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("watched")
+    declared = declare(45.0, "o", "intersection", Margin(1.0, 10.0), datetime.date(2026, 1, 31))
+    (folder / "profile.toml").write_bytes(declared.source)
+    words = ["audit", "gap_3s", "--profile", str(folder / "profile.toml")]
+    words += ["--episodes", "20", "--seed", "1"]
+    assert main([*words, "--out", str(folder / "audit")]) in (0, 1, 3)
+    return folder / "audit" / "report.html"
+
+
 def table(folder):
     world = tabulate(make_grid("crossing5"))
     path = folder / ("a_policy_with_a_long_name_" * 4 + ".safetensors")
@@ -181,6 +192,79 @@ def test_a_report_runs_no_script(browser, page, tmp_path):
     said = []
     tab.on("console", lambda message: said.append(message.text))
     tab.goto(broken.as_uri())
+    title = tab.title()
+    tab.close()
+    assert title != "broken"
+    assert any("Content Security Policy" in line for line in said)
+
+
+EACH = """() => [...document.querySelectorAll("#watch .episodes button")].map(button => {
+  button.click();
+  return document.querySelector("#watch .compared").textContent;
+})"""
+
+PIXELS = """() => document.querySelector("#watch canvas").toDataURL()"""
+
+
+def watched(browser, path, script="", **choice):
+    """A tab with the report's player; the browser must not complain, nor ask for anything."""
+    tab = browser.new_page(viewport={"width": 1280, "height": 900}, **choice)
+    said = []
+    tab.on("console", lambda message: said.append(message.text))
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    if script:
+        tab.add_init_script(script)
+    tab.goto(path.as_uri())
+    tab.wait_for_selector("#watch:not([hidden])")
+    return tab, said
+
+
+def test_episodes_are_replayed_with_the_rewards_of_the_report(browser, at_intersection):
+    tab, said = watched(browser, at_intersection)
+    found = tab.evaluate(EACH)
+    assert len(found) == 6 and all(line.endswith("as in the report, to 1e-9.") for line in found)
+    before = tab.evaluate(PIXELS)
+    tab.wait_for_function(f"before => ({PIXELS})() !== before", arg=before)  # it plays
+    tab.keyboard.press("Tab")
+    tab.click("#watch [aria-label='One decision on']")
+    assert tab.inner_text("#watch .transport button >> nth=0") == "Play"
+    tab.close()
+    assert said == []
+
+
+def test_a_reader_who_wants_no_motion_gets_none(browser, at_intersection):
+    tab, said = watched(browser, at_intersection, reduced_motion="reduce")
+    tab.click("#watch .episodes button >> nth=2")
+    before = tab.evaluate(PIXELS)
+    tab.wait_for_timeout(300)
+    assert tab.evaluate(PIXELS) == before
+    tab.close()
+    assert said == []
+
+
+def test_other_decisions_than_those_of_the_report_are_said(browser, at_intersection, tmp_path):
+    text = at_intersection.read_text()
+    changed = re.sub(r'("actions":"\d)\d{3}', r"\g<1>222", text, count=1)
+    assert changed != text
+    (tmp_path / "report.html").write_text(changed)
+    tab, _ = watched(browser, tmp_path / "report.html")
+    first, *others = tab.evaluate(EACH)
+    tab.close()
+    assert "differ from the report's by" in first or "this browser's episode" in first
+    assert all(line.endswith("as in the report, to 1e-9.") for line in others)
+
+
+def test_without_webassembly_the_player_says_so(browser, at_intersection):
+    tab, _ = watched(browser, at_intersection, "delete window.WebAssembly")
+    assert tab.inner_text("#watch").startswith("[ blank ] The episodes can't be replayed here")
+    tab.close()
+
+
+def test_no_other_script_runs_beside_the_player(browser, at_intersection, tmp_path):
+    broken = tmp_path / "report.html"
+    script = "<script>document.title = 'broken'</script></body>"
+    broken.write_text(re.sub("</body>", script, at_intersection.read_text()))
+    tab, said = watched(browser, broken)
     title = tab.title()
     tab.close()
     assert title != "broken"

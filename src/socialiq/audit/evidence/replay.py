@@ -72,11 +72,13 @@ class Trace:
         per_second: Frames of a second.
         frames: Number of frames.
         tracks: Way of each vehicle, the ego's first.
+        actions: Decisions at the intersection, a digit each; "" in a gridworld.
     """
 
     per_second: float
     frames: int
     tracks: tuple[Track, ...]
+    actions: str = ""
 
 
 class ReplayedEpisode(NamedTuple):
@@ -118,11 +120,11 @@ def _at_intersection(
 ) -> ReplayedEpisode:
     batch = Batch(world.options, 1, traced=True)
     seen: list[Scene] = []
-    totals, decisions = np.zeros(2), 0
+    totals, actions = np.zeros(2), ""
     for step in play(batch, policy, np.array([seed]), deterministic):
         seen += scenes.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
-        decisions += 1
+        actions += str(int(step.action[0]))
     rate = world.options.simulation_frequency
     every = max(1, rate // PER_SECOND, math.ceil(len(seen) / MOST_FRAMES))
     chosen = [*seen[:-1:every], seen[-1]]
@@ -130,8 +132,8 @@ def _at_intersection(
     last = chosen[-1].vehicles
     crashed = {int(one["identity"]) for one in last if one["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
-    trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed))
-    return ReplayedEpisode(trace, decisions, RewardPair(*totals.tolist()))
+    trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed), actions)
+    return ReplayedEpisode(trace, len(actions), RewardPair(*totals.tolist()))
 
 
 def _poses_of(scene: Scene) -> dict[int, Pose]:

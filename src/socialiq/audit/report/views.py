@@ -11,6 +11,7 @@ from socialiq.audit.profile.junction import is_junction
 from socialiq.audit.report import pictures
 from socialiq.audit.report.angle_picture import angles
 from socialiq.audit.report.animations import moving
+from socialiq.audit.report.watch import replays
 from socialiq.foreign import Markdown, printable, templates
 from socialiq.worlds.registry import WORLDS
 
@@ -167,7 +168,10 @@ _PACKAGE = "socialiq.audit.report"
 
 
 def html(report: Mapping[str, Any]) -> str:
-    """Return one self-contained page without scripts; all user-provided text is escaped."""
+    """Return one self-contained page; all user-provided text is escaped.
+
+    Its only script replays episodes of the intersection, and is named by hash in the page's policy.
+    """
     pages = templates(_PACKAGE)
     _add_words(pages)
     return pages.get_template("report.html.j2").render(
@@ -176,6 +180,7 @@ def html(report: Mapping[str, Any]) -> str:
         single=pictures.episodes(report),
         angles=angles(report),
         moving=moving(report),
+        replays=replays(report),
     )
 
 

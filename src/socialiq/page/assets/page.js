@@ -1,6 +1,7 @@
 // The page's start: opens the core and the dial, shows the tabs, and answers as its own worker.
 
 import { FIRST, readAddress, writeAddress } from "./address.js";
+import { coloursOf } from "./colours.js";
 import { Core, bytesOf } from "./core.js";
 import { Driving } from "./driving.js";
 import { answer } from "./episodes.js";
@@ -42,24 +43,6 @@ function workerOf(data) {
       waiting.set((asked += 1), { resolve, reject });
       worker.postMessage({ ...question, number: asked });
     });
-}
-
-/** Return the colours of the style sheet, for canvases; the same object until they change. */
-function coloursOf() {
-  let known;
-  let scheme;
-  const dark = window.matchMedia("(prefers-color-scheme: dark)");
-  return () => {
-    if (known && scheme === dark.matches) return known;
-    scheme = dark.matches;
-    const style = getComputedStyle(document.documentElement);
-    const colour = (name) => style.getPropertyValue(`--${name}`).trim();
-    const plain = ["ground", "road", "curb", "marking", "other", "edge", "glass", "alarm", "yields", "ghost"];
-    known = Object.fromEntries(plain.map((name) => [name, colour(name)]));
-    known.onEgo = colour("on-ego");
-    known.twins = [0, 1, 2].map((place) => colour(`twin-${place}`));
-    return known;
-  };
 }
 
 function showTab(name, state) {

@@ -39,6 +39,7 @@ def test_it_is_the_episode_of_the_evidence(at_intersection):
         totals = RewardPair(*evidence.policy.totals[place].tolist())
         assert played.repeats(int(evidence.policy.length[place]), totals)
         assert not played.repeats(int(evidence.policy.length[place]) + 1, totals)
+        assert played.trace.actions == "2" * played.decisions
         assert not played.repeats(played.decisions, RewardPair(totals.env, totals.social + 0.1))
 
 
