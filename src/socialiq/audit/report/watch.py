@@ -19,7 +19,7 @@ _KEPT = ("seed", "r_env", "r_social", "ending", "decisions")
 
 
 class Replays(NamedTuple):
-    """What the page needs to replay episodes.
+    """Program and data that replay episodes in a page.
 
     Attributes:
         program: The script.
@@ -33,7 +33,7 @@ class Replays(NamedTuple):
 
 
 def replays(report: Mapping[str, Any]) -> Replays | None:
-    """Return what a page needs to replay a report's episodes; None where none has decisions.
+    """Return the replays of a report's episodes; None where none has decisions.
 
     Args:
         report: Content of `report.json`.
