@@ -34,7 +34,7 @@ STUDIES = {
     "intersection-skill": "intersection_skill.study",
     "audit-power": "audit_power.study",
     "audits": "audits.study",
-    "angle-trait": "angle_trait",
+    "angle-trait": "angle_trait.study",
     "theory": "theory.study",
     "classic-control": "classic_control.study",
     "compare-priors": "compare_priors.study",

@@ -7,15 +7,9 @@ from socialiq.errors import UserError
 from socialiq.experiments.study import run
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.recordings.trait.models import fit_models
-from socialiq.studies.angle_trait import (
-    DIAL,
-    STUDY,
-    Config,
-    Population,
-    choices_of,
-    drive,
-    recovery,
-)
+from socialiq.studies.angle_trait.config import DIAL, Config
+from socialiq.studies.angle_trait.driving import Population, choices_of, drive
+from socialiq.studies.angle_trait.study import STUDY, fit_family, recovery
 
 
 @pytest.fixture(scope="module")
@@ -51,11 +45,22 @@ def test_dials_choose_as_their_policies():
     assert (np.exp(decided.log_base)[np.arange(len(decided.action)), decided.action] > 0.01).all()
 
 
+def test_angles_of_a_dial_are_recovered_by_that_dial():
+    """The model is true up to its random choices: egoists and altruists are told apart."""
+    dial, angle = DialPolicy.load(DIAL), np.repeat([10.0, 85.0], 4)
+    decided = drive(Population("dial", angle, 0.0), dial, 4, 50_800_600)
+    known = decided._replace(seen=decided.seen[:, :-1])  # this dial doesn't observe the time
+    found = recovery(fit_family(known, 4, 4, dial, seed=0, step=15.0), angle)
+    assert found["correlation"] > 0.9 and found["error"] < 15.0
+
+
 def test_the_study_makes_its_tables():
     config = Config(50_801_000, repeats=1, drivers=3, lengths=(2,), spreads=(0.0,), step=90.0)
     results = run(STUDY, config)
-    assert [row["kind"] for row in results.tables["pooled"]] == ["planner", "dial"]
-    assert len(results.tables["drivers"]) == 6
+    pooled = results.tables["pooled"]
+    assert [row["kind"] for row in pooled] == ["planner", "dial", "dial"]
+    assert [row["inferred_from"] for row in pooled] == ["returns", "returns", "another dial"]
+    assert len(results.tables["drivers"]) == 9
     assert STUDY.figures(results).keys() == {"angles"}
 
 

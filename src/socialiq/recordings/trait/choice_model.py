@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +84,31 @@ def evaluate(table: ChoiceTable, trait: Trait) -> Evaluated:
         found[1, part] = np.einsum("dcw,c->dw", chance, table.grid) / total
     shape = (len(table), *trait.weights.shape[:2])
     return Evaluated(found[0].reshape(shape), found[1].reshape(shape))
+
+
+class Tabulated(NamedTuple):
+    """Predictions of every candidate at every decision and grid point of a trait.
+
+    Attributes:
+        log_p: By decision, candidate, shared number and value.
+        mean: By decision, shared number and value.
+    """
+
+    log_p: Float[np.ndarray, "decision candidate shared value"]
+    mean: Float[np.ndarray, "decision shared value"]
+
+    @staticmethod
+    def of(table: ChoiceTable, trait: Trait) -> Tabulated:
+        """Evaluate all candidates once, so that repeats only look them up."""
+        each = [
+            evaluate(dataclasses.replace(table, acceleration=np.full(len(table), candidate)), trait)
+            for candidate in table.grid
+        ]
+        return Tabulated(np.stack([one.log_likelihood for one in each], axis=1), each[0].mean)
+
+    def at(self, rows: np.ndarray, chosen: Int64[np.ndarray, " decision"]) -> Evaluated:
+        """Return the predictions of some rows for what was chosen there."""
+        return Evaluated(self.log_p[rows, chosen], self.mean[rows])
 
 
 class Prediction(NamedTuple):

@@ -25,6 +25,7 @@ from socialiq.recordings.prediction.choices import ChoiceTable
 from socialiq.recordings.trait.choice_model import (
     Evaluated,
     Prediction,
+    Tabulated,
     evaluate,
     log_choice,
     predict,
@@ -129,8 +130,20 @@ def models_of(
     of_gain: Evaluated,
     seed: int,
     shuffles: int = SHUFFLES,
+    every: Tabulated | None = None,
 ) -> Models:
-    """Return `fit_models` of decisions whose grid points are evaluated already."""
+    """Return `fit_models` of decisions whose grid points are evaluated already.
+
+    Args:
+        sample: The decisions.
+        angle: The angle's grid.
+        of_angle: Its grid points for what was chosen.
+        gain: The progress gain's grid.
+        of_gain: Its grid points for what was chosen.
+        seed: Of the shuffling.
+        shuffles: Turns of the shuffled angle.
+        every: The angle's grid points for every candidate, if they are not by weights of rewards.
+    """
     second, driver = sample.second, sample.driver[sample.second]
     table = sample.table.rows(second)
     base = np.exp(table.log_base) @ table.grid
@@ -143,7 +156,7 @@ def models_of(
     found["angle"] = predict(later, inferred.drivers, driver)
     progress = infer(_of_first_halves(sample, of_gain), sample.chain, gain)
     found["progress gain"] = predict(of_gain.rows(second), progress.drivers, driver)
-    found |= residual_models(sample, alike)
+    found |= residual_models(sample, alike, every)
     turns = _shuffled(later, inferred.drivers, driver, seed, shuffles)
     found["shuffled angle"] = Prediction(
         np.mean([one.log_likelihood for one in turns], axis=0),
@@ -180,7 +193,9 @@ def _shuffled(
     return found
 
 
-def residual_models(sample: Sample, alike: Inference) -> dict[str, Prediction]:
+def residual_models(
+    sample: Sample, alike: Inference, every: Tabulated | None = None
+) -> dict[str, Prediction]:
     """Return predictions of second halves by residuals of the base predictor.
 
     The population's prediction is tilted: p(a | s) proportional to p_pop(a | s) exp(κ r a / v), v
@@ -190,9 +205,10 @@ def residual_models(sample: Sample, alike: Inference) -> dict[str, Prediction]:
     Args:
         sample: Decisions; their residuals are those of the decision before.
         alike: The population's angle, inferred.
+        every: Probabilities of every candidate, if they are not by weights of rewards.
     """
     table, second = sample.table, sample.second
-    log_population = _population_choice(sample, alike)
+    log_population = _population_choice(sample, alike, every)
     fold = alike.fold[sample.driver]
     running = _tilted(log_population, table, table.residual)
     of_others = np.array(
@@ -215,14 +231,23 @@ def residual_models(sample: Sample, alike: Inference) -> dict[str, Prediction]:
     }
 
 
-def _population_choice(sample: Sample, alike: Inference) -> Float[np.ndarray, "decision candidate"]:
-    """Return log p of every candidate at the mean weights of the population of other chains."""
+def _population_choice(
+    sample: Sample, alike: Inference, every: Tabulated | None
+) -> Float[np.ndarray, "decision candidate"]:
+    """Return log p of every candidate for the population of other chains.
+
+    It is that of the mean weights, or the mean of the tabulated probabilities.
+    """
     table, rewards = sample.table, rewards_of(sample.table)
     fold, found = alike.fold[sample.driver], np.empty_like(table.log_base)
     for one, population in enumerate(alike.others):
         rows = fold == one
-        weights = np.tensordot(population.driver_prior, population.trait.weights, 2)[None]
-        found[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
+        if every is None:
+            weights = np.tensordot(population.driver_prior, population.trait.weights, 2)[None]
+            found[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
+        else:
+            chance = np.exp(every.log_p[rows])
+            found[rows] = np.log(np.tensordot(chance, population.driver_prior, 2))
     return found
 
 

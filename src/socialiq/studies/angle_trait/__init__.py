@@ -1,0 +1,1 @@
+"""Planted angles in simulated traffic."""
