@@ -83,7 +83,7 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
         else:
             action = _planned(population, returns, driver, rng)
         rows = np.flatnonzero(running)
-        base = _base(mixed if policies else [], batch.observation[rows])
+        base = base_of(mixed if policies else [], batch.observation[rows])
         seen = observed(batch, clock=True)[rows]
         found.append((rows, base, returns.env[rows], returns.social[rows], action[rows], seen))
         made = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
@@ -91,10 +91,15 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
     return Decided(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def _base(
+def base_of(
     mixed: list[QPolicy], seen: Float[np.ndarray, "row feature"]
 ) -> Float[np.ndarray, "row action"]:
-    """Return log p by the mixture of some policies, with `RANDOM` of random actions."""
+    """Return log p by the mixture of some policies, with `RANDOM` of random actions.
+
+    Args:
+        mixed: The policies; with none every action is equally likely.
+        seen: Observations.
+    """
     even = np.full((len(seen), len(ACTIONS)), 1 / len(ACTIONS))
     if not mixed:
         return np.log(even)

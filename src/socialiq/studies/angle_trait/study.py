@@ -38,6 +38,7 @@ from socialiq.studies.angle_trait.config import (
 from socialiq.studies.angle_trait.driving import (
     Decided,
     Population,
+    base_of,
     choices_of,
     drive,
     first_episodes,
@@ -50,6 +51,8 @@ def fit_family(
 ) -> Models:
     """Infer angles with the policies of a dial as the model of drivers (`fit_models`).
 
+    Its policies mixed are the base predictor of the rivals.
+
     Args:
         decided: All decisions.
         episodes: Episodes of a driver in `decided`.
@@ -58,14 +61,14 @@ def fit_family(
         seed: Of the shuffling.
         step: Of the angles integrated over, degrees.
     """
-    table = choices_of(decided, episodes, used)
-    sample = sample_of(table)
-    kept = np.isin(table.driver, sample.identity)  # all choices of the table are in conflict
-    seen = first_episodes(decided, episodes, used).seen[kept]
     angle = np.linspace(dial.low, dial.high, max(2, round((dial.high - dial.low) / step) + 1))
-    values = np.stack([dial.at(one).q_values(seen) for one in angle.tolist()], axis=2)
+    policies = [dial.at(one) for one in angle.tolist()]
+    part = first_episodes(decided, episodes, used)
+    part = part._replace(log_base=base_of(policies, part.seen))
+    sample = sample_of(choices_of(part, episodes, used))
+    values = np.stack([one.q_values(part.seen) for one in policies], axis=2)
     trait = family_trait(angle, scale=value_scale(values))
-    every = tabulate_family(values, table.grid, trait, RANDOM)
+    every = tabulate_family(values, sample.table.grid, trait, RANDOM)
     of_chosen = every.at(np.arange(len(sample.table)), sample.table.chosen)
     gain = progress_trait(scale=reward_scale(sample.table))
     of_gain = evaluate(sample.table, gain)
