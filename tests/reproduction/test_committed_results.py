@@ -476,7 +476,10 @@ def test_a_demonstrator_left_out_is_predicted_as_before(committed):
 def test_the_sets_of_classic_control_are_the_committed_ones():
     """Two sets of each protocol: what is kept, its spread, and the linear fit that identifies."""
     committed = store.load(packaged_results() / "classic-control")
-    wanted = control.Config(tasks=("CartPole",), trajectories=(1,), sets=2)
+    one = (1,)
+    wanted = control.Config(
+        tasks=("CartPole",), trajectories=one, protocol_trajectories=one, sets=2
+    )
     jobs = [job for job in control.plan(wanted) if job.stage == "data"]
     compared = 0
     for job in jobs:

@@ -31,7 +31,7 @@ from socialiq.studies.classic_control.runs import (
     read_rows,
     train_and_score,
 )
-from socialiq.studies.classic_control.tasks import TASKS
+from socialiq.studies.classic_control.tasks import TASKS, make_env
 from socialiq.types import Row
 
 SOLVED = 475.0
@@ -51,15 +51,15 @@ class Config:
 
     seeds: tuple[int, ...] = (10, 11, 12)
     """Training seeds; 100 to 102 were used in development."""
-    tasks: tuple[str, ...] = ("CartPole", "Acrobot")
-    """Names of `TASKS`, also "CartPole, drifting expert" and LunarLander (optional extra box2d)."""
+    tasks: tuple[str, ...] = tuple(TASKS)
+    """Names of `TASKS`; LunarLander needs the extra box2d."""
     protocols: tuple[str, ...] = PROTOCOLS
     """Rows kept of a trajectory of CartPole; of the other tasks always one of each block."""
     trajectories: tuple[int, ...] = (1, 5)
     """Trajectories of a set of demonstrations of CartPole, one row of each block."""
-    protocol_trajectories: tuple[int, ...] = (1,)
+    protocol_trajectories: tuple[int, ...] = (1, 5)
     """The same with the other protocols."""
-    other_trajectories: tuple[int, ...] = (5,)
+    other_trajectories: tuple[int, ...] = (1, 5)
     """Trajectories of a set of the other environments."""
     methods: tuple[str, ...] = tuple(METHODS)
     """Names of `METHODS`."""
@@ -102,6 +102,13 @@ class Config:
 def plan(config: Config) -> list[Job]:
     """Return every job; none reads another."""
     return list(_jobs(config))
+
+
+def _plan(config: Config) -> list[Job]:
+    """Return `plan`, once every task's library is known to be there."""
+    for task in config.tasks:
+        make_env(TASKS[task]).close()
+    return plan(config)
 
 
 def _jobs(config: Config) -> Iterator[Job]:
@@ -261,5 +268,5 @@ STUDY = Study(
     tables=compute_tables,
     figures=draw,
     view=views,
-    jobs=plan,
+    jobs=_plan,
 )

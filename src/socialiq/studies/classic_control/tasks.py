@@ -106,7 +106,9 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
     try:
         return gymnasium.make(task.env)
     except gymnasium.error.DependencyNotInstalled as error:
-        raise UserError(f"{task.env} needs an extra: pip install 'socialiq[box2d]'") from error
+        raise UserError(
+            f"{task.env} needs an extra: pip install 'socialiq[box2d]' (or leave the task out)"
+        ) from error
 
 
 def returns(

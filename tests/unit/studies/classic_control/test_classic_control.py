@@ -127,8 +127,10 @@ def test_jobs_have_names_of_their_own() -> None:
     names = [job.name for job in plan(Config())]
     assert len(names) > 40
     assert len(set(names)) == len(names)
-    more = Config(tasks=tuple(TASKS), protocol_trajectories=(1, 5), other_trajectories=(1, 5))
-    added = {job.name for job in plan(more)} - {*names}
+    fewer = Config(
+        tasks=("CartPole", "Acrobot"), protocol_trajectories=(1,), other_trajectories=(5,)
+    )
+    added = {*names} - {job.name for job in plan(fewer)}
     assert {name.split("/")[1] for name in added} == {
         "CartPole-stride-5",
         "CartPole-whole-5",
