@@ -1,12 +1,15 @@
-"""The committed study of planted angles: its first population again, and what the page says."""
+"""The committed study of planted angles: two of its populations again, and what the page says."""
 
 import numpy as np
 import pytest
 
 from socialiq.experiments import results as store
 from socialiq.experiments.tables import matching
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies import angle_trait
+from socialiq.studies.angle_trait import study
+from socialiq.studies.angle_trait.config import DIAL, Config
+from socialiq.studies.angle_trait.driving import Population, drive
 
 FULL_COMPILER = True
 
@@ -17,31 +20,38 @@ def results():
 
 
 def test_the_committed_config_is_the_default(committed):
-    assert angle_trait.Config() == angle_trait.Config(
+    assert Config() == Config(
         **{k: tuple(v) if isinstance(v, list) else v for k, v in committed.config.items()}
     )
 
 
-def test_a_population_of_planners_is_inferred_as_before(committed):
-    """The cell of the second spread and first repeat, which has the number 3."""
-    config = angle_trait.Config()
-    first = config.first_episode + 3 * config.drivers * max(config.lengths)
-    rng = np.random.default_rng(first)
-    drawn = config.mean + config.spreads[1] * rng.standard_normal(config.drivers)
-    dial = angle_trait.DialPolicy.load(angle_trait.DIAL)
-    angle = drawn.clip(dial.low, dial.high)
-    population = angle_trait.Population("planner", angle, angle_trait._strength(config))
-    decided = angle_trait.drive(population, dial, max(config.lengths), first)
-    table = angle_trait.choices_of(decided, max(config.lengths), config.lengths[0])
-    found = angle_trait._row(angle_trait.fit_models(table, first, config.step), angle, first)
+@pytest.mark.parametrize(
+    ("kind", "source", "cell"),
+    [
+        ("planner", "returns", 1),
+        pytest.param("dial", "another dial", 3, marks=pytest.mark.slow),
+    ],
+)
+def test_a_population_is_inferred_as_before(committed, kind, source, cell):
+    """The first repeat of the second spread, with few episodes."""
+    config = Config()
+    number = cell * config.repeats + 1
+    first = config.first_episode + number * config.drivers * max(config.lengths)
+    drawn = np.random.default_rng(first).standard_normal(config.drivers)
+    dial = DialPolicy.load(DIAL)
+    angle = (config.mean + config.spreads[1] * drawn).clip(dial.low, dial.high)
+    strength = study._strength(config) if kind == "planner" else 0.0
+    decided = drive(Population(kind, angle, strength), dial, max(config.lengths), first)
+    models = study._inferred(config, decided, source, config.lengths[0], first)
     (theirs,) = matching(
         committed.tables["populations"],
-        kind="planner",
+        kind=kind,
+        inferred_from=source,
         spread_planted=config.spreads[1],
         episodes=config.lengths[0],
         repeat=0,
     )
-    for name, value in found.items():
+    for name, value in study._row(models, angle, first).items():
         assert value == pytest.approx(theirs[name], rel=1e-3, abs=1e-4), name
 
 
@@ -50,8 +60,13 @@ def test_angles_are_found_where_they_differ_and_decisions_are_many(committed):
         (one,) = matching(committed.tables["pooled"], **of)
         return one
 
-    many = row(kind="planner", spread_planted=25.0, episodes=16)
-    assert many["found"] == many["beats_every_rival"] == 1.0 and many["correlation"] > 0.9
+    planners = {"kind": "planner", "inferred_from": "returns"}
+    many = row(**planners, spread_planted=25.0, episodes=16)
+    assert many["found"] == 1.0 and many["correlation"] > 0.9
+    dials = {"kind": "dial", "inferred_from": "another dial"}
+    of_dials = row(**dials, spread_planted=25.0, episodes=16)
+    assert of_dials["found"] == of_dials["beats_every_rival"] == 0.8
     for episodes in (2, 16):
-        assert row(kind="planner", spread_planted=0.0, episodes=episodes)["found"] == 0.0
-        assert row(kind="dial", spread_planted=0.0, episodes=episodes)["found"] == 0.0
+        assert row(**planners, spread_planted=0.0, episodes=episodes)["found"] == 0.0
+        alike = row(**dials, spread_planted=0.0, episodes=episodes)
+        assert alike["beats_every_rival"] == 0.0

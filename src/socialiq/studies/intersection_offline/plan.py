@@ -87,7 +87,8 @@ def _method(config: Config, method: str, seeds: tuple[int, ...]) -> Iterator[Job
 
 
 def _slug(method: str) -> str:
-    return method.replace("R(α)", "total").replace(",", "").replace(" ", "-")
+    named = method.replace("R(α)", "total").replace("χ²", "chi2")
+    return named.replace(",", "").replace(" ", "-")
 
 
 def demonstrator_episodes(mode: str) -> str:
