@@ -52,6 +52,14 @@ INTERSECTION_CALIBRATED_NUMBERS = dataclasses.replace(
     INTERSECTION_THESIS_NUMBERS, temperature=INTERSECTION_TEMPERATURE
 )
 
+# With a world to act in: the quadratic term over the replay too, without which nothing holds the
+# value of an action that only the learner takes (docs/theory.md). w was chosen between 5 and 30 on development seed 100 (docs/reproduction/intersection-offline.md).
+INTERSECTION_SHIFTED = dataclasses.replace(
+    INTERSECTION_CALIBRATED, prior="shifted_chi2", chi2_on="mixture"
+)
+INTERSECTION_SHIFTED_NUMBERS = dataclasses.replace(
+    INTERSECTION_CALIBRATED_NUMBERS, prior_weight=5.0
+)
 
 # Few demonstrations without social rewards, offline (docs/reproduction/classic-control.md). At the
 # thesis' temperature the objective is the likelihood of the actions plus a penalty on r̂; at the
@@ -103,6 +111,7 @@ PRESETS = {
     "lambda-sweep": (SWEEP, TABLE_C1_NUMBERS),
     "intersection-thesis": (INTERSECTION_THESIS, INTERSECTION_THESIS_NUMBERS),
     "intersection-calibrated": (INTERSECTION_CALIBRATED, INTERSECTION_CALIBRATED_NUMBERS),
+    "intersection-shifted": (INTERSECTION_SHIFTED, INTERSECTION_SHIFTED_NUMBERS),
     "few-offline": (FEW_OFFLINE, FEW_OFFLINE_NUMBERS),
     "few-online": (FEW_ONLINE, FEW_ONLINE_NUMBERS),
 }

@@ -13,7 +13,6 @@ from socialiq.experiments.intersection.demonstration_sets import RECORDED_EPISOD
 from socialiq.experiments.intersection.offline_training import CloneRuns, IQLearnRuns
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.config import check_counts
-from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 
@@ -30,10 +29,6 @@ METHODS = (
     "IQ-Learn online, shifted χ²",
 )
 """Methods beside the dial, with a run for each angle; the last three act in the world."""
-
-SHIFTED_WEIGHT = 5.0
-"""w of the shifted χ² term. On development seed 100, J at 0, 45 and 90 degrees: 8.33, 6.06, 2.20;
-with 30 it was 8.12, 5.86, 2.31."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +106,9 @@ def _clones(config: Config, method: str) -> Callable[..., CloneRuns]:
 
 
 def _iq_learn(config: Config, method: str) -> Callable[..., IQLearnRuns]:
-    """Return IQ-Learn with the calibrated settings of the intersection."""
-    structure: iq.StaticConfig = presets.INTERSECTION_CALIBRATED
+    """Return IQ-Learn with a preset of the intersection."""
+    shifted = method.endswith("shifted χ²")
+    structure, numbers = presets.PRESETS[f"intersection-{'shifted' if shifted else 'calibrated'}"]
     if "online" not in method:
         structure = presets.offline(structure)
     structure = dataclasses.replace(
@@ -124,10 +120,5 @@ def _iq_learn(config: Config, method: str) -> Callable[..., IQLearnRuns]:
     )
     if method.endswith("reweighted"):  # Eq B.2, by the weights of the clone
         structure = dataclasses.replace(structure, prior="reweighting", target_kind="trajectory")
-    numbers = dataclasses.replace(
-        presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=config.learning_rate
-    )
-    if method.endswith("shifted χ²"):  # Eq B.1 in term 3 too, with replay
-        structure = dataclasses.replace(structure, prior="shifted_chi2", chi2_on="mixture")
-        numbers = dataclasses.replace(numbers, prior_weight=SHIFTED_WEIGHT)
+    numbers = dataclasses.replace(numbers, learning_rate=config.learning_rate)
     return lambda **runs: IQLearnRuns(structure=structure, numbers=numbers, **runs)
