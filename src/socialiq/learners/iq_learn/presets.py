@@ -53,7 +53,8 @@ INTERSECTION_CALIBRATED_NUMBERS = dataclasses.replace(
 )
 
 # With a world to act in: the quadratic term over the replay too, without which nothing holds the
-# value of an action that only the learner takes (docs/theory.md). w was chosen between 5 and 30 on development seed 100 (docs/reproduction/intersection-offline.md).
+# value of an action that only the learner takes (docs/theory.md). w was chosen between 5 and 30 on
+# development seed 100 (docs/reproduction/intersection-offline.md).
 INTERSECTION_SHIFTED = dataclasses.replace(
     INTERSECTION_CALIBRATED, prior="shifted_chi2", chi2_on="mixture"
 )
