@@ -14,7 +14,7 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.types import Ending, RewardPair
 
 SHOWN, OWN = (3, 1, 0), (1, 1, 2)
-"""How often demonstrations and replay take each action of the only state."""
+"""Number of rows of demonstrations and of replay, by action of the only state."""
 
 REWARD = (0.3, -0.2, 0.6)
 NUMBERS = Hyperparameters(angle=0.0, strength=1.5, prior_weight=2.0, chi2_alpha=0.25)
