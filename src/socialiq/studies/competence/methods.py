@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.exact import visit_counts
 from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.learners.clone_dial import shares
+from socialiq.learners.policy_iteration.regularised import ARBITRARY
 from socialiq.learners.shared_reward.angles import Inferred, infer
 from socialiq.learners.shared_reward.exact import Group, fit
 from socialiq.social.angle import score, weights
@@ -17,6 +21,7 @@ from socialiq.types import Row
 
 LEFT_OUT_TOLERANCE = 1e-3
 """Largest derivative of a fit that only predicts: the likelihood moves by less."""
+MARGIN = 5.0  # degrees about a demonstrator's angle in which the clone is that of it alone
 DISCOUNT = 0.99  # of returns-to-go, as in the thesis
 C, W = 0.5, 1.0  # weights of χ² and of the prior in the thesis; the centre is wλT / (c + w)
 
@@ -115,6 +120,48 @@ class Inputs(NamedTuple):
         pooled = self.pooled if visits is None else visits
         fitted = fit(self.bench.part.mdp, [Group(1.0, pooled, moved)], settings)
         return moved + fitted.correction
+
+    def improved_clone(self) -> tuple[list[Row], list[Row]]:
+        """Score the clone of every angle, improved near it, with η by prediction; and say which η.
+
+        As `learners.policy_iteration.regularised`, with counts for the clone and exact optima.
+        Each demonstrator is left out in turn, and that η is taken whose policies take most of its
+        actions. No score of the hidden skill enters.
+        """
+        found: list[Row] = []
+        for price in self.bench.config.prices:
+            each = [self.agreement(price, left_out) for left_out in range(len(self.data))]
+            found.append({"seed": self.seed, "price": price, "agreement": float(np.mean(each))})
+        best = max(found, key=lambda row: row["agreement"])["price"]
+        for row in found:
+            row["chosen"] = int(row["price"] == best)
+        everyone = range(len(self.data))
+        rows = self._rows(
+            "improved clone, η by prediction",
+            "",
+            lambda angle: self._near_clone(best, angle, everyone),
+        )
+        return rows, found
+
+    def agreement(self, price: float, left_out: int) -> float:
+        """Return the share of a demonstrator's actions that are optimal near the others' clone."""
+        others = [number for number in range(len(self.data)) if number != left_out]
+        angle = list(MODES.values())[left_out]
+        counts = self.counts[left_out]
+        taken = self.bench.greedy(self._near_clone(price, angle, others))
+        return float((counts * taken).sum() / counts.sum())
+
+    def _near_clone(self, price: float, angle: float, demonstrators: Sequence[int]) -> np.ndarray:
+        """Return R(α) + η log(β(a|s, α) / max_b β(b|s, α)), of some demonstrators' clone."""
+        angles = list(MODES.values())
+        parts = shares(jnp.array([angle]), [angles[one] for one in demonstrators], MARGIN)[0]
+        visits = sum(
+            float(part) * self.visits[one] for part, one in zip(parts, demonstrators, strict=True)
+        )
+        total, even = np.sum(visits, axis=1, keepdims=True), 1.0 / self.bench.part.mdp.n_actions
+        seen = np.where(total > 0, visits / np.maximum(total, 1e-12), even)
+        likely = (1.0 - ARBITRARY) * seen + ARBITRARY * even
+        return self.bench.reward(angle) + price * np.log(likely / likely.max(axis=1, keepdims=True))
 
     def _mean_returns(self, angle: float) -> np.ndarray:
         """Return T̄(s, a), the mean return-to-go, scored at an angle; 0 without demonstrations."""
