@@ -38,7 +38,7 @@ class Config:
     candidates: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0)
     """λ of the prior on rewards among which the demonstrations choose."""
     prices: tuple[float, ...] = (0.03, 0.1, 0.3, 1.0)
-    """η of the improved clone among which the demonstrations choose (docs/dial.md); not in the tables."""
+    """η of the improved clone (docs/dial.md) among which the demonstrations choose; in no table."""
     temperature: float = 0.1
     """τ of every method."""
     grid: int = 5
