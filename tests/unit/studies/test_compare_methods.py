@@ -23,6 +23,7 @@ from socialiq.experiments.study import run
 from socialiq.learners.collect import from_env
 from socialiq.plotting.style import png
 from socialiq.studies.compare_methods import intersection, peers, study, tables
+from socialiq.studies.compare_methods.arena import Arena, Run
 from socialiq.studies.compare_methods.config import ANGLES, Config, trained_angles, updates_of
 from socialiq.studies.compare_methods.gridworlds import (
     GridRuns,
@@ -40,7 +41,7 @@ from socialiq.studies.compare_methods.methods import (
     product,
 )
 from socialiq.studies.compare_methods.study import STUDY
-from socialiq.studies.compare_methods.training import LEARNERS, Arena, Run
+from socialiq.studies.compare_methods.training import LEARNERS
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
 

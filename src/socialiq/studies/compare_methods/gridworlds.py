@@ -19,9 +19,10 @@ from socialiq.learners.collect import from_env
 from socialiq.learners.iq_learn import config as iq
 from socialiq.storage import write_atomically
 from socialiq.studies.compare_methods import peers
+from socialiq.studies.compare_methods.arena import Arena, Run, runs_of, speed_row
 from socialiq.studies.compare_methods.config import trained_angles, updates_of
 from socialiq.studies.compare_methods.methods import BY_NAME, PEERS, Method, Setting
-from socialiq.studies.compare_methods.training import LEARNERS, Arena, Run, runs_of, speed_row
+from socialiq.studies.compare_methods.training import LEARNERS
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.gym import GridWorldEnv

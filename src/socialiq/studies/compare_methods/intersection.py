@@ -31,10 +31,11 @@ from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn import presets
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import write_atomically
+from socialiq.studies.compare_methods.arena import CHUNK, Arena, runs_of, speed_row
 from socialiq.studies.compare_methods.config import Config, trained_angles, updates_of
 from socialiq.studies.compare_methods.gridworlds import ROWS, SPEED, setting_name
 from socialiq.studies.compare_methods.methods import BY_NAME, Method, Setting
-from socialiq.studies.compare_methods.training import CHUNK, LEARNERS, Arena, runs_of, speed_row
+from socialiq.studies.compare_methods.training import LEARNERS
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection import atlas

@@ -22,8 +22,8 @@ from socialiq.errors import UserError
 from socialiq.experiments.gridworld_runs import Ground
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.social.angle import exact_weights
+from socialiq.studies.compare_methods.arena import Arena, Run
 from socialiq.studies.compare_methods.methods import PEERS, Method
-from socialiq.studies.compare_methods.training import Arena, Run
 
 PYTHON = Path("venv", "Scripts" if sys.platform == "win32" else "bin", "python")
 """Interpreter of an environment, in its job's folder."""
