@@ -1,4 +1,4 @@
-"""What all methods of a comparison are given: data, world, budget, and their settings."""
+"""Common inputs of all methods of a comparison: data, world, budget and settings."""
 
 from __future__ import annotations
 
