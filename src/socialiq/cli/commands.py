@@ -17,6 +17,7 @@ COMMANDS = {
     "predict-lambda": "solve:PredictLambda",
     "render": "render:Render",
     "page": "page:Page",
+    "view": "view:View",
     "collect": "collect:Collect",
     "train": "train:Train",
     "train-dial": "train_dial:TrainDial",

@@ -13,28 +13,30 @@ ASSETS = Path(__file__).with_name("assets")
 START = "page"
 """Script that starts the page."""
 
-_IMPORT = re.compile(r'^import \{ ([^}]+) \} from "\./([\w-]+)\.js";$', re.M)
+_IMPORT = re.compile(r'^import \{ ([^}]+) \} from "((?:\.\.?/)(?:[\w./]+/)?(\w+)\.js)";$', re.M)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.M)
 
 
-def program(start: str = START) -> str:
+def program(start: str = START, folder: Path = ASSETS) -> str:
     """Return a program: a script with every script that it needs, each after those it needs.
 
     Args:
         start: Name of the script that starts it, without `.js`.
+        folder: Its folder; scripts of several folders have different names.
     """
     parts: dict[str, str] = {}
-    _add(start, parts)
+    _add(folder / f"{start}.js", parts)
     return "\n".join(['"use strict";', *parts.values()])
 
 
-def _add(name: str, parts: dict[str, str]) -> None:
+def _add(path: Path, parts: dict[str, str]) -> None:
     """Add a script after the scripts that it imports."""
+    name = path.stem
     if name in parts:
         return
-    source = (ASSETS / f"{name}.js").read_text(encoding="utf-8")
-    for _, other in _IMPORT.findall(source):
-        _add(other, parts)
+    source = path.read_text(encoding="utf-8")
+    for _, other, _ in _IMPORT.findall(source):
+        _add(path.parent / other, parts)
     names = ", ".join(_EXPORT.findall(source))
-    body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\2;", source))
+    body = _EXPORT.sub("", _IMPORT.sub(r"const { \1 } = script_\3;", source))
     parts[name] = f"const script_{name} = (() => {{\n{body}return {{ {names} }};\n}})();"

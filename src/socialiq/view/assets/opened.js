@@ -1,0 +1,38 @@
+// The page of something of the user's: opens what its server sent, or says in one line why not.
+
+import { coloursOf } from "../../page/assets/colours.js";
+import { bytesOf } from "../../page/assets/core.js";
+import { dialOf } from "../../page/assets/network.js";
+import { Compared } from "./compared.js";
+import { Replayed } from "./replayed.js";
+
+const KINDS = { policy: Compared, episodes: Replayed };
+
+/** Show one line; what is on the page stays as it is. */
+function complain(line) {
+  const place = document.getElementById("fault");
+  place.textContent = line;
+  place.hidden = false;
+}
+
+function fail(line) {
+  complain(line);
+  document.querySelector("main").hidden = true;
+}
+
+function start() {
+  if (typeof WebAssembly !== "object") {
+    fail("This browser has no WebAssembly, which the simulator needs: use a current browser.");
+    return;
+  }
+  try {
+    const { core, dial, layout, curve, shown } = JSON.parse(document.getElementById("data").textContent);
+    const module = new WebAssembly.Module(bytesOf(core));
+    const parts = { module, layout, curve, dial: dialOf(bytesOf(dial)), colours: coloursOf(), complain };
+    window.opened = new KINDS[shown.kind](parts, shown); // for tests and the curious
+  } catch (error) {
+    fail(`This page can't start: ${error.message}`);
+  }
+}
+
+start();

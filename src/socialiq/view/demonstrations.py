@@ -1,0 +1,170 @@
+"""Demonstrations of the intersection in the page: the episodes of a file, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.social.angle import angle_of
+from socialiq.types import Ending
+from socialiq.view.scenes import scenes_of
+from socialiq.view.shown import Shown
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import FEATURES
+from socialiq.worlds.intersection.world import Intersection
+
+MOST_SEED = 2**53
+"""Seeds from here on are no whole numbers of the page's program."""
+
+
+class Replay:
+    """Episodes of a table, as the page shows them.
+
+    Args:
+        path: A file of demonstrations.
+
+    Raises:
+        UserError: If it is damaged, or of another world.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._table = table = files.load(path)
+        _check_world(path, table)
+        self._seeds = seeds_of(table.source, table.n_episodes)
+        self._starts = [*table.episode_starts.tolist(), table.n_transitions]
+        self._seconds = 1 / Options().policy_frequency
+
+    def episode(self, number: int) -> dict[str, Any]:
+        """Return an episode, JSON-compatible.
+
+        Args:
+            number: Number of the episode, from 0.
+        """
+        table = self._table
+        rows = slice(self._starts[number], self._starts[number + 1])
+        steps = table.step[rows]
+        whole = steps.tolist() == list(range(len(steps)))
+        # The last scene is what the last decision led to.
+        seen = np.concatenate([table.observation[rows], table.next_observation[rows][-1:]])
+        features = Intersection(Options()).n_features
+        return {
+            "mode": one_line(table.mode_names[table.mode[rows][0]], 60),
+            "seed": self._seeds[number] if whole and self._seeds else None,
+            "steps": steps.tolist(),
+            "actions": table.action[rows].tolist(),
+            "rewards": np.stack(table.rewards, axis=1)[rows].tolist(),
+            "ending": int(table.ending[rows][-1]),
+            "observations": table.observation[rows][:, :features].tolist(),
+            "scenes": scenes_of(seen, self._seconds),
+        }
+
+    def modes(self) -> list[dict[str, Any]]:
+        """Return means of the episodes of each mode, rewards with a normal 95 % interval."""
+        table, found = self._table, []
+        env, social = self._sums()
+        last = table.ending[np.array(self._starts[1:]) - 1]
+        for number, name in enumerate(table.mode_names):
+            chosen = table.episode_modes == number
+            if not chosen.any():
+                continue
+            means = {"env": _mean(env[chosen]), "social": _mean(social[chosen])}
+            found.append(
+                {
+                    "mode": one_line(name, 60),
+                    "episodes": int(chosen.sum()),
+                    **means,
+                    "angle": angle_of(means["env"][0], means["social"][0]),
+                    "arrival": float((last[chosen] == Ending.ARRIVAL).mean()),
+                    "collision": float((last[chosen] == Ending.COLLISION).mean()),
+                }
+            )
+        return found
+
+    def notable(self) -> list[dict[str, Any]]:
+        """Return episodes to begin with: those of extreme rewards, the first of each ending."""
+        env, social = self._sums()
+        last = self._table.ending[np.array(self._starts[1:]) - 1]
+        named = {
+            "most own progress": int(env.argmax()),
+            "best for others": int(social.argmax()),
+            "worst for others": int(social.argmin()),
+        }
+        for ending, why in ((Ending.COLLISION, "a collision"), (Ending.TIMEOUT, "out of time")):
+            rows = np.flatnonzero(last == ending)
+            named |= {why: int(rows[0])} if len(rows) else {}
+        return [{"episode": number, "why": why} for why, number in named.items()]
+
+    def _sums(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return both rewards summed over the rows of each episode; some steps may be left out."""
+        starts = self._table.episode_starts
+        env, social = (np.add.reduceat(one, starts) for one in self._table.rewards)
+        return env, social
+
+
+def demonstrations_shown(path: Path) -> Shown:
+    """Return a file of demonstrations as content of the page.
+
+    Args:
+        path: The file.
+
+    Raises:
+        UserError: If it is damaged, or not of the intersection.
+    """
+    replay = Replay(path)
+    modes = replay.modes()
+    count = sum(one["episodes"] for one in modes)
+    return Shown(
+        kind="episodes",
+        title=one_line(path.name, 60),
+        lead=f"{count:,} recorded episodes of the intersection, as they were driven.",
+        data={"modes": modes, "notable": replay.notable()},
+        count=count,
+        part=replay.episode,
+    )
+
+
+def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
+    """Return the seed of each episode by the provenance of a file, or None if it does not say.
+
+    Args:
+        source: Provenance of the demonstrations: `seeds`, or `first_seed` and `episodes`.
+        episodes: Number of episodes.
+    """
+    seeds, first = source.get("seeds"), source.get("first_seed")
+    if type(first) is int and source.get("episodes") == episodes:
+        seeds = list(range(first, first + episodes))
+    if not isinstance(seeds, list) or len(seeds) != episodes:
+        return None
+    return seeds if all(type(one) is int and 0 <= one < MOST_SEED for one in seeds) else None
+
+
+def _check_world(path: Path, table: Demonstrations) -> None:
+    """Refuse demonstrations of another world: `view` draws the intersection's observations."""
+    world = Intersection(Options())
+    sizes = table.n_features in (world.n_features, world.n_features + 1)
+    if sizes and table.n_actions == world.n_actions:
+        ego = table.observation[:, : len(FEATURES)].astype(np.float64)
+        turned = np.abs(np.hypot(ego[:, 5], ego[:, 6]) - 1.0) < 1e-3
+        if turned.all() and (ego[:, 0] == 1.0).all() and (np.abs(ego[:, 1:5]) <= 1.0).all():
+            return
+    raise UserError(
+        f"{path} has {table.n_features} features and {table.n_actions} actions and is not of the "
+        f"intersection ({world.n_features} and {world.n_actions}, absolute places): view shows "
+        "demonstrations of that world alone"
+    )
+
+
+def _mean(values: np.ndarray) -> list[float]:
+    """Return a mean and its normal 95 % interval; that of one value is the value."""
+    mean, half = float(values.mean()), 0.0
+    if len(values) > 1:
+        half = NormalDist().inv_cdf(0.975) * float(values.std(ddof=1)) / len(values) ** 0.5
+    return [mean, mean - half, mean + half]

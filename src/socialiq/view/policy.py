@@ -1,0 +1,133 @@
+"""A policy in the page: the page steps the compiled core, and asks here for each decision."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.audit.resolve_policy import Trust, resolve_policy
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.policies.record import Loaded
+from socialiq.types import Policy
+from socialiq.view.shown import Shown
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
+
+MOST_ROWS = 64
+"""Largest number of observations in one question of the page."""
+
+
+class PolicyDecider:
+    """Decisions of one policy, or of a dial at the angle that the page asks for.
+
+    Args:
+        spec: Policy, as `resolve_policy` takes it.
+        angle: Angle of a dial at the start, degrees.
+        trust: Permissions of a policy that is code.
+
+    Raises:
+        UserError: If it can't be read, or is made for another world.
+    """
+
+    def __init__(self, spec: str, angle: float, trust: Trust) -> None:
+        self._spec, self._trust = spec, trust
+        self._world = Intersection(Options())
+        self._open = contextlib.ExitStack()
+        self._angle = angle
+        self.loaded = self._load(angle)
+        self._policies: dict[float, Policy] = {angle: self.loaded.policy}
+        self.close = self._open.close
+
+    @property
+    def turns(self) -> bool:
+        """Whether the policy is a dial."""
+        return self.loaded.record.kind == "dial"
+
+    def decide(self, question: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the actions of some observations.
+
+        Args:
+            question: `observations`, rows of the world's features; `decisions`, how many each
+                episode has had; and `angle` in degrees, of a dial.
+
+        Returns:
+            `actions`, one for each observation.
+
+        Raises:
+            UserError: If the question is malformed, the policy fails, or has no such angle.
+        """
+        seen = self._observations(question)
+        chosen, _ = self._at(question.get("angle")).predict(seen, deterministic=True)
+        return {"actions": np.asarray(chosen).astype(int).tolist()}
+
+    def _load(self, angle: float) -> Loaded:
+        return self._open.enter_context(
+            resolve_policy(self._spec, self._world, angle, self._trust)
+        )
+
+    def _at(self, angle: Any) -> Policy:
+        """Return the policy at an angle in whole degrees; only a dial has more than one."""
+        if not self.turns or angle is None:
+            return self._policies[self._angle]
+        if not isinstance(angle, int | float) or not 0 <= angle < 360:
+            raise UserError("the page asked for no angle: reload it")
+        wanted = float(angle)
+        if wanted not in self._policies:
+            if len(self._policies) > 360:
+                raise UserError("the page asked for too many angles: reload it")
+            self._policies[wanted] = self._load(wanted).policy
+        return self._policies[wanted]
+
+    def _observations(self, question: Mapping[str, Any]) -> np.ndarray:
+        """Return the rows of a question, with the time where the policy takes it."""
+        try:
+            seen = np.array(question["observations"], np.float32)
+            times = np.array(question["decisions"], np.float32)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise UserError("the page asked in a way that is not known: reload it") from error
+        fits = seen.ndim == 2 and 1 <= len(seen) <= MOST_ROWS and times.shape == (len(seen),)
+        if not fits or seen.shape[1] != self._world.n_features or not np.isfinite(seen).all():
+            raise UserError("the page asked in a way that is not known: reload it")
+        timed = self.loaded.record.interface.n_features == self._world.n_features + 1
+        return np.column_stack([seen, times]) if timed else seen
+
+
+def policy_shown(spec: str, angle: float, trust: Trust) -> Shown:
+    """Return a policy as content of the page.
+
+    Args:
+        spec: Policy, as `resolve_policy` takes it.
+        angle: Angle of a dial at the start, degrees.
+        trust: Permissions of a policy that is code.
+
+    Raises:
+        UserError: If it can't be read, or is made for another world.
+    """
+    decider = PolicyDecider(spec, angle, trust)
+    record = decider.loaded.record
+    data: dict[str, Any] = {"name": _name(spec), "policy": record.kind, "sha256": record.sha256}
+    if decider.turns:
+        dial = DialPolicy.load(Path(spec))
+        data |= {"dial": {"angle": angle, "low": dial.low, "high": dial.high}}
+    return Shown(
+        kind="policy",
+        title=data["name"],
+        lead="Your policy on the same seeds as the dial of the package. It decides in Python, the "
+        "traffic runs in this page.",
+        data=data,
+        decider=decider,
+        close=decider.close,
+    )
+
+
+def _name(spec: str) -> str:
+    """Return a short name of a policy."""
+    if ":" not in spec:
+        return one_line(Path(spec).name, 60)
+    return one_line(spec, 60)

@@ -1,0 +1,66 @@
+"""Vehicles of the intersection from what the ego observed: their places, and who is who."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from scipy.optimize import linear_sum_assignment
+
+from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
+
+FURTHEST = 7.0
+"""Metres between a vehicle and where its speed would have taken it, within which it is the same."""
+
+_FAR = 1e6
+
+
+def scenes_of(
+    observations: Float32[np.ndarray, "time feature"], seconds: float
+) -> list[list[list[float]]]:
+    """Return the vehicles of each observation.
+
+    Args:
+        observations: The ego's observations, in order; a clock at their end is ignored.
+        seconds: Time between two of them.
+
+    Returns:
+        By time, a row for each vehicle: x, y in m, heading in rad, speed in m/s, and a number that
+        the same vehicle keeps. The ego comes first.
+    """
+    rows = len(FEATURES) * (observations.shape[1] // len(FEATURES))
+    before, names, scenes = np.empty((0, 7)), np.empty(0, int), []
+    next_name = 0
+    for seen in observations[:, :rows].reshape(len(observations), -1, len(FEATURES)):
+        now = seen[seen[:, 0] > 0].astype(np.float64)
+        named = _matched(before, names, now, seconds)
+        new = np.flatnonzero(named < 0)
+        named[new] = next_name + np.arange(len(new))
+        next_name += len(new)
+        scenes.append([_vehicle(one, int(name)) for one, name in zip(now, named, strict=True)])
+        before, names = now, named
+    return scenes
+
+
+def _matched(before: Any, names: np.ndarray, now: Any, seconds: float) -> np.ndarray:
+    """Return for each vehicle its name of before; -1 for a new one. The ego stays the ego."""
+    named = np.full(len(now), -1)
+    if not len(before) or not len(now):
+        return named
+    expected = before[:, 1:3] * POSITION_RANGE + before[:, 3:5] * SPEED_RANGE * seconds
+    places = now[:, 1:3] * POSITION_RANGE
+    apart = np.linalg.norm(expected[:, None] - places[None], axis=-1)
+    apart[0, 1:] = apart[1:, 0] = _FAR
+    apart[0, 0] = 0.0
+    for old, new in zip(*linear_sum_assignment(apart), strict=True):
+        if apart[old, new] <= FURTHEST:
+            named[new] = names[old]
+    return named
+
+
+def _vehicle(row: Any, name: int) -> list[float]:
+    _, x, y, vx, vy, cosine, sine = row.tolist()
+    heading = float(np.arctan2(sine, cosine))
+    speed = float(np.hypot(vx, vy)) * SPEED_RANGE
+    return [x * POSITION_RANGE, y * POSITION_RANGE, heading, speed, name]

@@ -1,0 +1,52 @@
+"""What is opened in the page: its data, its further parts, and who decides in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+
+class Decider(Protocol):
+    """Answers the page's questions from Python."""
+
+    def decide(self, question: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the answer to a question of the page, both JSON-compatible.
+
+        Raises:
+            UserError: If the question can't be answered; its line is shown on the page.
+        """
+        ...
+
+
+def _nothing() -> None:
+    pass
+
+
+def _no_part(number: int) -> Mapping[str, Any]:
+    raise IndexError(number)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A user's file as content of the page.
+
+    Attributes:
+        kind: Script that shows it: "policy", "episodes" or "traffic".
+        title: Heading of the page.
+        lead: Sentence below it.
+        data: What the page knows from the start, JSON-compatible.
+        count: Number of further parts, which the page fetches by their number.
+        part: Returns one of them, JSON-compatible.
+        decider: Who decides, in the page of a policy.
+        close: Ends what runs for it, a policy's process for instance.
+    """
+
+    kind: str
+    title: str
+    lead: str
+    data: Mapping[str, Any]
+    count: int = 0
+    part: Callable[[int], Mapping[str, Any]] = _no_part
+    decider: Decider | None = None
+    close: Callable[[], None] = _nothing
