@@ -29,6 +29,7 @@ BASES: dict[str, list[str]] = {
     "render": ["crossing5", "--out", f"{OUT}.png"],
     "collect": ["crossing5", "--episodes", "2", "--out", OUT],
     "page": ["--out", OUT, "--dial", DIAL],
+    "view": [POLICY, "--no-open"],  # of another world: refused before anything is served
     "train": [DATA, "--world", "crossing5", "--updates", "2", "--hidden", "4", "--out", OUT],
     "train-dial": ["crossing5", "--preset", "online-alone", "--updates", "2", "--out", OUT],
     "improve-dial": [DIAL, "--updates", "2", "--states-per-update", "1", "--out", OUT],
@@ -78,6 +79,7 @@ BASES: dict[str, list[str]] = {
 
 LONG = (
     "demo",
+    "view",
     "reproduce",
     "compare",
     "bench",

@@ -98,7 +98,9 @@ def _encoded(headers: dict[str, str]) -> list[tuple[bytes, bytes]]:
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
     if scope["type"] == "websocket":
         await receive()
-        await send({"type": "websocket.close", "code": 1008, "reason": reason})  # before it opens: 403
+        await send(
+            {"type": "websocket.close", "code": 1008, "reason": reason}
+        )  # before it opens: 403
         return
     headers = {**HEADERS, "content-type": "text/plain; charset=utf-8"}
     await send({"type": "http.response.start", "status": status, "headers": _encoded(headers)})

@@ -67,9 +67,7 @@ class PolicyDecider:
         return {"actions": np.asarray(chosen).astype(int).tolist()}
 
     def _load(self, angle: float) -> Loaded:
-        return self._open.enter_context(
-            resolve_policy(self._spec, self._world, angle, self._trust)
-        )
+        return self._open.enter_context(resolve_policy(self._spec, self._world, angle, self._trust))
 
     def _at(self, angle: Any) -> Policy:
         """Return the policy at an angle in whole degrees; only a dial has more than one."""
@@ -121,7 +119,7 @@ def policy_shown(spec: str, angle: float, trust: Trust) -> Shown:
         lead="Your policy on the same seeds as the dial of the package. It decides in Python, the "
         "traffic runs in this page.",
         data=data,
-        decider=decider,
+        decide=decider.decide,
         close=decider.close,
     )
 

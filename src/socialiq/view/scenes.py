@@ -18,7 +18,7 @@ _FAR = 1e6
 
 def scenes_of(
     observations: Float32[np.ndarray, "time feature"], seconds: float
-) -> list[list[list[float]]]:
+) -> list[list[list[float | int]]]:
     """Return the vehicles of each observation.
 
     Args:
@@ -59,7 +59,7 @@ def _matched(before: Any, names: np.ndarray, now: Any, seconds: float) -> np.nda
     return named
 
 
-def _vehicle(row: Any, name: int) -> list[float]:
+def _vehicle(row: Any, name: int) -> list[float | int]:
     _, x, y, vx, vy, cosine, sine = row.tolist()
     heading = float(np.arctan2(sine, cosine))
     speed = float(np.hypot(vx, vy)) * SPEED_RANGE

@@ -1,4 +1,4 @@
-"""The local server: one page, its parts by number, and a websocket to the one who decides."""
+"""The local server: one page, its parts by number, and a websocket for decisions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from socialiq.foreign import one_line, optional
 from socialiq.page.write import page
 from socialiq.view.front import content_policy, front
 from socialiq.view.guard import ADDRESS, App, Guard, new_token
-from socialiq.view.shown import Decider, Shown
+from socialiq.view.shown import Decide, Shown
 
 MOST_BYTES = 1 << 20
 """Largest question of the page, bytes: 64 observations have 90 kB."""
@@ -105,8 +105,8 @@ def application(shown: Shown | None, port: int, token: str) -> App:
         routing.Route("/dial", dial),
         routing.Route("/part/{number:int}", part),
     ]
-    if shown is not None and shown.decider is not None:
-        routes.append(routing.WebSocketRoute("/decide", _Conversation(shown.decider).hold))
+    if shown is not None and shown.decide is not None:
+        routes.append(routing.WebSocketRoute("/decide", _Conversation(shown.decide).hold))
     mounted = [routing.Mount(f"/{token}", routes=routes)]
     return Guard(applications.Starlette(routes=mounted), port, token)
 
@@ -117,8 +117,8 @@ class _Conversation:
     A policy may be a process with one pipe, so that it answers one question at a time.
     """
 
-    def __init__(self, decider: Decider) -> None:
-        self._decider, self._held = decider, False
+    def __init__(self, decide: Decide) -> None:
+        self._decide, self._held = decide, False
 
     async def hold(self, tab: Any) -> None:
         """Answer a tab until it is closed."""
@@ -128,8 +128,9 @@ class _Conversation:
             return
         self._held = True
         try:
-            async for text in tab.iter_text():
-                await tab.send_text(json.dumps(await self._answer(text), allow_nan=False))
+            while (message := await tab.receive())["type"] == "websocket.receive":
+                answer = await self._answer(message.get("text") or "")
+                await tab.send_text(json.dumps(answer, allow_nan=False))
         finally:
             self._held = False
 
@@ -138,7 +139,7 @@ class _Conversation:
         try:
             question = _object(text)
             number = question.get("number")
-            answer = await asyncio.to_thread(self._decider.decide, question)
+            answer = await asyncio.to_thread(self._decide, question)
         except UserError as error:
             return {"number": number, "fault": one_line(str(error), 400)}
         return {"number": number, **answer}

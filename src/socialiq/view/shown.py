@@ -1,22 +1,13 @@
-"""What is opened in the page: its data, its further parts, and who decides in it."""
+"""What is opened in the page: its data, its further parts, and answers to its questions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-
-class Decider(Protocol):
-    """Answers the page's questions from Python."""
-
-    def decide(self, question: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the answer to a question of the page, both JSON-compatible.
-
-        Raises:
-            UserError: If the question can't be answered; its line is shown on the page.
-        """
-        ...
+Decide = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+"""Answer to a question of the page, both JSON-compatible; a `UserError` is shown on the page."""
 
 
 def _nothing() -> None:
@@ -38,7 +29,7 @@ class Shown:
         data: What the page knows from the start, JSON-compatible.
         count: Number of further parts, which the page fetches by their number.
         part: Returns one of them, JSON-compatible.
-        decider: Who decides, in the page of a policy.
+        decide: Answers the questions of a policy's page.
         close: Ends what runs for it, a policy's process for instance.
     """
 
@@ -48,5 +39,5 @@ class Shown:
     data: Mapping[str, Any]
     count: int = 0
     part: Callable[[int], Mapping[str, Any]] = _no_part
-    decider: Decider | None = None
+    decide: Decide | None = None
     close: Callable[[], None] = _nothing

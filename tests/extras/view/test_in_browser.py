@@ -1,0 +1,168 @@
+"""Policies and demonstrations in a real browser, by the local server."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("starlette", reason="extra `web` is not installed")
+pytest.importorskip("uvicorn", reason="extra `web` is not installed")
+pytest.importorskip("websockets", reason="extra `web` is not installed")
+pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
+
+from playwright import sync_api
+
+from socialiq.demonstrations import files
+from socialiq.evaluation.play import record
+from socialiq.storage import packaged_results
+from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), "")
+PATIENCE = 120_000  # ms; the machine may be busy
+
+pytestmark = pytest.mark.skipif(not BROWSER, reason="no Chromium is installed")
+
+
+@pytest.fixture(name="browser", scope="module")
+def installed_browser() -> Iterator:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(name="tab")
+def opened_tab(browser) -> Iterator:
+    """A tab that must not complain, nor ask another place for anything."""
+    tab = browser.new_page(viewport={"width": 1280, "height": 1000}, reduced_motion="reduce")
+    tab.set_default_timeout(PATIENCE)
+    said, asked = [], []
+    tab.on("console", lambda message: said.append(message.text))
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.on("request", lambda request: asked.append(request.url))
+    yield tab
+    tab.close()
+    assert said == []
+    assert {url.split("/")[2].split(":")[0] for url in asked} == {"127.0.0.1"}
+
+
+def go(tab, address, state=""):
+    tab.goto(address + state, wait_until="commit", timeout=PATIENCE)
+    tab.wait_for_selector("html[data-ready]", state="attached")
+
+
+def shown(tab, place):
+    return sync_api.expect(tab.locator(place))
+
+
+def outcome(driver, seed):
+    """Return the words of the page for how a driver ends an episode, by the native core."""
+    driven = record(Batch(Options(), 1), driver, [seed], "one").transitions
+    words = {1: "arrives", 2: "collides", 3: "is still waiting"}
+    return f"{words[driven.ending[-1]]} after {len(driven.ending)} s"
+
+
+def test_a_foreign_policy_drives_beside_the_dial_as_it_does_in_python(tab, serving, tmp_path):
+    module = tmp_path / "mine.py"
+    module.write_text("import numpy as np\ndef go(seen):\n    return np.full(len(seen), 2)\n")
+    with serving(f"python:{module}:go", "--allow-code") as address:
+        go(tab, address, "#seed=86&step=200")
+        said = tab.locator("#stages .said")
+        assert said.first.inner_text() == outcome(policies.policy("go"), 86)
+        tab.click("#next")
+        shown(tab, "#seed").to_have_value("87", timeout=PATIENCE)
+        tab.click("#run")
+        tab.wait_for_selector("#rates tr")
+        assert tab.locator("#rates tr").count() == 2
+        assert tab.locator("#curve .curve-mark").count() == 2
+
+
+def test_a_dial_of_the_users_turns(tab, serving):
+    dial = packaged_results() / "intersection-dial-clock" / "timed.safetensors"
+    with serving(dial, "--angle", "60") as address:
+        go(tab, address, "#chosen=0&seed=86&step=200")
+        assert tab.inner_text("#angle") == "60°"
+        tab.focus("#dial")
+        tab.keyboard.press("Home")
+        shown(tab, "#angle").to_have_text("0°", timeout=PATIENCE)
+        tab.wait_for_url(lambda url: "own=0" in url, wait_until="commit")
+        tab.reload(wait_until="commit")
+        tab.wait_for_selector("html[data-ready]", state="attached")
+        assert tab.inner_text("#angle") == "0°" and tab.input_value("#seed") == "86"
+        assert tab.is_hidden("#fault")  # a reloaded tab is no second one
+
+
+def test_demonstrations_are_driven_again_or_drawn(tab, serving, tmp_path):
+    table = record(Batch(Options(), 4), policies.policy("idm"), range(86, 90), "idm").transitions
+    files.save(tmp_path / "some.safetensors", table)
+    with serving(tmp_path / "some.safetensors") as address:
+        go(tab, address, "#step=200")
+        words = "Driven again from seed 86 with the recorded decisions: the same observations"
+        assert tab.inner_text("#how").startswith(words)
+        assert tab.inner_text("#outcome") == outcome(policies.policy("idm"), 86)
+        sums = [f"{one[0]:+.2f}".replace("-", "−") for one in table.totals()]
+        assert tab.inner_text("#sums") == f"own progress {sums[0]}, effect on others {sums[1]}"
+        tab.fill("#episode", "9")
+        tab.press("#episode", "Enter")
+        assert tab.inner_text("#said") == "An episode is a whole number from 0 to 3."
+        tab.click("#before")
+        shown(tab, "#episode").to_have_value("3", timeout=PATIENCE)
+        for width in (390, 1920):
+            tab.set_viewport_size({"width": width, "height": 900})
+            assert tab.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_demonstrations_without_seeds_are_drawn_from_what_was_observed(tab, serving, tmp_path):
+    table = record(Batch(Options(), 2), policies.policy("go"), range(86, 88), "go").transitions
+    files.save(tmp_path / "some.safetensors", table.subsample(2))
+    with serving(tmp_path / "some.safetensors") as address:
+        go(tab, address)
+        assert tab.inner_text("#how").startswith("The file gives no seed of this episode")
+        assert tab.is_hidden("#bars") and tab.locator("#decisions tr").count() > 2
+
+
+def test_a_second_tab_and_a_lost_server_are_said_in_one_line(browser):
+    """The server is killed here, as by a crash."""
+    command = [sys.executable, "-m", "socialiq", "view", "idm", "--no-open"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, env=dict(os.environ)) as server:
+        try:
+            address = server.stderr.readline().decode().strip()
+            tabs = [browser.new_page(reduced_motion="reduce") for _ in range(2)]
+            go(tabs[0], address)
+            tabs[1].goto(address)
+            tabs[1].wait_for_selector("#fault:not([hidden])", timeout=PATIENCE)
+            assert "Another tab has this policy" in tabs[1].inner_text("#fault")
+            assert tabs[0].is_hidden("#fault")
+            server.send_signal(signal.SIGKILL)
+            tabs[0].wait_for_selector("#fault:not([hidden])", timeout=PATIENCE)
+            assert "The server has stopped" in tabs[0].inner_text("#fault")
+        finally:
+            server.kill()
+            for tab in tabs:
+                tab.close()
+
+
+def test_a_policy_that_fails_and_a_browser_without_webassembly_are_said(browser, serving, tmp_path):
+    module = tmp_path / "broken.py"
+    module.write_text("def broken(seen):\n    raise ValueError('no idea')\n")
+    with serving(f"python:{module}:broken", "--allow-code") as address:
+        tab = browser.new_page()
+        tab.goto(address)
+        tab.wait_for_selector("#fault:not([hidden])", timeout=PATIENCE)
+        assert "no idea" in tab.inner_text("#fault")
+        tab.close()
+        tab = browser.new_page()
+        tab.add_init_script("delete window.WebAssembly")
+        tab.goto(address)
+        tab.wait_for_selector("#fault:not([hidden])", timeout=PATIENCE)
+        assert "no WebAssembly" in tab.inner_text("#fault")
+        tab.close()

@@ -1,0 +1,94 @@
+"""Demonstrations as content of the page."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from socialiq.demonstrations import files
+from socialiq.errors import UserError
+from socialiq.evaluation.play import record
+from socialiq.view.demonstrations import demonstrations_shown, seeds_of
+from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+
+
+@pytest.fixture(scope="module")
+def table():
+    driver = policies.policy("go")
+    return record(Batch(Options(), 4), driver, range(70, 74), "go").transitions
+
+
+def shown(table, folder):
+    path = folder / "some.safetensors"
+    files.save(path, table)
+    return demonstrations_shown(path)
+
+
+def test_an_episode_has_its_seed_decisions_and_scenes(table, tmp_path):
+    found = shown(table, tmp_path)
+    assert (found.kind, found.count, found.title) == ("episodes", 4, "some.safetensors")
+    one = found.part(2)
+    rows = table.episode == 2
+    assert one["seed"] == 72 and one["mode"] == "go"
+    assert one["actions"] == table.action[rows].tolist()
+    assert one["ending"] == table.ending[rows][-1]
+    assert np.array(one["rewards"]).sum(0) == pytest.approx(
+        [table.rewards.env[rows].sum(), table.rewards.social[rows].sum()]
+    )
+    assert len(one["scenes"]) == rows.sum() + 1
+    assert one["scenes"][0][0][:2] == pytest.approx(
+        (100 * table.observation[rows][0, 1:3]).tolist(), abs=1e-4
+    )
+    json.dumps([one, found.data], allow_nan=False)
+
+
+def test_means_of_the_modes_are_those_of_the_episodes(table, tmp_path):
+    found = shown(table, tmp_path)
+    (mode,) = found.data["modes"]
+    totals = table.totals()
+    assert mode["env"][0] == pytest.approx(totals.env.mean())
+    assert mode["env"][1] < mode["env"][0] < mode["env"][2]
+    worst = {one["why"]: one["episode"] for one in found.data["notable"]}["worst for others"]
+    assert worst == int(totals.social.argmin())
+
+
+def test_steps_that_are_left_out_take_the_seed_with_them(table, tmp_path):
+    assert shown(table.subsample(2), tmp_path).part(0)["seed"] is None
+
+
+def test_the_time_as_a_last_feature_does_no_harm(table, tmp_path):
+    one = shown(table.with_clock(), tmp_path).part(1)
+    assert len(one["observations"][0]) == 70
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ({"first_seed": 5, "episodes": 2}, [5, 6]),
+        ({"seeds": [9, 3]}, [9, 3]),
+        ({"first_seed": 5, "episodes": 3}, None),
+        ({"seeds": [9]}, None),
+        ({"seeds": [9, -1]}, None),
+        ({"seeds": ["9", "3"]}, None),
+        ({"seeds": [1, 2**53]}, None),
+        ({}, None),
+    ],
+)
+def test_seeds_are_those_that_the_file_says(source, found):
+    assert seeds_of(source, 2) == found
+
+
+def test_another_world_is_refused_in_one_line(table, tmp_path):
+    other = dataclasses.replace(table, observation=table.observation * np.float32(0.5))
+    with pytest.raises(UserError, match=r"not of the intersection \(70 and 3"):
+        shown(other, tmp_path)
+    small = dataclasses.replace(
+        table,
+        observation=table.observation[:, :14],
+        next_observation=table.next_observation[:, :14],
+    )
+    with pytest.raises(UserError, match="14 features and 3 actions"):
+        shown(small, tmp_path)

@@ -1,0 +1,55 @@
+"""The page that a server sends."""
+
+import base64
+import hashlib
+import json
+import re
+
+import pytest
+
+from socialiq.page.bundle import ASSETS, program
+from socialiq.view.front import OWN, content_policy, front
+from socialiq.view.shown import Shown
+
+HOSTILE = "</script><script>alert(1)</script>"
+
+
+@pytest.fixture(scope="module")
+def text():
+    return front(Shown("policy", HOSTILE, HOSTILE, {"name": HOSTILE}))
+
+
+def part(text, start, end):
+    return text.split(start, 1)[1].split(end, 1)[0]
+
+
+def test_its_policy_allows_its_own_script_and_its_server_alone(text):
+    policy = content_policy(text, "ws://127.0.0.1:1/t/decide")
+    rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
+    assert rules["default-src"] == "'none'"
+    assert rules["connect-src"] == "'self' ws://127.0.0.1:1/t/decide"
+    for name, start, end in (
+        ("style-src", "<style>", "</style>"),
+        ("script-src", '<script id="program">', "</script>"),
+    ):
+        digest = hashlib.sha256(part(text, start, end).encode()).digest()
+        assert f"'sha256-{base64.b64encode(digest).decode()}'" in rules[name]
+    assert "unsafe-inline" not in policy and "*" not in policy
+
+
+def test_names_of_files_stay_text(text):
+    assert text.count("<script") == 2 and "alert(1)</" not in text
+    data = json.loads(part(text, '<script type="application/json" id="data">', "</script>"))
+    assert data["shown"]["name"] == HOSTILE
+
+
+def test_nothing_is_asked_of_another_place(text):
+    assert not re.search(r'src="', text) and set(re.findall(r'href="([^"]*)"', text)) == {"dial"}
+    assert not re.findall(r"https?://(?!www\.w3\.org/2000/svg)", text)
+
+
+@pytest.mark.parametrize("path", sorted(OWN.glob("*.js")), ids=lambda path: path.stem)
+def test_scripts_stay_short_and_their_names_their_own(path):
+    assert len(path.read_text().splitlines()) <= 320
+    assert not (ASSETS / path.name).exists()
+    assert f"const script_{path.stem} = (" in program(OWN / "opened.js")

@@ -1,0 +1,101 @@
+"""Refusals of the local server, each by one request as ASGI servers pass it on."""
+
+import asyncio
+
+import pytest
+
+from socialiq.view.guard import Guard, new_token
+
+TOKEN = "a-token"
+HOST, ORIGIN = b"127.0.0.1:8000", b"http://127.0.0.1:8000"
+
+
+async def inner(scope, receive, send):
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b"shown"})
+
+
+def asked(path="/a-token/", kind="http", method="GET", **headers):
+    """Return what is sent back; headers are named with _ for -."""
+    given = {"host": HOST} | headers
+    pairs = [(name.replace("_", "-").encode(), value) for name, value in given.items()]
+    scope = {"type": kind, "method": method, "path": path, "headers": pairs}
+    sent = []
+
+    async def receive():
+        return {"type": f"{kind}.connect"}
+
+    async def send(message):
+        sent.append(message)
+
+    asyncio.run(Guard(inner, 8000, TOKEN)(scope, receive, send))
+    return sent
+
+
+def status(**request):
+    return asked(**request)[0]["status"]
+
+
+def test_its_own_page_is_answered_with_headers_that_keep_others_out():
+    sent = asked(origin=ORIGIN, sec_fetch_site=b"same-origin")
+    assert sent[0]["status"] == 200 and sent[1]["body"] == b"shown"
+    headers = dict(sent[0]["headers"])
+    assert headers[b"cache-control"] == b"no-store" and headers[b"x-frame-options"] == b"DENY"
+    assert headers[b"referrer-policy"] == b"no-referrer"
+    assert headers[b"cross-origin-resource-policy"] == b"same-origin"
+
+
+@pytest.mark.parametrize(
+    "host",
+    [b"localhost:8000", b"evil.example", b"evil.example:8000", b"127.0.0.1", b"0.0.0.0:8000"],
+)
+def test_a_name_that_leads_here_is_no_host_of_ours(host):
+    assert status(host=host) == 421
+
+
+def test_two_hosts_or_none_are_refused():
+    pair = [(b"host", HOST), (b"host", HOST)]
+    for headers in (pair, []):
+        sent = []
+
+        async def send(message, sent=sent):
+            sent.append(message)
+
+        scope = {"type": "http", "method": "GET", "path": "/a-token/", "headers": headers}
+        asyncio.run(Guard(inner, 8000, TOKEN)(scope, None, send))
+        assert sent[0]["status"] == 421
+
+
+@pytest.mark.parametrize("origin", [b"http://evil.example", b"null", b"http://127.0.0.1:8001", b""])
+def test_another_origin_is_refused(origin):
+    assert status(origin=origin) == 403
+
+
+@pytest.mark.parametrize("site", [b"cross-site", b"same-site"])
+def test_a_request_that_another_site_caused_is_refused(site):
+    assert status(sec_fetch_site=site) == 403
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/", "/a-toke/", "/a-token2/", "//a-token/", "/A-TOKEN/", "/part/0", "/é", "/../a-token/"],
+)
+def test_without_the_token_nothing_is_there(path):
+    assert status(path=path) == 404
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
+def test_nothing_can_be_changed(method):
+    assert status(method=method) == 405
+
+
+def test_a_websocket_must_name_its_origin():
+    for headers in ({}, {"origin": b"http://evil.example"}):
+        (sent,) = asked(kind="websocket", path="/a-token/decide", **headers)
+        assert sent["type"] == "websocket.close" and sent["code"] == 1008
+    assert asked(kind="websocket", path="/a-token/decide", origin=ORIGIN)[1]["body"] == b"shown"
+
+
+def test_tokens_are_long_and_not_the_same():
+    assert len({new_token() for _ in range(100)}) == 100
+    assert all(len(new_token()) >= 32 for _ in range(100))
