@@ -11,7 +11,7 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.page.write import page
-from socialiq.view.front import content_policy, front
+from socialiq.view.front import Front, front
 from socialiq.view.guard import ADDRESS, App, Guard, new_token
 from socialiq.view.shown import Decide, Shown
 
@@ -81,9 +81,9 @@ def application(shown: Shown | None, port: int, token: str) -> App:
     responses = optional("starlette.responses", "web", "view")
     routing = optional("starlette.routing", "web", "view")
     socket_address = f"ws://{ADDRESS}:{port}/{token}/decide"
-    text = page() if shown is None else front(shown)
     # The dial's page holds its own policy, which forbids every request.
-    policy = "frame-ancestors 'none'" if shown is None else content_policy(text, socket_address)
+    alone = Front(page(), "frame-ancestors 'none'") if shown is None else None
+    text, policy = alone or front(shown, socket_address)
 
     async def whole(_: Any) -> Any:
         return responses.HTMLResponse(text, headers={"content-security-policy": policy})

@@ -8,23 +8,28 @@ import re
 import pytest
 
 from socialiq.page.bundle import ASSETS, program
-from socialiq.view.front import OWN, content_policy, front
+from socialiq.view.front import OWN, front
 from socialiq.view.shown import Shown
 
 HOSTILE = "</script><script>alert(1)</script>"
 
 
 @pytest.fixture(scope="module")
-def text():
-    return front(Shown("policy", HOSTILE, HOSTILE, {"name": HOSTILE}))
+def made():
+    return front(Shown("policy", HOSTILE, HOSTILE, {"name": HOSTILE}), "ws://127.0.0.1:1/t/decide")
+
+
+@pytest.fixture(scope="module")
+def text(made):
+    return made.text
 
 
 def part(text, start, end):
     return text.split(start, 1)[1].split(end, 1)[0]
 
 
-def test_its_policy_allows_its_own_script_and_its_server_alone(text):
-    policy = content_policy(text, "ws://127.0.0.1:1/t/decide")
+def test_its_policy_allows_its_own_script_and_its_server_alone(made, text):
+    policy = made.policy
     rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
     assert rules["default-src"] == "'none'"
     assert rules["connect-src"] == "'self' ws://127.0.0.1:1/t/decide"
@@ -52,4 +57,4 @@ def test_nothing_is_asked_of_another_place(text):
 def test_scripts_stay_short_and_their_names_their_own(path):
     assert len(path.read_text().splitlines()) <= 320
     assert not (ASSETS / path.name).exists()
-    assert f"const script_{path.stem} = (" in program(OWN / "opened.js")
+    assert f"const script_{path.stem} = (" in program("opened", OWN)
