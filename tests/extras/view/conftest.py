@@ -16,9 +16,7 @@ START = 120  # s; the machine may be busy
 def serving(*words) -> Iterator[str]:
     """Serve what the words name; yield the address, and check the end."""
     command = [sys.executable, "-m", "socialiq", "view", *map(str, words), "--no-open"]
-    with subprocess.Popen(
-        command, stderr=subprocess.PIPE, env={**os.environ, "NO_COLOR": "1"}
-    ) as server:
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as server:
         try:
             ready, _, _ = select.select([server.stderr], [], [], START)
             line = server.stderr.readline().decode() if ready else "no answer"

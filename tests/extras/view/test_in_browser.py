@@ -57,7 +57,12 @@ def opened_tab(browser) -> Iterator:
 
 def go(tab, address, state=""):
     tab.goto(address + state, wait_until="commit", timeout=PATIENCE)
-    tab.wait_for_selector("html[data-ready]", state="attached")
+    ready(tab)
+
+
+def ready(tab):
+    tab.wait_for_selector("html[data-ready], #fault:not([hidden])", state="attached")
+    assert tab.inner_text("#fault") == ""
 
 
 def shown(tab, place):
@@ -96,7 +101,7 @@ def test_a_dial_of_the_users_turns(tab, serving):
         shown(tab, "#angle").to_have_text("0°", timeout=PATIENCE)
         tab.wait_for_url(lambda url: "own=0" in url, wait_until="commit")
         tab.reload(wait_until="commit")
-        tab.wait_for_selector("html[data-ready]", state="attached")
+        ready(tab)
         assert tab.inner_text("#angle") == "0°" and tab.input_value("#seed") == "86"
         assert tab.is_hidden("#fault")  # a reloaded tab is no second one
 

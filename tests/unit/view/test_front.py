@@ -58,3 +58,16 @@ def test_scripts_stay_short_and_their_names_their_own(path):
     assert len(path.read_text().splitlines()) <= 320
     assert not (ASSETS / path.name).exists()
     assert f"const script_{path.stem} = (" in program("opened", OWN)
+
+
+def test_what_a_script_imports_is_exported():
+    for path in OWN.glob("*.js"):
+        for names, other in re.findall(
+            r'^import \{ ([^}]+) \} from "([^"]+)";$', path.read_text(), re.M
+        ):
+            exported = re.findall(
+                r"^export (?:async )?(?:function|class|const) (\w+)",
+                (OWN / other).read_text(),
+                re.M,
+            )
+            assert set(names.split(", ")) <= set(exported), (path.name, other)

@@ -5,10 +5,9 @@ import { Core } from "../../page/assets/core.js";
 import { Curve } from "../../page/assets/curve.js";
 import { angleOf } from "../../page/assets/driving.js";
 import { differing, summaryOf } from "../../page/assets/episodes.js";
-import { Recorder, decisionAt, filmOf, sceneAt, sumsOf } from "../../page/assets/film.js";
+import { Recorder, decisionAt, filmOf, outcomeOf, sceneAt, sumsOf } from "../../page/assets/film.js";
 import { Knob } from "../../page/assets/knob.js";
 import { Stage } from "../../page/assets/scene.js";
-import { outcomeOf } from "../../page/assets/twins.js";
 import { episodesBy, filmBy } from "./asked.js";
 import { Connection } from "./connection.js";
 import { Controls, stateOf } from "./controls.js";
@@ -17,11 +16,12 @@ const ROWS = 50; // episodes side by side
 const BACKGROUND = 200; // episodes of a run
 const SEARCHED = 100; // seeds among which those that differ most are looked for
 const MOST_SEED = 2 ** 53 - 1;
+const RANGE = [0, 90]; // degrees that can be asked for
 const [OWN, DIAL] = [0, 1];
 
 export class Compared {
   /**
-   * @param {object} parts `{ module, layout, dial, curve, colours, complain }` of the page.
+   * @param {object} parts `{ module, layout, dial, range, curve, colours, complain }` of the page.
    * @param {object} shown `{ name, dial }`: of the policy; `dial` is null unless it is a dial.
    */
   constructor(parts, shown) {
@@ -37,7 +37,7 @@ export class Compared {
     this.drive = 0;
     this.bars = new Bars(this.find("bars"), this.layout);
     this.plot = new Curve(this.find("curve"), this.curve);
-    this.knob = new Knob(this.find("dial"), (angle) => this.turn(angle));
+    this.knob = new Knob(this.find("dial"), RANGE, (angle) => this.turn(angle));
     this.controls = new Controls(this.layout.frames / this.layout.decision_seconds, this.layout.frames, this.state, () => this.show());
     this.arrange();
     this.listen();
@@ -80,8 +80,9 @@ export class Compared {
   }
 
   turn(angle) {
-    if (this.turned === OWN) this.state.own = angle;
-    else this.state.angle = angle;
+    const [low, high] = this.turned === OWN ? [this.shown.dial.low, this.shown.dial.high] : this.range;
+    const within = Math.min(Math.max(angle, Math.ceil(low)), Math.floor(high));
+    this.state[this.turned === OWN ? "own" : "angle"] = within;
     this.refilm(false);
   }
 

@@ -26,9 +26,9 @@ function start() {
     return;
   }
   try {
-    const { core, dial, layout, curve, shown } = JSON.parse(document.getElementById("data").textContent);
+    const { core, dial, layout, curve, range, shown } = JSON.parse(document.getElementById("data").textContent);
     const module = new WebAssembly.Module(bytesOf(core));
-    const parts = { module, layout, curve, dial: dialOf(bytesOf(dial)), colours: coloursOf(), complain };
+    const parts = { module, layout, curve, range, dial: dialOf(bytesOf(dial)), colours: coloursOf(), complain };
     window.opened = new KINDS[shown.kind](parts, shown); // for tests and the curious
   } catch (error) {
     fail(`This page can't start: ${error.message}`);

@@ -3,9 +3,8 @@
 import { Bars, element, signed } from "../../page/assets/bars.js";
 import { Core } from "../../page/assets/core.js";
 import { Curve } from "../../page/assets/curve.js";
-import { Recorder, decisionAt, sceneAt, sumsOf } from "../../page/assets/film.js";
+import { Recorder, decisionAt, outcomeOf, sceneAt, sumsOf } from "../../page/assets/film.js";
 import { Stage } from "../../page/assets/scene.js";
-import { outcomeOf } from "../../page/assets/twins.js";
 import { partOf } from "./connection.js";
 import { Controls, stateOf } from "./controls.js";
 
