@@ -11,11 +11,11 @@ def row(x, y, vx, vy):
     return [1.0, x / 100, y / 100, vx / 20, vy / 20, vx / speed, vy / speed]
 
 
-NOBODY = [0.0] * 7
+EMPTY = [0.0] * 7
 
 
 def test_places_and_speeds_are_in_metres():
-    seen = np.array([[*row(10, -20, 3, 4), *NOBODY]], np.float32)
+    seen = np.array([[*row(10, -20, 3, 4), *EMPTY]], np.float32)
     ((ego,),) = scenes_of(seen, 1.0)
     assert ego == pytest.approx([10, -20, np.arctan2(4, 3), 5, 0], abs=1e-4)
 

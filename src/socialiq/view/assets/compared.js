@@ -115,7 +115,7 @@ export class Compared {
   }
 
   /** Drive the seed again: the dial at once, the policy as fast as it answers. */
-  async refilm(anew) {
+  async refilm(rewound) {
     const drive = (this.drive += 1);
     const { seed } = this.state;
     this.find("seed").value = seed;
@@ -125,7 +125,7 @@ export class Compared {
       const own = await filmBy(this.recorders[OWN], this.asking(), seed, () => this.drive === drive);
       if (!own) return;
       this.films = [own, beside];
-      this.controls.load(Math.max(...this.films.map((film) => film.frames.length - 1)), anew);
+      this.controls.load(Math.max(...this.films.map((film) => film.frames.length - 1)), rewound);
       this.find("summary").textContent = this.twins.map(({ name }, place) => `${name} ${outcomeOf(this.films[place], this.layout)}.`).join(" ");
       document.documentElement.dataset.ready = "yes";
     } catch (error) {

@@ -42,12 +42,12 @@ export class Controls {
   }
 
   /** Take a film of so many pictures; from its start, and running unless motion is reduced. */
-  load(end, anew) {
+  load(end, rewound) {
     this.clock.load(end);
     this.find("time").max = end;
-    if (anew) this.clock.time = 0;
+    if (rewound) this.clock.time = 0;
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (anew && !still) this.clock.play();
+    if (rewound && !still) this.clock.play();
     else this.show();
   }
 

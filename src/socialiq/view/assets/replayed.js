@@ -50,21 +50,21 @@ export class Replayed {
   }
 
   /** Fetch and show an episode; the file is a ring. */
-  async to(number, anew) {
+  async to(number, rewound) {
     const asked = (this.asked += 1);
     const episode = (number + this.shown.count) % this.shown.count;
     try {
       const part = await partOf(episode);
       if (asked !== this.asked) return;
       this.state.episode = episode;
-      this.take(part, anew);
+      this.take(part, rewound);
       document.documentElement.dataset.ready = "yes";
     } catch (error) {
       this.complain(error.message);
     }
   }
 
-  take(part, anew) {
+  take(part, rewound) {
     const again = part.seed === null ? null : this.again(part);
     this.part = part;
     this.whole = Boolean(again?.same);
@@ -76,7 +76,7 @@ export class Replayed {
     this.find("how").textContent = this.whole ? sameWords(part.seed, again.apart) : drawnWords(part.seed);
     this.find("bars").hidden = !this.whole;
     this.listed();
-    this.controls.load((this.film.frames.length - 1) * this.stretch, anew);
+    this.controls.load((this.film.frames.length - 1) * this.stretch, rewound);
   }
 
   /** Drive the episode again: its film, whether what was observed is the same, and how far rewards are apart. */
