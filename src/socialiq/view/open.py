@@ -1,4 +1,4 @@
-"""What a word of the command line names: a policy, demonstrations, and how each is shown."""
+"""Files and policies that a word of the command line names, as content of the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FIRST_ANGLE = 45.0
 
 
 def opened(what: str, angle: float | None, trust: Trust) -> Shown:
-    """Return what is named, as content of the page.
+    """Return a policy or a file as content of the page.
 
     Args:
         what: Demonstrations' file, or a policy as `audit.resolve_policy` takes it.

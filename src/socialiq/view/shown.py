@@ -1,4 +1,4 @@
-"""What is opened in the page: its data, its further parts, and answers to its questions."""
+"""Content of the page: its data, its further parts, and answers to its questions."""
 
 from __future__ import annotations
 
