@@ -81,15 +81,15 @@ def application(shown: Shown | None, port: int, token: str) -> App:
     responses = optional("starlette.responses", "web", "view")
     routing = optional("starlette.routing", "web", "view")
     socket_address = f"ws://{ADDRESS}:{port}/{token}/decide"
-    # The dial's page holds its own policy, which forbids every request.
-    alone = Front(page(), "frame-ancestors 'none'") if shown is None else None
-    text, policy = alone or front(shown, socket_address)
+    # The dial's page holds a policy of its own too, which forbids every request.
+    alone = Front(page(), "frame-ancestors 'none'")
+    text, policy = alone if shown is None else front(shown, socket_address)
 
     async def whole(_: Any) -> Any:
         return responses.HTMLResponse(text, headers={"content-security-policy": policy})
 
     async def dial(_: Any) -> Any:
-        return responses.HTMLResponse(await asyncio.to_thread(page))
+        return responses.HTMLResponse(alone.text, headers={"content-security-policy": alone.policy})
 
     async def part(request: Any) -> Any:
         number = request.path_params["number"]
