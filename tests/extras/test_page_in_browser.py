@@ -121,11 +121,45 @@ def test_one_drives_and_downloads_demonstrations(tab, address, tmp_path):
     assert found.n_episodes == 1 and found.source["seeds"] == [12]
 
 
-@pytest.mark.parametrize("width", [390, 1920])
+@pytest.mark.parametrize("width", [390, 1024, 1920])
 def test_nothing_is_wider_than_the_window(tab, address, width):
     tab.set_viewport_size({"width": width, "height": 900})
     go(tab, address, "#step=30")
-    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    for name in ("turn", "drive", "grid", "about"):
+        tab.click(f"#tab-{name}")
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width, name
+
+
+def test_the_dial_turns_over_the_exact_front(tab, address):
+    go(tab, address, "#tab=grid&grid=45")
+    assert tab.inner_text("#grid-place").endswith("this lies at 10.0°.")
+    assert "from 13.0° to 56.3°" in tab.inner_text("#grid-why")
+    before = tab.inner_html("#grid-road")
+    tab.locator("#grid-dial").focus()
+    tab.keyboard.press("End")
+    assert tab.inner_text("#grid-place").endswith("this lies at 152.1°.")
+    assert tab.inner_html("#grid-road") != before
+    assert "24.0 times" in (tab.get_attribute("#grid-road", "aria-label") or "")
+    tab.wait_for_url(lambda url: "grid=90" in url, wait_until="commit")
+    tab.reload(wait_until="commit")
+    tab.wait_for_selector("html[data-ready]", state="attached")
+    assert tab.get_attribute("#grid-dial", "aria-valuenow") == "90"
+
+
+UNNAMED = """() => [...document.querySelectorAll(
+  "button, input, select, [role=slider], [role=img], canvas")].filter(one =>
+  !(one.getAttribute("aria-label") || one.labels?.length || one.textContent.trim())
+).map(one => one.outerHTML.slice(0, 80))"""
+
+
+def test_every_control_and_picture_has_a_name_and_tab_reaches_the_dial(tab, address):
+    go(tab, address, "#step=30")
+    assert tab.evaluate(UNNAMED) == []
+    reached = []
+    for _ in range(12):
+        tab.keyboard.press("Tab")
+        reached.append(tab.evaluate("document.activeElement.id"))
+    assert "dial" in reached and "play" in reached
 
 
 def test_without_webassembly_it_says_so(browser, address):

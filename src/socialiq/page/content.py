@@ -6,6 +6,7 @@ import base64
 import html
 from typing import Any
 
+from socialiq.page.crossing import crossing
 from socialiq.page.shown_dial import ShownDial
 from socialiq.page.webassembly.layout import layout
 from socialiq.page.webassembly.replay import CORE
@@ -29,6 +30,7 @@ def content(dial: ShownDial) -> dict[str, Any]:
         "dial": base64.b64encode(dial.file).decode(),
         "range": [dial.low, dial.high],
         "curve": [point._asdict() for point in dial.curve],
+        "crossing": crossing(),
     }
 
 

@@ -10,7 +10,7 @@ TEXT = [
     *[(ink, ground) for ink in ("ink", "faint") for ground in ("paper", "card", "soft")],
     ("on-accent", "accent"),
     *[("on-ego", f"twin-{place}") for place in range(3)],
-    *[(f"twin-{place}", "soft") for place in range(3)],
+    *[(f"twin-{place}", ground) for place in range(3) for ground in ("soft", "card")],
 ]
 DRAWN = [
     *[(f"twin-{place}", ground) for place in range(3) for ground in ("road", "card")],
@@ -54,3 +54,18 @@ def test_it_is_enough(scheme):
         if contrast(colours[one], colours[other]) < least
     ]
     assert low == []
+
+
+def mixed(above, below, share):
+    parts = [[int(one[place : place + 2], 16) for place in (1, 3, 5)] for one in (above, below)]
+    values = [round(share * a + (1 - share) * b) for a, b in zip(*parts, strict=True)]
+    return "#" + "".join(f"{value:02x}" for value in values)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("above", ["twin-0", "other"])
+def test_numbers_of_visits_can_be_read(scheme, above):
+    (fullest,) = re.findall(r"FULLEST = ([\d.]+)", (ASSETS / "crossing.js").read_text())
+    colours = schemes()[scheme]
+    ground = mixed(colours[above], colours["road"], float(fullest))
+    assert contrast(colours["ink"], ground) >= 4.5

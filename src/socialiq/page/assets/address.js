@@ -1,9 +1,9 @@
 // Everything shown, in the address after #, so that a link restores it.
 
-const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400] };
-const WORDS = { view: ["side", "ghosts"], tab: ["turn", "drive", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
+const WHOLE = { seed: [0, 2 ** 53 - 1], chosen: [0, 2], step: [0, 400], grid: [0, 90] };
+const WORDS = { view: ["side", "ghosts"], tab: ["turn", "drive", "grid", "about"], speed: ["0.25", "0.5", "1", "2", "4"] };
 
-export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1" };
+export const FIRST = { seed: 12, angles: [0, 45, 85], chosen: 1, step: 0, view: "side", tab: "turn", speed: "1", grid: 45 };
 
 /** Return the text after # for a state. */
 export function writeAddress(state) {

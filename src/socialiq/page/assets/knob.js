@@ -58,12 +58,13 @@ export class Knob {
 
   /** Show the hands of all twins; that of `chosen` is the one that turns. */
   show(twins, chosen) {
-    this.angle = twins[chosen].angle;
+    const { angle, letter } = twins[chosen];
+    this.angle = angle;
     this.hands.replaceChildren();
     twins.forEach((twin, number) => number !== chosen && this.hand(twin, false));
     this.hand(twins[chosen], true);
     this.root.setAttribute("aria-valuenow", this.angle);
-    this.root.setAttribute("aria-valuetext", `${this.angle} degrees, twin ${twins[chosen].letter}`);
+    this.root.setAttribute("aria-valuetext", `${this.angle} degrees${letter ? `, twin ${letter}` : ""}`);
   }
 
   hand({ angle, letter, place }, chosen) {

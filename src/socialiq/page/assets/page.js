@@ -3,6 +3,7 @@
 import { FIRST, readAddress, writeAddress } from "./address.js";
 import { coloursOf } from "./colours.js";
 import { Core, bytesOf } from "./core.js";
+import { Crossing } from "./crossing.js";
 import { Driving } from "./driving.js";
 import { answer } from "./episodes.js";
 import { Recorder } from "./film.js";
@@ -10,7 +11,7 @@ import { dialOf } from "./network.js";
 import { UserError } from "./safetensors.js";
 import { Twins } from "./twins.js";
 
-const TABS = ["turn", "drive", "about"];
+const TABS = ["turn", "drive", "grid", "about"];
 const NARROW = 640; // CSS pixels below which twins share one scene, unless a link says otherwise
 
 /** Return the core with some rows, and the dial, from the page's data. */
@@ -56,7 +57,8 @@ function showTab(name, state) {
   }
 }
 
-function listen(twins, driving, state) {
+function listen({ twins, driving, crossing }, state) {
+  const parts = { turn: twins, drive: driving, grid: crossing };
   const tabs = TABS.map((name) => document.getElementById(`tab-${name}`));
   tabs.forEach((tab, number) => {
     tab.addEventListener("click", () => show(TABS[number]));
@@ -74,14 +76,15 @@ function listen(twins, driving, state) {
     driving.pause();
     showTab(name, state);
     window.history.replaceState(null, "", writeAddress(state));
-    (name === "drive" ? driving : twins).show();
+    parts[name]?.show();
   }
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("input, select, textarea") || event.metaKey || event.ctrlKey || event.altKey) return;
-    if (state.tab === "drive" ? driving.key(event) : state.tab === "turn" && keyOf(event, twins)) event.preventDefault();
+    const keys = { drive: () => driving.key(event), turn: () => keyOf(event, twins), grid: () => crossing.key(event) };
+    if (keys[state.tab]?.()) event.preventDefault();
   });
   window.addEventListener("hashchange", () => window.location.reload());
-  new ResizeObserver(() => (state.tab === "drive" ? driving : twins).show()).observe(document.querySelector("main"));
+  new ResizeObserver(() => parts[state.tab]?.show()).observe(document.querySelector("main"));
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => twins.show());
 }
 
@@ -127,11 +130,12 @@ function start() {
     showTab(state.tab, state);
     const twins = new Twins({ ...parts, recorder: recorder() }, state);
     const driving = new Driving({ ...parts, recorder: recorder() }, state);
-    listen(twins, driving, state);
+    const crossing = new Crossing(data.crossing, state);
+    listen({ twins, driving, crossing }, state);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (state.tab === "turn" && state.step === FIRST.step && !still) twins.clock.play();
     document.documentElement.dataset.ready = "yes";
-    Object.assign(window, { twins, driving }); // for tests and the curious
+    Object.assign(window, { twins, driving, crossing }); // for tests and the curious
   } catch (error) {
     fail(error instanceof UserError ? error.message : `This page can't start: ${error.message}`);
   }
