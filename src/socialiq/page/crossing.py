@@ -26,9 +26,10 @@ def crossing() -> dict[str, Any]:
     Returns:
         `polygon`: extreme points of all policies' expected sums (r_env, r_social), time-dependent
         and random ones included; `front`: the best ones between 0 and 90 degrees; `corners`: those
-        that are best at one of `ANGLES`, with one optimal policy each; `best`: the corner of each of `ANGLES`; `radius`: for each angle the
-        furthest point that lies at it (`AttainableSet.radius`), or None if there is none; `size`,
-        `conflict`, `actions` and `horizon` of the world.
+        that are best at one of `ANGLES`, with one optimal policy each; `best`: the corner of each
+        of `ANGLES`; `radius`: for each angle the furthest point that lies at it
+        (`AttainableSet.radius`), or None if there is none; `size`, `conflict`, `actions` and
+        `horizon` of the world.
     """
     world = make()
     part = tabulate(world).reachable_part()
