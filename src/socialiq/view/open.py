@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from socialiq.audit.resolve_policy import Trust
 from socialiq.demonstrations.files import KIND as DEMONSTRATIONS
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.recordings.files import KIND as RECORDING
 from socialiq.storage import kind_of, shipped
 from socialiq.view.demonstrations import demonstrations_shown
 from socialiq.view.policy import policy_shown
+from socialiq.view.recording import COMMONROAD, recording_shown
 from socialiq.view.shown import Shown
 
 FIRST_ANGLE = 45.0
@@ -21,7 +24,8 @@ def opened(what: str, angle: float | None, trust: Trust) -> Shown:
     """Return a policy or a file as content of the page.
 
     Args:
-        what: Demonstrations' file, or a policy as `audit.resolve_policy` takes it.
+        what: File of demonstrations or of recorded traffic, or a policy as
+            `audit.resolve_policy` takes it.
         angle: Angle of a dial at the start, degrees; None unless the user gave one.
         trust: Permissions of a policy that is code.
 
@@ -30,10 +34,13 @@ def opened(what: str, angle: float | None, trust: Trust) -> Shown:
     """
     path = shipped(Path(what))
     if path.is_dir():
-        raise UserError(f"{one_line(what)} is a folder: name a policy, or demonstrations")
-    if kind_of(path) == DEMONSTRATIONS:
+        raise UserError(
+            f"{one_line(what)} is a folder: name a policy, demonstrations or a recording"
+        )
+    show = _readers(path)
+    if show is not None:
         _refuse_angle(angle, what)
-        return demonstrations_shown(path)
+        return show(path)
     shown = policy_shown(what, FIRST_ANGLE if angle is None else angle, trust)
     if "dial" not in shown.data:
         try:
@@ -42,6 +49,23 @@ def opened(what: str, angle: float | None, trust: Trust) -> Shown:
             shown.close()
             raise
     return shown
+
+
+def _readers(path: Path) -> Callable[[Path], Shown] | None:
+    """Return the reader of a file that is no policy; None for all else.
+
+    Raises:
+        UserError: If it is recorded traffic of a format that needs to be imported first.
+    """
+    kind, suffix = kind_of(path), path.suffix.lower()
+    if suffix in (".csv", ".parquet", ".osm") and path.is_file():
+        raise UserError(
+            f"{one_line(str(path))}: import recorded traffic first, by `socialiq data import`, "
+            "and name the file that it makes"
+        )
+    if kind == RECORDING or suffix == COMMONROAD:
+        return recording_shown
+    return demonstrations_shown if kind == DEMONSTRATIONS else None
 
 
 def _refuse_angle(angle: float | None, what: str) -> None:

@@ -15,6 +15,7 @@ pytest.importorskip("websockets", reason="extra `web` is not installed")
 pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
 
 from playwright import sync_api
+from tests.extras.view.made import saved
 
 from socialiq.demonstrations import files
 from socialiq.evaluation.play import record
@@ -133,6 +134,34 @@ def test_demonstrations_without_seeds_are_drawn_from_what_was_observed(tab, serv
         go(tab, address)
         assert tab.inner_text("#how").startswith("The file gives no seed of this episode")
         assert tab.is_hidden("#bars") and tab.locator("#decisions tr").count() > 2
+
+
+def test_recorded_traffic_shows_who_yields_to_whom_and_the_rewards(tab, serving, tmp_path):
+    pytest.importorskip("shapely", reason="extra `data` is not installed")
+    with serving(saved(tmp_path)) as address:
+        go(tab, address)
+        assert tab.inner_text("#which") == "32 yields to 31, PET 1.3 s"
+        assert tab.locator("#conflicts tr.now td").all_inner_texts() == [
+            "31",
+            "crossing",
+            "1.3 s",
+            "0.0",
+        ]
+        assert tab.inner_text("#outcome") == "0.6 s"  # 4 s before the first enters
+        tab.click("#step")
+        assert tab.inner_text("#clock") == "1.0 s"
+        tab.locator("#drivers button").first.click()
+        assert tab.inner_text("#which") == "Vehicle 31"
+        tab.focus("#time")
+        tab.keyboard.press("End")
+        assert tab.inner_text("#clock") == "11.9 s"
+        total = tab.locator("#drivers tr").first.locator("td").nth(1).inner_text()
+        assert tab.inner_text("#sums").startswith(f"31: own progress {total}, effect on others ")
+        tab.click("#far")
+        assert tab.inner_text("#which") == "Whole road"
+        for width in (390, 1920):
+            tab.set_viewport_size({"width": width, "height": 900})
+            assert tab.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_a_second_tab_and_a_lost_server_are_said_in_one_line(browser):

@@ -5,8 +5,9 @@ import { bytesOf } from "../../page/assets/core.js";
 import { dialOf } from "../../page/assets/network.js";
 import { Compared } from "./compared.js";
 import { Replayed } from "./replayed.js";
+import { Traffic } from "./traffic.js";
 
-const KINDS = { policy: Compared, episodes: Replayed };
+const KINDS = { policy: Compared, episodes: Replayed, traffic: Traffic };
 
 /** Show one line; what is on the page stays as it is. */
 function complain(line) {
