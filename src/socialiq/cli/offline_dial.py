@@ -106,7 +106,7 @@ class OfflineCommand:
 
 
 def encoding_of(world: str, data: Demonstrations) -> dict[str, Any]:
-    """Return the encoding of a world's observations, as fields of the static config.
+    """Return what a world determines of the static config: encoding, length of an episode.
 
     Raises:
         UserError: If there is no such world, or the demonstrations come from another.
@@ -123,6 +123,9 @@ def encoding_of(world: str, data: Demonstrations) -> dict[str, Any]:
             f"the demonstrations have {given[0]} features and {given[1]} actions, {world} has "
             f"{known[0][0]} and {known[0][1]}: they belong to another world"
         )
+    if isinstance(made, RecordedWorld):
+        # A recorded vehicle leaves the view before its episode is over.
+        return {"whole_episode": made.config.decisions}
     if not isinstance(made, GridWorld):
         return {}
     return {"view": "flat", "one_hot": seen(made if given == known[0] else clocked)}

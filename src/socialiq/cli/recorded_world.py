@@ -109,7 +109,7 @@ class MakeWorld:
         return 0
 
     def write(self, made: Made) -> dict[str, Any]:
-        """Write the files that are asked for, the world last; return the summary."""
+        """Compute, then write the files that are asked for, the world last; return the summary."""
         summary: dict[str, Any] = {
             "out": str(self.out),
             "vehicles": made.world.provenance["vehicles"],
@@ -117,10 +117,14 @@ class MakeWorld:
             "closures": made.world.provenance["closures"],
             "calibration": made.world.provenance["calibration"],
         }
+        found = None
         if self.demonstrations is not None:
             from socialiq.recordings.world.replay import replay
 
             found = replay(made.world, self.every)
+        if self.report is not None:
+            summary["compared"] = self.compared(made, self.report)
+        if self.demonstrations is not None and found is not None:
             demonstration_files.save(self.demonstrations, found.table, replace=False)
             summary["demonstrations"] = {
                 "episodes": found.table.n_episodes,
@@ -128,8 +132,6 @@ class MakeWorld:
                 "residual_rms": found.residual_rms,
                 "squares_left": found.squares_left,
             }
-        if self.report is not None:
-            summary["compared"] = self.compared(made, self.report)
         summary["sha256"] = made.world.save(self.out, replace=False)
         return summary
 

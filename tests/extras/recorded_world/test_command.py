@@ -7,6 +7,7 @@ from tests.extras.recorded_world.conftest import crossing_road, tracks
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
+from socialiq.errors import UserError
 from socialiq.recordings import files
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.network import RoadNetwork
@@ -51,6 +52,18 @@ def test_a_dial_of_a_world_learns_from_demonstrations_alone(folder, tmp_path, ca
     tiny = ["--preset", "offline-regularised", "--updates", "2", "--hidden", "4"]
     assert main([*call, *tiny, "--json"]) == 0
     assert (tmp_path / "run" / "dial_0.safetensors").is_file()
+
+
+def test_a_report_that_fails_leaves_no_file(folder, tmp_path, monkeypatch, capsys):
+    def fails(*_given):
+        raise UserError("no traffic")
+
+    monkeypatch.setattr("socialiq.recordings.world.compare.simulate", fails)
+    words = ["data", "world", str(folder / "crossing.safetensors"), "--out", str(tmp_path / "w")]
+    more = ["--demonstrations", str(tmp_path / "d"), "--report", str(tmp_path / "report")]
+    assert main([*words, *more]) == 2
+    assert capsys.readouterr().err.endswith("socialiq: no traffic\n")
+    assert list(tmp_path.iterdir()) == []
 
 
 def idle(observation):

@@ -50,6 +50,9 @@ class StaticConfig(config.StaticConfig):
     """Gradient steps of the behaviour policy, and of the dial."""
     critic_factor: int = 2
     """Gradient steps of the critics, over those of the other two."""
+    whole_episode: int = 0
+    """Decisions of a whole episode, where recordings end before it: a timeout before that many is
+    the end of a view, behind which values go on. 0: every timeout ends an episode."""
 
     def __post_init__(self) -> None:
         """Refuse names, sizes and ranges that make no run."""
@@ -59,7 +62,7 @@ class StaticConfig(config.StaticConfig):
         if self.low > self.high:
             raise UserError(f"angles from {self.low:g} to {self.high:g}: give the smaller first")
         check_counts(self, ("members", "critic_factor"))
-        check_not_negative(self, ("margin",))
+        check_not_negative(self, ("margin", "whole_episode"))
         if self.high_share is not None:
             check_shares(self, ("high_share",))
         if (self.input_scale, self.schedule, self.averaging) != (1.0, "constant", 0.0):

@@ -203,7 +203,7 @@ def train_together(
             steps, the view doesn't fit, or a stage is not finite.
         Stopped: On Ctrl-C.
     """
-    shared: dict[str, Any] = {"static": static} | _laid_out(datasets)
+    shared: dict[str, Any] = {"static": static} | _laid_out(datasets, static.whole_episode)
     runs = [replace(one, dataset=number) for number, one in enumerate(hyperparameters)]
     done: dict[str, Trained] = {}
 
@@ -224,14 +224,14 @@ def train_together(
     return done
 
 
-def _laid_out(datasets: Sequence[Transitions]) -> dict[str, Any]:
+def _laid_out(datasets: Sequence[Transitions], whole: int) -> dict[str, Any]:
     """Return the rows of all runs end to end, their bounds and units, and the sizes."""
     if not datasets:
         raise UserError("no runs: pass at least one set of demonstrations")
     sizes = {(int(data.observation.shape[1]), int(data.n_actions)) for data in datasets}
     if len(sizes) > 1:
         raise UserError("the sets of demonstrations have different observations or actions")
-    rows, units = zip(*(recorded(data) for data in datasets), strict=True)
+    rows, units = zip(*(recorded(data, whole) for data in datasets), strict=True)
     bounds = np.cumsum([0, *(len(data.action) for data in datasets)])
     return {
         "rows": jax.tree.map(lambda *columns: jnp.concatenate(columns), *rows),
@@ -252,22 +252,31 @@ def _with_behaviour(networks: Any, rows: Rows, bounds: Array) -> Rows:
     return rows._replace(log_behaviour=now, next_log_behaviour=later)
 
 
-def recorded(data: Transitions) -> tuple[Rows, Float[Array, " 2"]]:
+def recorded(data: Transitions, whole: int = 0) -> tuple[Rows, Float[Array, " 2"]]:
     """Return all transitions, log β still 0, and the spread of the returns-to-go.
 
+    Args:
+        data: Whole episodes.
+        whole: Decisions of a whole episode (`StaticConfig.whole_episode`); 0: of the longest one.
+
     Raises:
-        UserError: If an episode misses steps.
+        UserError: If an episode misses steps, or one is longer than a whole one.
     """
     returns = np.stack(data.returns("to_go", 1.0))
     numbers = np.arange(len(data.action))
     starts = np.asarray(data.episode_starts)
     step = numbers - starts[np.searchsorted(starts, numbers, side="right") - 1]
-    horizon, empty = step.max() + 1, jnp.zeros((len(step), data.n_actions), jnp.float32)
+    longest = int(step.max()) + 1
+    if whole and longest > whole:
+        raise UserError(f"an episode has {longest} decisions, more than a whole one: {whole}")
+    horizon, empty = whole or longest, jnp.zeros((len(step), data.n_actions), jnp.float32)
+    ending = np.asarray(data.ending)
+    cut = (ending == int(Ending.TIMEOUT)) & (step + 1 < whole)
     rows = Rows(
         jnp.asarray(data.observation, jnp.float32),
         jnp.asarray(data.action, jnp.int32),
         jnp.asarray(data.next_observation, jnp.float32),
-        jnp.asarray(np.asarray(data.ending) != int(Ending.NONE)),
+        jnp.asarray((ending != int(Ending.NONE)) & ~cut),
         jnp.asarray(np.stack(data.rewards, axis=1), jnp.float32),
         jnp.asarray(step / horizon, jnp.float32),
         jnp.asarray((step + 1) / horizon, jnp.float32),

@@ -70,6 +70,11 @@ class WorldConfig:
         """Sub-steps of a decision."""
         return SUB_STEPS // self.policy_rate
 
+    @property
+    def decisions(self) -> int:
+        """Decisions of an episode that times out."""
+        return math.ceil(self.duration * self.policy_rate - 1e-9)
+
     def options(self, max_speed: float) -> Options:
         """Return the options of the reward kernels.
 

@@ -12,7 +12,7 @@ from socialiq.learners.dial.rows import draw_directions
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.learners.offline.train import STAGES, recorded, train, train_together
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.types import RewardPair
+from socialiq.types import Ending, RewardPair
 
 FULL_COMPILER = True
 STATIC = StaticConfig(
@@ -22,7 +22,7 @@ NUMBERS = Hyperparameters(learning_rate=1e-2, end_temperature=0.1)
 STATES = np.array([[0.0], [1.0]], np.float32)
 
 
-def two_steps(episodes: int = 200) -> Demonstrations:
+def two_steps(episodes: int = 200, last: Ending = Ending.ARRIVAL) -> Demonstrations:
     """Episodes of two steps: the first earns r_social, the second r_env.
 
     Actions 0, 1, 2 earn 0, 1, 9. Action 1 is rare, and no driver takes action 2, the best of all.
@@ -40,7 +40,7 @@ def two_steps(episodes: int = 200) -> Demonstrations:
         observation=in_turn(nothing, nothing + 1)[:, None],
         action=in_turn(first, second),
         next_observation=in_turn(nothing + 1, nothing + 2)[:, None],
-        ending=in_turn(nothing, nothing + 1),
+        ending=in_turn(nothing, nothing + int(last)),
         rewards=RewardPair(in_turn(nothing, earned[second]), in_turn(earned[first], nothing)),
         episode=np.repeat(np.arange(episodes), 2),
         n_actions=3,
@@ -115,6 +115,18 @@ def test_times_and_units_are_those_of_the_episodes() -> None:
     np.testing.assert_array_equal(rows.ended, np.tile([False, True], 50))
     to_go = np.stack(two_steps(50).returns("to_go", 1.0))
     np.testing.assert_allclose(unit, to_go.std(axis=1), rtol=1e-5)
+
+
+def test_a_view_that_ends_is_no_end_of_an_episode() -> None:
+    """Episodes of two steps that time out: of two decisions in all, or of four."""
+    data = two_steps(3, Ending.TIMEOUT)
+    ended, _ = recorded(data, 2)
+    cut, _ = recorded(data, 4)
+    assert np.asarray(ended.ended).tolist() == [False, True] * 3
+    assert not np.asarray(cut.ended).any()
+    assert np.asarray(cut.next_time).tolist() == [0.25, 0.5] * 3
+    with pytest.raises(UserError, match="2 decisions, more than a whole one: 1"):
+        recorded(data, 1)
 
 
 def test_runs_trained_together_learn_from_their_own_data() -> None:
