@@ -26,6 +26,7 @@ from socialiq.worlds.intersection.options import Options
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 MEASURED = {
     "first_picture_ms": "performance.getEntriesByType('paint')[0].startTime",
+    "first_scene_ms": "performance.getEntriesByName('ready')[0].startTime",
     "pictures_per_s": """() => new Promise((done) => {
       const { clock } = twins;
       Object.assign(clock, { time: 0, frames: 0 });

@@ -1,6 +1,9 @@
 """Sphinx's settings of the documentation's site (`make docs`)."""
 
+import re
 from importlib.metadata import version as installed
+from pathlib import Path
+from typing import Any
 
 project = "socialiq"
 author = "The socialiq authors"
@@ -47,3 +50,35 @@ autodoc_mock_imports = [
     "tensorboard",
     "torch",
 ]
+
+# The site has the page itself in the place of its picture.
+LIVE = "live"
+PICTURE = re.compile(r"^!\[.*\]\(pictures/page\.png\)$", re.M)
+FRAME = f"""```{{raw}} html
+<iframe src="{LIVE}/index.html" title="Turn the dial"
+  style="width: 100%; height: 80vh; border: 0"></iframe>
+<p><a href="{LIVE}/index.html">Open it alone</a></p>
+```
+"""
+
+
+def embed_page(app: Any, name: str, source: list[str]) -> None:
+    """Put the live page in the place of its picture."""
+    if name == "page" and app.builder.format == "html":
+        source[0] = PICTURE.sub(FRAME, source[0])
+
+
+def write_live_page(app: Any, error: Exception | None) -> None:
+    """Write the page beside the site's pages."""
+    if error is None and app.builder.format == "html":
+        from socialiq.page.write import page
+
+        folder = Path(app.outdir) / LIVE
+        folder.mkdir(exist_ok=True)
+        (folder / "index.html").write_text(page(), encoding="utf-8")
+
+
+def setup(app: Any) -> None:
+    """Connect both to the build."""
+    app.connect("source-read", embed_page)
+    app.connect("build-finished", write_live_page)

@@ -68,6 +68,7 @@ def test_the_dial_turns_by_keys_and_by_mouse_and_drives_again(tab, address):
         assert dial.get_attribute("aria-valuenow") == angle
     tab.keyboard.press("End")
     assert said_at(tab, 1) != before
+    assert tab.locator("#stages strong").nth(1).inner_text() == "90°"
     assert said_at(tab, 0) == "arrives after 10 s"
     box = dial.bounding_box()
     tab.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 0.88 * box["height"])

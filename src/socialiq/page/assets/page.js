@@ -135,6 +135,7 @@ function start() {
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (state.tab === "turn" && state.step === FIRST.step && !still) twins.clock.play();
     document.documentElement.dataset.ready = "yes";
+    performance.mark("ready");
     Object.assign(window, { twins, driving, crossing }); // for tests and the curious
   } catch (error) {
     fail(error instanceof UserError ? error.message : `This page can't start: ${error.message}`);

@@ -148,7 +148,7 @@ export class Twins {
     clock.speed = Number(this.state.speed);
     const colours = this.colours();
     const scenes = this.films.map((film) => sceneAt(film, clock.time));
-    for (const { twin, stage, canvas } of this.stages) {
+    for (const { twin, stage } of this.stages) {
       stage.fit(colours);
       const film = this.films[twin.place];
       const now = film.decisions[decisionAt(film, clock.time, layout.frames)];
@@ -156,7 +156,6 @@ export class Twins {
       const near = Boolean(started && started.signals[layout.env_signals] > 0);
       const seen = { ...twin, colour: colours.twins[twin.place], braking: started?.braking ?? new Set(), near };
       stage.draw(scenes[twin.place].vehicles, seen, this.state.view === "ghosts" ? this.ghosts(scenes, twin, colours) : []);
-      canvas.setAttribute("aria-label", `Crossing seen from above, twin ${twin.letter} at ${twin.angle} degrees ${outcomeOf(film, layout)}`);
     }
     this.labels();
     this.find("time").value = clock.time;
@@ -180,10 +179,12 @@ export class Twins {
     if (shown === this.shownDecisions) return;
     this.shownDecisions = shown;
     this.bars.show(this.films.map((film, number) => sumsOf(film, made[number], layout.signals.length)));
-    for (const { twin, title, said } of this.stages) {
+    for (const { twin, canvas, title, said } of this.stages) {
       const film = this.films[twin.place];
+      const { angle } = this.twins[twin.place];
+      canvas.setAttribute("aria-label", `Crossing seen from above, twin ${twin.letter} at ${angle} degrees ${outcomeOf(film, layout)}`);
       const over = made[twin.place] === film.decisions.length;
-      title.textContent = `${twin.angle}°`;
+      title.textContent = `${angle}°`;
       const action = film.decisions[Math.max(made[twin.place] - 1, 0)].action;
       said.textContent = over ? outcomeOf(film, layout) : made[twin.place] ? layout.actions[action] : "";
     }
