@@ -16,13 +16,13 @@ from socialiq.social.angle import check_angle
 
 @dataclass(frozen=True)
 class View:
-    """Open the page in a browser for a policy, demonstrations or recorded traffic of yours.
+    """Open the page in a browser for a policy, an audit or data of yours.
 
     A policy (a file of socialiq, .zip of Stable-Baselines3, .onnx, "process:COMMAND LINE",
     python:MODULE:ATTRIBUTE, atlas:NAME or a rule-based driver) drives beside the dial on the same
-    seeds. Demonstrations of the intersection are replayed. Recorded traffic (CommonRoad, or a file
-    of `socialiq data import`) plays on its lanes, with its conflicts. Without a name, it is the
-    page of `socialiq page`.
+    seeds. Demonstrations of the intersection and episodes of an audit are replayed. Recorded
+    traffic (CommonRoad, or a file of `socialiq data import`) plays on its lanes, with its
+    conflicts. Without a name, it is the page of `socialiq page`.
 
     The server listens at 127.0.0.1 alone, and answers only whom it gave the address, until Ctrl-C.
 
@@ -30,7 +30,7 @@ class View:
     """
 
     what: Annotated[str, tyro.conf.Positional] = ""
-    """The policy, or the file of demonstrations or of recorded traffic."""
+    """The policy, the folder of an audit, or the file of demonstrations or of recorded traffic."""
     angle: float | None = None
     """Angle in degrees at which a dial begins; by default 45."""
     port: int = 0

@@ -125,7 +125,7 @@ def demonstrations_shown(path: Path) -> Shown:
         kind="episodes",
         title=one_line(path.name, 60),
         lead=f"{count:,} recorded episodes of the intersection, as they were driven.",
-        data={"modes": modes, "notable": replay.notable()},
+        data={"modes": modes, "notable": replay.notable(), "curve": True},
         count=count,
         part=replay.episode,
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from socialiq.page.bundle import ASSETS, program
-from socialiq.page.content import content
+from socialiq.page.content import content, core
 from socialiq.page.shown_dial import shipped_dial
 from socialiq.page.write import embedded, policy
 from socialiq.view.shown import Shown
@@ -46,7 +46,7 @@ def front(shown: Shown, socket_address: str) -> Front:
         "title": html.escape(shown.title),
         "lead": html.escape(shown.lead),
         "body": _asset(f"{shown.kind}.html").replace("{controls}", _asset("controls.html")),
-        "data": embedded({**content(shipped_dial()), "shown": about}),
+        "data": embedded({**content(shipped_dial()), **core(shown.options), "shown": about}),
         "program": script,
     }
     text = re.sub(r"\{(\w+)\}", lambda found: parts[found[1]], _asset("opened.html"))

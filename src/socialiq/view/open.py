@@ -11,6 +11,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.recordings.files import KIND as RECORDING
 from socialiq.storage import kind_of, shipped
+from socialiq.view.audit import audit_shown
 from socialiq.view.demonstrations import demonstrations_shown
 from socialiq.view.policy import policy_shown
 from socialiq.view.recording import COMMONROAD, recording_shown
@@ -24,7 +25,7 @@ def opened(what: str, angle: float | None, trust: Trust) -> Shown:
     """Return a policy or a file as content of the page.
 
     Args:
-        what: File of demonstrations or of recorded traffic, or a policy as
+        what: Folder of an audit, file of demonstrations or of recorded traffic, or a policy as
             `audit.resolve_policy` takes it.
         angle: Angle of a dial at the start, degrees; None unless the user gave one.
         trust: Permissions of a policy that is code.
@@ -33,10 +34,6 @@ def opened(what: str, angle: float | None, trust: Trust) -> Shown:
         UserError: If it can't be read, is of another world, or an angle is given that has no use.
     """
     path = shipped(Path(what))
-    if path.is_dir():
-        raise UserError(
-            f"{one_line(what)} is a folder: name a policy, demonstrations or a recording"
-        )
     show = _readers(path)
     if show is not None:
         _refuse_angle(angle, what)
@@ -52,11 +49,13 @@ def opened(what: str, angle: float | None, trust: Trust) -> Shown:
 
 
 def _readers(path: Path) -> Callable[[Path], Shown] | None:
-    """Return the reader of a file that is no policy; None for all else.
+    """Return the reader of a folder or a file that is no policy; None for all else.
 
     Raises:
         UserError: If it is recorded traffic of a format that needs to be imported first.
     """
+    if path.is_dir():
+        return audit_shown
     kind, suffix = kind_of(path), path.suffix.lower()
     if suffix in (".csv", ".parquet", ".osm") and path.is_file():
         raise UserError(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+from socialiq.worlds.intersection.options import Options
 
 Decide = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 """Answer to a question of the page, both JSON-compatible; a `UserError` is shown on the page."""
@@ -29,6 +31,7 @@ class Shown:
         data: What the page knows from the start, JSON-compatible.
         count: Number of further parts, which the page fetches by their number.
         part: Returns one of them, JSON-compatible.
+        options: Scenario of the core that the page drives.
         decide: Answers the questions of a policy's page.
         close: Ends what runs for it, a policy's process for instance.
     """
@@ -39,5 +42,6 @@ class Shown:
     data: Mapping[str, Any]
     count: int = 0
     part: Callable[[int], Mapping[str, Any]] = _no_part
+    options: Options = field(default_factory=Options)
     decide: Decide | None = None
     close: Callable[[], None] = _nothing

@@ -1,5 +1,7 @@
 """Policies and demonstrations in a real browser, by the local server."""
 
+import datetime
+import json
 import os
 import shutil
 import signal
@@ -17,6 +19,9 @@ pytest.importorskip("playwright.sync_api", reason="extra `browser` is not instal
 from playwright import sync_api
 from tests.extras.view.made import saved
 
+from socialiq.audit.profile.profile import Margin
+from socialiq.audit.profile.template import declare
+from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.evaluation.play import record
 from socialiq.storage import packaged_results
@@ -162,6 +167,23 @@ def test_recorded_traffic_shows_who_yields_to_whom_and_the_rewards(tab, serving,
         for width in (390, 1920):
             tab.set_viewport_size({"width": width, "height": 900})
             assert tab.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_an_audit_replays_its_worst_episodes_with_the_rewards_of_the_report(tab, serving, tmp_path):
+    declared = declare(0.0, "me", "intersection", Margin(1.0, 10.0), datetime.date(2026, 1, 31))
+    (tmp_path / "profile.toml").write_bytes(declared.source)
+    words = ["audit", "idm", "--profile", str(tmp_path / "profile.toml"), "--episodes", "20"]
+    folder = tmp_path / "audit"
+    assert main([*words, "--seed", "5", "--no-log", "--out", str(folder)]) in (1, 3)
+    (worst, *_) = json.loads((folder / "report.json").read_text())["episodes"]["worst"]
+    with serving(folder) as address:
+        go(tab, address, "#step=400")
+        assert tab.inner_text("h1") == "Audit of idm"
+        assert tab.inner_text("#mode").startswith("worst 1")
+        assert worst["seed"] in tab.inner_text("#how")
+        assert tab.inner_text("#how").endswith("the rewards of the report, to 1e-9.")
+        sums = [f"{worst[name]:+.2f}".replace("-", "−") for name in ("r_env", "r_social")]
+        assert tab.inner_text("#sums") == f"own progress {sums[0]}, effect on others {sums[1]}"
 
 
 def test_a_second_tab_and_a_lost_server_are_said_in_one_line(browser):

@@ -77,8 +77,6 @@ def test_what_is_named_is_opened_or_refused_in_one_line(tmp_path):
     found.close()
     with pytest.raises(UserError, match="--angle is of a dial, which idm is not"):
         opened("idm", 30.0, Trust())
-    with pytest.raises(UserError, match="is a folder"):
-        opened(str(tmp_path), None, Trust())
     with pytest.raises(UserError, match="no policy 'nowhere'"):
         opened("nowhere", None, Trust())
     (tmp_path / "broken.onnx").write_bytes(b"broken")

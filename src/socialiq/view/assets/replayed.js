@@ -14,7 +14,7 @@ const ACTING = "slower keep faster".split(" ");
 export class Replayed {
   /**
    * @param {object} parts `{ module, layout, curve, colours, complain }` of the page.
-   * @param {object} shown `{ count, modes, notable }` of the file.
+   * @param {object} shown `{ count, modes, notable, curve }`; `curve`: whether rewards are on the scale of the dial's curve.
    */
   constructor(parts, shown) {
     Object.assign(this, parts, { shown });
@@ -67,34 +67,47 @@ export class Replayed {
   take(part, rewound) {
     const again = part.seed === null ? null : this.again(part);
     this.part = part;
+    this.rewards = part.rewards ?? again.film.decisions.map((one) => one.rewards);
     this.whole = Boolean(again?.same);
     this.film = this.whole ? again.film : drawn(part, this.layout);
     this.stretch = this.whole ? 1 : this.layout.frames;
     this.find("episode").value = this.state.episode;
     this.find("mode").textContent = part.mode;
     this.find("outcome").textContent = outcomeOf(this.film, this.layout);
-    this.find("how").textContent = this.whole ? sameWords(part.seed, again.apart) : drawnWords(part.seed);
+    this.find("how").textContent = this.how(again);
     this.find("bars").hidden = !this.whole;
     this.listed();
     this.controls.load((this.film.frames.length - 1) * this.stretch, rewound);
   }
 
+  /** Return where the film comes from, and how near it is to what was recorded. */
+  how(again) {
+    const { seed, totals, ending, actions } = this.part;
+    if (!totals) return this.whole ? sameWords(seed, again.apart) : drawnWords(seed);
+    const { film } = again;
+    const driven = `Driven again from seed ${seed} with the decisions of the audit`;
+    if (film.ending !== ending || film.decisions.length !== actions.length) return `${driven}: here it ${outcomeOf(film, this.layout)}, unlike in the report.`;
+    return again.apart < 1e-9 ? `${driven}: the rewards of the report, to 1e-9.` : `${driven}: rewards that differ from the report's by at most ${again.apart.toPrecision(1)}.`;
+  }
+
   /** Drive the episode again: its film, whether what was observed is the same, and how far rewards are apart. */
-  again({ seed, actions, observations, rewards }) {
+  again({ seed, actions, observations, rewards, totals }) {
     const film = this.recorder.begin(seed);
-    for (const [step, action] of actions.entries()) if (!this.recorder.decide(action) && step < actions.length - 1) return null;
-    const same = observations.every((row, step) => {
-      const seen = film.decisions[step].before;
-      return seen.every((value, place) => Math.abs(value - row[place]) < CLOSE);
-    });
+    const driven = actions.every((action, step) => this.recorder.decide(action) || step === actions.length - 1);
+    if (totals) {
+      const { env, social } = sumsOf(film, film.decisions.length, this.layout.signals.length);
+      return { film, same: true, apart: Math.max(Math.abs(env - totals[0]), Math.abs(social - totals[1])) };
+    }
+    if (!driven) return null;
+    const same = observations.every((row, step) => film.decisions[step].before.every((value, place) => Math.abs(value - row[place]) < CLOSE));
     const apart = Math.max(...rewards.flatMap((pair, step) => pair.map((value, place) => Math.abs(value - film.decisions[step].rewards[place]))));
     return { film, same, apart };
   }
 
   /** Each decision with its rewards. */
   listed() {
-    const rows = this.part.actions.map((action, step) => {
-      const [env, social] = this.part.rewards[step];
+    const rows = this.rewards.map(([env, social], step) => {
+      const action = this.part.actions[step];
       return element("tr", {}, element("th", { scope: "row", textContent: `${this.part.steps[step]} s` }), ...[ACTING[action], signed(env), signed(social)].map((text) => element("td", { textContent: text })));
     });
     this.find("decisions").replaceChildren(...rows);
@@ -113,7 +126,7 @@ export class Replayed {
     const made = Math.min(Math.ceil(clock.time / layout.frames), film.decisions.length);
     [...this.find("decisions").children].forEach((row, step) => row.classList.toggle("now", step === made - 1));
     if (this.whole) this.bars.show([sumsOf(film, made, layout.signals.length)]);
-    const sum = (place) => signed(this.part.rewards.slice(0, made).reduce((total, pair) => total + pair[place], 0));
+    const sum = (place) => signed(this.rewards.slice(0, made).reduce((total, pair) => total + pair[place], 0));
     this.find("sums").textContent = `own progress ${sum(0)}, effect on others ${sum(1)}`;
   }
 
@@ -125,6 +138,7 @@ export class Replayed {
       return element("tr", {}, element("th", { scope: "row" }, ...badge, mode), ...texts.map((text) => element("td", { textContent: text })));
     });
     this.find("modes").replaceChildren(...rows);
+    this.find("curve").toggleAttribute("hidden", !this.shown.curve);
     const plot = new Curve(this.find("curve"), this.curve);
     const first = this.shown.modes.slice(0, 3);
     plot.show(first.map(({ angle }, place) => ({ letter: "ABC"[place], place, angle: Math.round(angle) })), first);
