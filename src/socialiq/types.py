@@ -32,11 +32,14 @@ class RewardPair(NamedTuple):
     def of_step(reward: Any, info: Mapping[str, Any]) -> RewardPair:
         """Return the pair of a Gymnasium step, `info["reward_pair"]`.
 
-        Without it the scalar reward is r_env, and r_social is 0.
+        Without it a vector reward, as MO-Gymnasium's, is the pair; and of a scalar one the reward
+        is r_env, and r_social is 0.
 
         Raises:
             UserError: If it is not a pair of finite numbers.
         """
+        if "reward_pair" not in info and np.ndim(reward):
+            return RewardPair.of(reward, "a vector reward")
         return RewardPair.of(info.get("reward_pair", (reward, 0.0)), 'info["reward_pair"]')
 
     @staticmethod

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -20,7 +20,7 @@ from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.environment import is_environment, make_environment, sizes
+from socialiq.worlds.environment import action_size, is_environment, make_environment, sizes
 from socialiq.worlds.registry import make_grid
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
@@ -139,11 +139,14 @@ class Collect:
             if mode in modes:
                 raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
             modes[mode] = spec
-        env = make_environment(self.world, allow_code=self.allow_code, needs_pair=True)
-        n_features, n_actions = sizes(env)
+        env = make_environment(
+            self.world, allow_code=self.allow_code, needs_pair=True, continuous=True
+        )
+        size = action_size(env)
         pools = {}
         for mode, spec in modes.items():
-            with load_policy(spec, n_features, n_actions, allow_code=self.allow_code) as loaded:
+            more: dict[str, Any] = {"action_size": size, "allow_code": self.allow_code}
+            with load_policy(spec, *sizes(env), **more) as loaded:
                 record = loaded.record
                 source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
                 pools[mode] = rollout_env(

@@ -32,7 +32,7 @@ from socialiq.policies.load import load_policy
 from socialiq.recordings.recording import refuse_recording
 from socialiq.social.angle import check_angle
 from socialiq.worlds.enumerate import tabulate
-from socialiq.worlds.environment import make_environment, sizes
+from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
@@ -67,7 +67,7 @@ class Evaluate:
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Policy files, of `socialiq train`."""
     world: str = "crossing7"
-    """crossing5, crossing7, intersection, or an environment with discrete actions."""
+    """crossing5, crossing7, intersection, or an environment."""
     data: Path | None = None
     """Demonstrations file with both rewards, in the place of a world."""
     angle: float = 0.0
@@ -221,7 +221,8 @@ class Evaluate:
     def environment(self) -> list[dict[str, Any]]:
         """Return sampled metrics in a Gymnasium environment."""
         self._check_episodes()
-        env, rows = make_environment(self.world, allow_code=self.allow_code), []
+        env = make_environment(self.world, allow_code=self.allow_code, continuous=True)
+        rows = []
         for path in map(str, self.policies):
             if self.engine.given:
                 with self._parts() as parts:
@@ -229,7 +230,8 @@ class Evaluate:
                         self.world, path, self._seeds, self.soft, self.angle, self.allow_code
                     )
             else:
-                more = {"angle": self.angle, "allow_code": self.allow_code}
+                more: dict[str, Any] = {"angle": self.angle, "allow_code": self.allow_code}
+                more["action_size"] = action_size(env)
                 with load_policy(path, *sizes(env), **more) as loaded:
                     rollout = rollout_env(
                         env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft

@@ -23,7 +23,7 @@ from socialiq.experiments.study import StageCallback
 from socialiq.policies.load import load_policy
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair
-from socialiq.worlds.environment import make_environment, sizes
+from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
@@ -117,8 +117,9 @@ class Parts:
             raise _draws_in_order(name)
         path = Path(name).absolute()
         driver = str(path) if path.is_file() else name
-        env = make_environment(world, allow_code=allow_code)
-        with load_policy(driver, *sizes(env), angle=angle, allow_code=allow_code) as loaded:
+        env = make_environment(world, allow_code=allow_code, continuous=True)
+        more: dict[str, Any] = {"angle": angle, "allow_code": allow_code}
+        with load_policy(driver, *sizes(env), action_size=action_size(env), **more) as loaded:
             sha256 = loaded.record.sha256
         whole = PartConfig(
             world=world,
@@ -134,7 +135,7 @@ class Parts:
         )
         tables, speeds = [], []
         for folder in self._play(whole):
-            tables.append(files.load(folder / "transitions.safetensors"))
+            tables.append(files.load(folder / "transitions.safetensors", continuous=True))
             speeds.append(load_arrays(folder / _FILE, _KIND, _VERSION)[0]["speed"])
         joined = concatenate(tables)
         joined = dataclasses.replace(joined, source=tables[0].source)
@@ -184,9 +185,9 @@ def play_part(
 
 
 def _play_in_environment(config: PartConfig, folder: Path) -> None:
-    env = make_environment(config.world, allow_code=config.allow_code)
-    more = {"angle": config.angle, "allow_code": config.allow_code}
-    with load_policy(config.driver, *sizes(env), **more) as loaded:
+    env = make_environment(config.world, allow_code=config.allow_code, continuous=True)
+    more: dict[str, Any] = {"angle": config.angle, "allow_code": config.allow_code}
+    with load_policy(config.driver, *sizes(env), action_size=action_size(env), **more) as loaded:
         if loaded.record.sha256 != config.sha256:
             raise UserError(f"{config.driver} has changed: give the command again")
         made = rollout_env(env, loaded.policy, config.last - config.first, config.first)

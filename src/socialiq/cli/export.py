@@ -12,19 +12,22 @@ import tyro
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
+from socialiq.nn.actor_policy import DIAL_KIND, ActorDial, ActorPolicy
+from socialiq.nn.actor_policy import KIND as ACTOR_KIND
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import KIND, EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.outputs import refuse_existing
 from socialiq.policies.card import card_materials, model_card
 from socialiq.policies.export_torch import to_safetensors
-from socialiq.policies.native import read_dial, read_ensemble, read_policy
+from socialiq.policies.native import read_actor, read_dial, read_ensemble, read_policy
 from socialiq.policies.onnx.export import to_onnx
 from socialiq.reading import sha256_of_file
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
 
+Exported = QPolicy | EnsemblePolicy | ActorPolicy
 FORMATS = ("onnx", "torch", "card", "bom")
 
 
@@ -32,7 +35,8 @@ FORMATS = ("onnx", "torch", "card", "bom")
 class Export:
     """Write a policy as ONNX, as weights for PyTorch, as a model card, or its bill of materials.
 
-    ONNX has the values of all actions and the best action as outputs. The card is Markdown, with
+    ONNX has the values of all actions and the best action as outputs, or of continuous actions the
+    action. The card is Markdown, with
     blanks for missing information. The bill of materials has the same facts as CycloneDX 1.7.
 
     Example: socialiq export prosocial --format onnx --out prosocial.onnx
@@ -64,7 +68,7 @@ class Export:
         found |= {"sha256": hashlib.sha256(content).hexdigest()}
         return _print_written(found, self.json)
 
-    def read(self) -> tuple[QPolicy | EnsemblePolicy, dict[str, Any]]:
+    def read(self) -> tuple[Exported, dict[str, Any]]:
         """Return the policy, and further records of its training."""
         if self.policy in atlas.names():
             self._check_no_angle()
@@ -73,11 +77,16 @@ class Export:
         if not path.exists():
             names = ", ".join(atlas.names())
             raise UserError(f"no policy '{one_line(self.policy)}': name a file, or one of {names}")
-        if kind_of(path) == "dial":
+        kind = kind_of(path)
+        if kind in ("dial", DIAL_KIND):
             if self.angle is None:
                 raise UserError(f"{path} is a dial: add --angle")
-            return read_dial(path, self.angle, None)[0], {}
+            read = read_dial if kind == "dial" else read_actor
+            return read(path, self.angle, None)[0], {}
         self._check_no_angle()
+        if kind == ACTOR_KIND:
+            actor, _ = read_actor(path, None, None)
+            return actor, _run_of(path, actor)
         policy, _ = (read_ensemble if kind_of(path) == KIND else read_policy)(path, None)
         return policy, _run_of(path, policy)
 
@@ -85,7 +94,7 @@ class Export:
         if self.angle is not None:
             raise UserError(f"{one_line(self.policy)} is not a dial: leave --angle out")
 
-    def made(self, policy: QPolicy | EnsemblePolicy, training: dict[str, Any]) -> bytes:
+    def made(self, policy: Exported, training: dict[str, Any]) -> bytes:
         """Return the file's bytes."""
         if self.format == "onnx":
             return to_onnx(policy)
@@ -124,7 +133,7 @@ def _object(path: Path) -> dict[str, Any]:
     return found
 
 
-def _run_of(path: Path, policy: QPolicy | EnsemblePolicy) -> dict[str, Any]:
+def _run_of(path: Path, policy: Exported) -> dict[str, Any]:
     """Return the run record beside a policy, if it belongs to this policy."""
     record = path.parent / "run.json"
     if not record.is_file():
@@ -154,7 +163,8 @@ class Turn:
     def run(self) -> int:
         """Turn and write."""
         refuse_existing(self.out)
-        sha256 = DialPolicy.load(self.dial).at(self.angle).save(self.out, replace=False)
+        dial = ActorDial if kind_of(self.dial) == DIAL_KIND else DialPolicy
+        sha256 = dial.load(self.dial).at(self.angle).save(self.out, replace=False)
         found = {"out": str(self.out), "angle": self.angle, "sha256": sha256}
         return _print_written(found, self.json)
 

@@ -50,20 +50,20 @@ def optional(config: type, *leave_out: str) -> type:
     return dataclasses.make_dataclass(f"{config.__name__}Options", fields, frozen=True)
 
 
-def overridden(config: Any, given: Any, **more: Any) -> Any:
+def overridden(config: Any, *given: Any, **more: Any) -> Any:
     """Return a config with the options that were given laid over it.
 
     Args:
         config: A dataclass.
-        given: Of `optional`.
+        given: Of `optional`, one or several.
         more: Further values.
 
     Raises:
         UserError: If an option was given that the config doesn't have, or a value is refused.
     """
     changes = dict(more)
-    for one in dataclasses.fields(given):
-        value = getattr(given, one.name)
+    for options, one in ((part, one) for part in given for one in dataclasses.fields(part)):
+        value = getattr(options, one.name)
         if dataclasses.is_dataclass(value):
             if any(inner is not None for inner in vars(value).values()):
                 changes[one.name] = overridden(getattr(config, one.name, NO_SETTINGS), value)
@@ -73,6 +73,21 @@ def overridden(config: Any, given: Any, **more: Any) -> Any:
     for name in changes.keys() - known:
         raise UserError(f"this learner has no '{name}': leave --{name.replace('_', '-')} out")
     return dataclasses.replace(config, **changes)
+
+
+def refuse_given(given: Any, owner: str) -> None:
+    """Refuse options of another kind of training.
+
+    Args:
+        given: Of `optional`.
+        owner: What they are of.
+
+    Raises:
+        UserError: If one was given.
+    """
+    for name, value in vars(given).items():
+        if value is not None:
+            raise UserError(f"--{name.replace('_', '-')} is of {owner}: leave it out")
 
 
 def _plain(kind: Any) -> Any:

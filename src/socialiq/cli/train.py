@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from socialiq.cli.options import optional, overridden
+from socialiq.cli import train_continuous
+from socialiq.cli.options import optional, overridden, refuse_given
 from socialiq.cli.run_folder import CHUNK, RunFolder, described_file
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
@@ -19,6 +20,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import acting_in
 from socialiq.learners.config import check_seeds
+from socialiq.learners.continuous.config import Shared, TowardsData, Tuning
 from socialiq.learners.extensions import (
     checked_divergence,
     checked_prior,
@@ -44,15 +46,26 @@ NumberOptions = tyro.conf.OmitArgPrefixes[
 ]
 
 
+SharedOptions = tyro.conf.OmitArgPrefixes[
+    optional(Shared, "hidden", "batch_size", "updates", "endings")
+]
+TuningOptions = tyro.conf.OmitArgPrefixes[optional(Tuning)]
+DataOptions = tyro.conf.OmitArgPrefixes[optional(TowardsData)]
+
+
 @dataclass(frozen=True)
 class Train:
     """Train a policy for every angle, strength and seed given, from one file of demonstrations.
 
+    Demonstrations of continuous actions train an actor, by IQ-Learn or another --learner: td3-bc,
+    behaviour-cloning, or in a world and without demonstrations sac; with --dial one for all angles.
+
     Example: socialiq train mixed.safetensors --world crossing7 --angle 45 --out run
     """
 
-    data: Annotated[Path, tyro.conf.Positional]
-    """Demonstrations file, of `socialiq collect`."""
+    data: Annotated[Path | None, tyro.conf.Positional] = None
+    """Demonstrations file, of `socialiq collect`; none for --learner sac."""
+    _: KW_ONLY
     out: Path
     """Folder to make: policies, metrics.csv, run.json."""
     world: str = ""
@@ -84,35 +97,67 @@ class Train:
     take one in the same way."""
     learner: str = ""
     """behaviour-cloning, cql, or FILE.py:NAME, a learner of your own, in the place of IQ-Learn; it
-    trains offline, with the options that it has."""
+    trains offline, with the options that it has. Of continuous actions sac, td3-bc or
+    behaviour-cloning."""
     static: StaticOptions = field(default_factory=StaticOptions)  # pyright: ignore[reportInvalidTypeForm]
     """Choices that shape the program."""
     hyperparameters: NumberOptions = field(  # pyright: ignore[reportInvalidTypeForm]
         default_factory=NumberOptions
     )
     """Numbers of the runs."""
+    continuous: SharedOptions = field(  # pyright: ignore[reportInvalidTypeForm]
+        default_factory=SharedOptions
+    )
+    """Choices of learners of continuous actions."""
+    tuning: TuningOptions = field(  # pyright: ignore[reportInvalidTypeForm]
+        default_factory=TuningOptions
+    )
+    """Numbers of a tuned temperature."""
+    towards_data: DataOptions = field(  # pyright: ignore[reportInvalidTypeForm]
+        default_factory=DataOptions
+    )
+    """Numbers of TD3+BC."""
 
     def run(self) -> int:
         """Train, write the folder, print what came out."""
-        data = files.load(self.data)
+        data = self.demonstrations()
+        if data is None or data.action_size:
+            return train_continuous.run(self, data)
+        assert self.data is not None
+        for options in (self.continuous, self.tuning, self.towards_data):
+            refuse_given(options, "continuous actions, and these are discrete")
         own = self.own_code()
         static, hyperparameters = self.settings(own)
         simulator, before_chunk = self.experience(static, hyperparameters, data)
         if "learner" not in own:
             check_fit(static, hyperparameters, [data], simulator, before_chunk is not None)
         folder = RunFolder(self.out, "policy", self.resume, self.tensorboard)
-        labels = [_label(one) for one in hyperparameters]
+        labels = [self.label(one) for one in hyperparameters]
         with folder.callbacks(labels, _monitor(simulator, hyperparameters)) as callbacks:
             trained = train(
                 static, hyperparameters, [data], simulator, callbacks, CHUNK, before_chunk, **own
             )
-        policies = _policies(folder, trained)
+        policies = self.policies(folder, trained)
         columns = {"angle": "angle_target"}
         labels = [{columns.get(name, name): v for name, v in one.items()} for one in labels]
         described = described_file(self.data) | {"transitions": data.n_transitions}
         record = {"world": self.world, "data": described} | trained.learner.functions()
         folder.finish(trained, labels, policies, record)
         return folder.report(trained, policies, self.json)
+
+    def demonstrations(self) -> Demonstrations | None:
+        """Return the demonstrations; None for soft actor-critic.
+
+        Raises:
+            UserError: If they are missing or not needed, or the file is not sound.
+        """
+        if (self.data is None) != (self.learner == "sac"):
+            raise UserError(
+                "name a file of demonstrations: only --learner sac learns without"
+                if self.data is None
+                else "sac learns from no demonstrations: leave the file out"
+            )
+        return None if self.data is None else files.load(self.data, continuous=True)
 
     def own_code(self) -> dict[str, Any]:
         """Import and try the user's own prior, divergence and loss, and find the learner, if named.
@@ -149,18 +194,25 @@ class Train:
         else:
             static, base = PRESETS[self.preset]
             static = overridden(static, given, online=bool(self.world))
-        base = overridden(base, self.hyperparameters)
+        return static, self.grid(overridden(base, self.hyperparameters))
+
+    def grid(self, base: Any) -> list[Any]:
+        """Return a run for each angle, strength and seed.
+
+        Raises:
+            UserError: If the learner doesn't have one that was given.
+        """
+        check_seeds(self.seed)
         names = {one.name for one in dataclasses.fields(base)}
         grids = {"angle": self.angle, "strength": self.strength, "seed": self.seed}
         for name in grids.keys() - names:
             if grids[name] not in ((), (0.0,), (0,)):
                 raise UserError(f"this learner has no '{name}': leave --{name} out")
         kept = {name: values for name, values in grids.items() if values and name in names}
-        runs = [
+        return [
             dataclasses.replace(base, **dict(zip(kept, values, strict=True)))
             for values in itertools.product(*kept.values())
         ]
-        return static, runs
 
     def experience(
         self, static: Any, hyperparameters: list[Any], data: Demonstrations
@@ -176,11 +228,25 @@ class Train:
         make = environment_maker(self.world, given, self.allow_code)
         return None, acting_in(make, static, hyperparameters, CHUNK)
 
+    @staticmethod
+    def label(hyperparameters: Any) -> Row:
+        """Return what a run differs in from the others of its grid."""
+        names = [name for name in ("angle", "strength", "seed") if hasattr(hyperparameters, name)]
+        return {name: getattr(hyperparameters, name) for name in names}
 
-def _label(hyperparameters: Any) -> Row:
-    """Return what a run differs in from the others of its grid."""
-    names = [name for name in ("angle", "strength", "seed") if hasattr(hyperparameters, name)]
-    return {name: getattr(hyperparameters, name) for name in names}
+    @staticmethod
+    def policies(folder: RunFolder, trained: Trained) -> list[Row]:
+        """Write the policies; return what each differs in, its file and its last measurements."""
+        arrays = {name: trained.history.array(name) for name in trained.history.values}
+        columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
+        return [
+            Train.label(hyperparameters)
+            | saved
+            | {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
+            for run, (hyperparameters, saved) in enumerate(
+                zip(trained.hyperparameters, folder.save_policies(trained), strict=True)
+            )
+        ]
 
 
 def _monitor(simulator: GridWorld | None, hyperparameters: list[Any]) -> Any:
@@ -188,17 +254,3 @@ def _monitor(simulator: GridWorld | None, hyperparameters: list[Any]) -> Any:
         return None
     part = tabulate(simulator).reachable_part()
     return exact_monitor(part, [one.temperature for one in hyperparameters])
-
-
-def _policies(folder: RunFolder, trained: Trained) -> list[Row]:
-    """Write the policies; return what each differs in, its file and its last measurements."""
-    arrays = {name: trained.history.array(name) for name in trained.history.values}
-    columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
-    return [
-        _label(hyperparameters)
-        | saved
-        | {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
-        for run, (hyperparameters, saved) in enumerate(
-            zip(trained.hyperparameters, folder.save_policies(trained), strict=True)
-        )
-    ]

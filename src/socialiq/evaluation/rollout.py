@@ -157,14 +157,15 @@ def rollout_env(
     mode: str = "policy",
     source: Mapping[str, Any] | None = None,
 ) -> Rollout:
-    """Run a policy in a Gymnasium environment with discrete actions.
+    """Run a policy in a Gymnasium environment.
 
     `info["reward_pair"]` gives (r_env, r_social); without it the scalar reward counts as r_env
     and r_social is 0. `info["ending"]` names the ending; without it a terminal state is `OTHER`.
     `info["speed"]` is recorded if it is there.
 
     Args:
-        env: The environment.
+        env: The environment: with discrete actions, or with actions in [-1, 1] as
+            `worlds.environment.make_environment` makes it.
         policy: Anything with `predict`.
         episodes: Number of episodes; episode i is reset with seed + i.
         seed: Seed of the environment.
@@ -173,12 +174,12 @@ def rollout_env(
         source: Provenance to record.
 
     Raises:
-        UserError: If `episodes` is less than 1, or the actions are not discrete.
+        UserError: If `episodes` is less than 1, or the actions are of another kind.
     """
     _check_episodes(episodes)
     seeds = np.arange(seed, seed + episodes)
     taken = list(simulate(GymSimulator(env), GymActor(policy, deterministic), seeds))
-    assert isinstance(env.action_space, gymnasium.spaces.Discrete)  # others were refused
+    space = env.action_space
     pairs = np.array([one.made.rewards for one in taken], np.float64)
     transitions = Demonstrations.of(
         observation=[np.ravel(one.observation[0]) for one in taken],
@@ -188,7 +189,7 @@ def rollout_env(
         rewards=RewardPair(*pairs.T),
         episode=[one.episode[0] for one in taken],
         mode_names=(mode,),
-        n_actions=int(env.action_space.n),
+        n_actions=int(space.n) if isinstance(space, gymnasium.spaces.Discrete) else 0,
         source={"seed": seed, **(source or {})},
     )
     return Rollout(transitions, np.array([one.made.speed for one in taken], np.float64))

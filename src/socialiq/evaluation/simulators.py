@@ -6,10 +6,10 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float, Int, Int64
+from jaxtyping import Float, Int, Int64, Shaped
 
 from socialiq.errors import UserError
-from socialiq.types import Ending, Policy, RewardPair
+from socialiq.types import Ending, Policy, RewardPair, is_unit_box
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.tabular_policy import draw_actions
 
@@ -154,18 +154,23 @@ class GymSimulator:
     """A Gymnasium environment as a back end of `simulate`: one row.
 
     Args:
-        env: Environment with discrete actions.
+        env: Environment with discrete actions, or arrays in [-1, 1].
         modulus: Modulus of the seeds, since not all environments accept large ones.
 
     Raises:
-        UserError: If the actions are not discrete; in `step`, if an episode doesn't end.
+        UserError: If the actions are of another kind; in `step`, if an episode doesn't end.
     """
 
     size = 1
 
     def __init__(self, env: gymnasium.Env[Any, Any], modulus: int | None = None) -> None:
-        if not isinstance(env.action_space, gymnasium.spaces.Discrete):
-            raise UserError("only discrete actions are supported: wrap the environment")
+        space = env.action_space
+        unit = isinstance(space, gymnasium.spaces.Box) and is_unit_box(space)
+        if not (unit or isinstance(space, gymnasium.spaces.Discrete)):
+            raise UserError(
+                "only discrete actions are supported, or arrays in [-1, 1]: make the environment "
+                "by make_environment, which scales them"
+            )
         self._env, self._modulus = env, modulus
         self._seen, self._length = None, 0
 
@@ -186,7 +191,9 @@ class GymSimulator:
                 f"an episode has not ended after {MOST_STEPS:,} steps: wrap the environment "
                 "in gymnasium.wrappers.TimeLimit"
             )
-        after, reward, terminated, truncated, info = self._env.step(int(action[0]))
+        after, reward, terminated, truncated, info = self._env.step(
+            action[0] if action.ndim > 1 else int(action[0])
+        )
         ending = Ending.of_step(terminated, truncated, info)
         pair, speed = RewardPair.of_step(reward, info), float(info.get("speed", np.nan))
         self._seen, self._length = after, self._length + 1
@@ -203,9 +210,9 @@ class GymActor:
         """Forget the last episode."""
         self._state = None
 
-    def decide(self, observation: list[Any], running: np.ndarray) -> Int64[np.ndarray, " 1"]:  # noqa: ARG002
+    def decide(self, observation: list[Any], running: np.ndarray) -> Shaped[np.ndarray, "1 ..."]:  # noqa: ARG002
         """Return the policy's action."""
         action, self._state = self._policy.predict(
             observation[0], self._state, deterministic=self._deterministic
         )
-        return np.array([int(action)])
+        return np.array([int(action) if np.ndim(action) == 0 else np.asarray(action)])

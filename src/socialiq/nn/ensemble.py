@@ -157,7 +157,7 @@ def load_values(path: Path) -> QPolicy | EnsemblePolicy:
     return EnsemblePolicy.load(path) if kind_of(path) == KIND else QPolicy.load(path)
 
 
-def members_of(policy: QPolicy | EnsemblePolicy) -> tuple[QPolicy, ...]:
+def members_of(policy: Any) -> tuple[Any, ...]:
     """Return the networks of a policy: its members, or itself."""
     return policy.members if isinstance(policy, EnsemblePolicy) else (policy,)
 

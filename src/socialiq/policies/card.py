@@ -14,10 +14,14 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown, one_line, templates
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import OneHot
 from socialiq.policies.bill_of_materials import Metric, bill_of_materials
+
+Exported = QPolicy | EnsemblePolicy | ActorPolicy
+"""Policies that are exported."""
 
 BLANK = "**[ blank ]**"
 MOST_ROWS = 300
@@ -25,7 +29,7 @@ MOST_ROWS = 300
 
 
 def model_card(
-    policy: QPolicy | EnsemblePolicy,
+    policy: Exported,
     name: str,
     *,
     training: Mapping[str, Any] | None = None,
@@ -56,6 +60,7 @@ def model_card(
             front=Markdown(_front(name, angle, known, measured)),
             name=name,
             policy=policy,
+            chosen=_chosen(policy),
             angle=angle,
             blank=Markdown(BLANK),
             details=_details(policy, known),
@@ -68,7 +73,7 @@ def model_card(
 
 
 def card_materials(
-    policy: QPolicy | EnsemblePolicy,
+    policy: Exported,
     name: str,
     *,
     file_sha256: str = "",
@@ -98,7 +103,7 @@ def card_materials(
         file_sha256=file_sha256,
         architecture=f"network {_network(policy)}",
         inputs=f"{policy.n_features} numbers, float32",
-        outputs=f"values of {policy.n_actions} actions; the best is taken",
+        outputs=_outputs(policy),
         data=dict(data),
         metrics=[Metric(one_line(key, 60), _text(value)) for key, value in measured.items()],
         properties={f"socialiq:{key}": value for key, value in facts},
@@ -114,7 +119,7 @@ def trained_angle(record: Mapping[str, Any]) -> float | None:
     return float(found)
 
 
-def _details(policy: QPolicy | EnsemblePolicy, known: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _details(policy: Exported, known: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows = [
         ("World", str(known.get("world", "")) or None),
         ("Made by", known.get("made_by")),
@@ -122,8 +127,8 @@ def _details(policy: QPolicy | EnsemblePolicy, known: Mapping[str, Any]) -> list
         ("Input", f"{policy.n_features} numbers, float32"),
         ("The first layer reads", _each(policy, _view)),
         ("Network", _network(policy)),
-        ("Output", f"a value of each of {policy.n_actions} actions; the best is taken"),
-        ("Temperature of the soft policy", f"{policy.temperature:g}"),
+        ("Output", _outputs(policy)),
+        *_temperature(policy),
         ("SHA-256 of the file's content", policy.sha256),
         ("Card written with", f"socialiq {importlib.metadata.version('socialiq')}"),
     ]
@@ -131,10 +136,28 @@ def _details(policy: QPolicy | EnsemblePolicy, known: Mapping[str, Any]) -> list
     return [(key, str(value) if value else Markdown(BLANK)) for key, value in rows]
 
 
-def _network(policy: QPolicy | EnsemblePolicy) -> str:
+def _outputs(policy: Exported) -> str:
+    if isinstance(policy, ActorPolicy):
+        return f"{policy.action_size} numbers in [-1, 1], the bounds of the action space"
+    return f"a value of each of {policy.n_actions} actions; the best is taken"
+
+
+def _chosen(policy: Exported) -> str:
+    if isinstance(policy, ActorPolicy):
+        return f"an action of {policy.action_size} numbers"
+    return f"one of {policy.n_actions} actions"
+
+
+def _temperature(policy: Exported) -> list[tuple[str, str | None]]:
+    if isinstance(policy, ActorPolicy):
+        return []
+    return [("Temperature of the soft policy", f"{policy.temperature:g}")]
+
+
+def _network(policy: Exported) -> str:
     """Return the widths and activation of a network, or of each network of an ensemble."""
 
-    def one(network: QPolicy) -> str:
+    def one(network: QPolicy | ActorPolicy) -> str:
         widths = [network.weights[0].shape[1], *(len(bias) for bias in network.biases)]
         return f"{'-'.join(map(str, widths))}, {network.activation}"
 
@@ -143,8 +166,8 @@ def _network(policy: QPolicy | EnsemblePolicy) -> str:
     return listed if len(members) == 1 else f"mean of the values of {len(members)}: {listed}"
 
 
-def _view(network: QPolicy) -> str:
-    if network.view is None:
+def _view(network: QPolicy | ActorPolicy) -> str:
+    if isinstance(network, ActorPolicy) or network.view is None:
         return "the observation as it is"
     if isinstance(network.view, OneHot):
         return "one place for each value of each feature"
@@ -152,7 +175,7 @@ def _view(network: QPolicy) -> str:
     return f"vehicles seen from the ego, {how}"
 
 
-def _each(policy: QPolicy | EnsemblePolicy, describe: Callable[[QPolicy], str]) -> str:
+def _each(policy: Exported, describe: Callable[[Any], str]) -> str:
     """Return the descriptions of a policy's networks, each once."""
     return "; ".join(dict.fromkeys(describe(one) for one in members_of(policy)))
 

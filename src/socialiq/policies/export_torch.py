@@ -9,15 +9,20 @@ import numpy as np
 import safetensors.numpy
 
 from socialiq.foreign import optional
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import View
 
+Exported = QPolicy | EnsemblePolicy | ActorPolicy
+"""Policies that are exported."""
 
-def as_torch_module(policy: QPolicy | EnsemblePolicy) -> Any:
-    """Return the policy's network as a `torch.nn.Module`: Q values of (batch, features), float32.
 
-    Its weights are copies and can be trained; the greedy action is `argmax(dim=1)`.
+def as_torch_module(policy: Exported) -> Any:
+    """Return the policy's network as a `torch.nn.Module` of (batch, features), float32.
+
+    It gives Q values, whose greedy action is `argmax(dim=1)`; of an actor the deterministic action
+    in [-1, 1]. Its weights are copies and can be trained.
 
     Args:
         policy: Any policy or ensemble; of a dial, `DialPolicy.at` gives the policy at an angle.
@@ -35,7 +40,7 @@ def as_torch_module(policy: QPolicy | EnsemblePolicy) -> Any:
     return module
 
 
-def state_dict(policy: QPolicy | EnsemblePolicy) -> dict[str, np.ndarray]:
+def state_dict(policy: Exported) -> dict[str, np.ndarray]:
     """Return the weights under the module's names, float32; needs no PyTorch."""
     if isinstance(policy, EnsemblePolicy):
         return {
@@ -44,12 +49,12 @@ def state_dict(policy: QPolicy | EnsemblePolicy) -> dict[str, np.ndarray]:
             for name, array in state_dict(member).items()
         }
     arrays = _named("layers", policy.weights, policy.biases)
-    if isinstance(policy.view, View):
+    if isinstance(policy, QPolicy) and isinstance(policy.view, View):
         arrays |= _named("view.layers", policy.view.weights, policy.view.biases)
     return arrays
 
 
-def to_safetensors(policy: QPolicy | EnsemblePolicy) -> bytes:
+def to_safetensors(policy: Exported) -> bytes:
     """Return `state_dict` as a plain safetensors file, for `safetensors.torch.load_file`.
 
     Its metadata hold the activation, the view and the provenance, as JSON.

@@ -17,11 +17,13 @@ class Interface(NamedTuple):
 
     Attributes:
         n_features: Length of an observation.
-        n_actions: Number of actions.
+        n_actions: Number of actions; 0 if they are continuous.
+        action_size: Length of a continuous action; 0 if they are discrete.
     """
 
     n_features: int
     n_actions: int
+    action_size: int = 0
 
     def check(self, source: str, world: Interface) -> None:
         """Refuse a policy that was made for another world.
@@ -29,12 +31,23 @@ class Interface(NamedTuple):
         Raises:
             UserError: If either number is not the world's.
         """
-        if self != world:
+        if self == world:
+            return
+        if self.action_size or world.action_size:
             raise UserError(
-                f"{source} takes {self.n_features} features and {self.n_actions} actions, the "
-                f"world has {world.n_features} and {world.n_actions}: name the world it was made "
-                "for"
+                f"{source} takes {self.n_features} features and {self._actions()}, the world has "
+                f"{world.n_features} and {world._actions()}: name the world it was made for"
             )
+        raise UserError(
+            f"{source} takes {self.n_features} features and {self.n_actions} actions, the "
+            f"world has {world.n_features} and {world.n_actions}: name the world it was made "
+            "for"
+        )
+
+    def _actions(self) -> str:
+        if self.action_size:
+            return f"actions of {self.action_size} numbers"
+        return f"{self.n_actions} discrete actions"
 
 
 @dataclass(frozen=True)
@@ -72,7 +85,11 @@ class BatchPolicy:
         """
         batch = checked_batch(observation, self.interface.n_features)
         answer = self.decide(batch, deterministic)
-        actions = checked_actions(answer, len(batch), self.interface.n_actions, self.source)
+        rows, size = len(batch), self.interface.action_size
+        if size:
+            actions = checked_vectors(answer, rows, size, self.source)
+        else:
+            actions = checked_actions(answer, rows, self.interface.n_actions, self.source)
         return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), state
 
 
@@ -115,3 +132,30 @@ def checked_actions(
             f"{source} chose action {actions[wrong[0]]}: it must be from 0 to {n_actions - 1}"
         )
     return actions.astype(np.int64)
+
+
+def checked_vectors(
+    answer: Any, rows: int, size: int, source: str
+) -> Float32[np.ndarray, "batch size"]:
+    """Return an answer as continuous actions.
+
+    Raises:
+        UserError: If it is not one vector of this size in [-1, 1] for each row.
+    """
+    try:
+        actions = np.asarray(answer, np.float64)
+    except (ValueError, TypeError) as error:  # rows of several lengths, or no numbers
+        raise UserError(f"{source} must answer {size} numbers for each observation") from error
+    if actions.shape != (rows, size):
+        raise UserError(
+            f"{source} answered shape {actions.shape}: it must be {size} numbers for each of "
+            f"{rows} observations"
+        )
+    if not np.isfinite(actions).all():
+        raise UserError(f"{source} answered NaN or infinity: name a sound policy")
+    if (np.abs(actions) > 1.0).any():
+        raise UserError(
+            f"{source} chose {actions[np.abs(actions) > 1.0][0]:g}: continuous actions must be in "
+            "[-1, 1], the ends being the bounds of the action space"
+        )
+    return actions.astype(np.float32)

@@ -11,10 +11,16 @@ from typing import Any
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.foreign import one_line
-from socialiq.nn import ensemble
+from socialiq.nn import actor_policy, ensemble
 from socialiq.policies.callable import read_callable
 from socialiq.policies.interface import Interface
-from socialiq.policies.native import read_dial, read_ensemble, read_policy, read_table
+from socialiq.policies.native import (
+    read_actor,
+    read_dial,
+    read_ensemble,
+    read_policy,
+    read_table,
+)
 from socialiq.policies.onnx.load import read_onnx
 from socialiq.policies.process.code_hash import CodeHash, files_named_by, hash_files
 from socialiq.policies.process.isolation import NOT_ASKED, Isolation, sandboxed
@@ -47,6 +53,7 @@ def load_policy(
     n_actions: int,
     *,
     angle: float | None = None,
+    action_size: int = 0,
     allow_code: bool = False,
     limits: Limits | None = None,
     isolation: Isolation | None = None,
@@ -59,8 +66,9 @@ def load_policy(
             ensemble, a dial or a table), a .zip one of Stable-Baselines3. A command is run, and a
             Python module imported.
         n_features: Length of the world's observations.
-        n_actions: Number of the world's actions.
+        n_actions: Number of the world's actions; 0 if they are continuous.
         angle: Angle of a dial, in degrees.
+        action_size: Length of a continuous action; 0 if they are discrete.
         allow_code: Whether a Python module may be imported, which runs its author's code with
             your rights. An isolated one needs no such permission.
         limits: Time and memory of a process.
@@ -76,9 +84,11 @@ def load_policy(
     Raises:
         UserError: If the policy cannot be read, is ambiguous, or does not fit the world.
     """
-    world, source = Interface(n_features, n_actions), one_line(spec)
+    world, source = Interface(n_features, n_actions, action_size), one_line(spec)
     head, colon, rest = spec.partition(":")
     if colon and head == "process":
+        if action_size:
+            raise UserError(f"{source}: a process answers discrete actions; name a file or Python")
         command = command_of(rest.strip())
         code = _Code(source, command, lambda: hash_files(command, files_named_by(command, files)))
         return code.started(world, limits or Limits(), isolation or NOT_ASKED)
@@ -119,6 +129,8 @@ def _native(
         return kind, read_dial(path, angle, world)
     if kind == ensemble.KIND:
         return kind, read_ensemble(path, world)
+    if kind in (actor_policy.KIND, actor_policy.DIAL_KIND):
+        return kind, read_actor(path, angle, world)
     return kind, (read_table if kind == "table" else read_policy)(path, world)
 
 

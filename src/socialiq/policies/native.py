@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.nn import dial_policy, ensemble, q_policy
+from socialiq.nn import actor_policy, dial_policy, ensemble, q_policy
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
-from socialiq.storage import load_arrays, save_arrays
+from socialiq.storage import kind_of, load_arrays, save_arrays
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy
 
@@ -101,6 +102,48 @@ def read_dial(
         Interface(dial.n_features, dial.n_actions).check(str(path), world)
     policy = dial.at(angle)
     return policy, _details(policy, header) | {"angle": angle, "low": dial.low, "high": dial.high}
+
+
+def read_actor(
+    path: Path, angle: float | None, world: Interface | None
+) -> tuple[ActorPolicy, dict[str, Any]]:
+    """Read a policy of continuous actions, or a dial of these at one angle.
+
+    Args:
+        path: The file.
+        angle: Of a dial, in degrees; without use for a policy.
+        world: The interface that it must have, if any.
+
+    Returns:
+        The policy, and details from the file.
+
+    Raises:
+        UserError: If the file is missing, damaged, holds something else, or doesn't fit the world;
+            if a dial has no angle, or was not trained for it.
+    """
+    kind = kind_of(path)
+    is_dial = kind == actor_policy.DIAL_KIND
+    arrays, header = load_arrays(
+        path, kind if is_dial else actor_policy.KIND, actor_policy.SCHEMA_VERSION
+    )
+    _check_size(path, header)
+    if is_dial:
+        if angle is None:
+            raise UserError(f"{path} is a dial: name an angle")
+        policy = ActorDial.checked(path, arrays, header).at(angle)
+    else:
+        policy = ActorPolicy.checked(path, arrays, header)
+    if world is not None:
+        Interface(policy.n_features, 0, policy.action_size).check(str(path), world)
+    details = {
+        "content_sha256": policy.sha256,
+        "activation": policy.activation,
+        "action_size": policy.action_size,
+        "layers": [policy.n_features, *(len(bias) for bias in policy.biases)],
+        "provenance": header["provenance"],
+    }
+    of_dial = {"angle": angle, "low": header["low"], "high": header["high"]} if is_dial else {}
+    return policy, details | of_dial
 
 
 def _details(policy: QPolicy, header: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch  # pyright: ignore[reportMissingImports]
 
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import ROW, Choice, OneHot, View
@@ -37,6 +38,31 @@ class QModule(torch.nn.Module):
         return value
 
 
+class ActorModule(torch.nn.Module):
+    """Deterministic action of a batch of observations, float32, with gradients.
+
+    Attributes:
+        layers: Affine layers.
+        activation: Between them.
+        size: Length of an action.
+        squash: Name of the function of u that an action is.
+    """
+
+    def __init__(self, policy: ActorPolicy) -> None:
+        super().__init__()
+        self.layers = _affine(policy.weights)
+        self.activation = _ACTIVATIONS[policy.activation]()
+        self.size, self.squash = policy.action_size, policy.squash
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Map (batch, features) to (batch, size)."""
+        value = observation
+        for number, layer in enumerate(self.layers):
+            value = layer(self.activation(value) if number else value)
+        mean = value[:, : self.size]
+        return torch.tanh(mean) if self.squash == "tanh" else mean.clamp(-1.0, 1.0)
+
+
 class MeanModule(torch.nn.Module):
     """Mean of the members' Q values.
 
@@ -53,8 +79,10 @@ class MeanModule(torch.nn.Module):
         return torch.stack([member(observation) for member in self.members]).mean(dim=0)
 
 
-def module_of(policy: QPolicy | EnsemblePolicy) -> torch.nn.Module:
+def module_of(policy: QPolicy | EnsemblePolicy | ActorPolicy) -> torch.nn.Module:
     """Return the module of a policy; its values come with the state dictionary."""
+    if isinstance(policy, ActorPolicy):
+        return ActorModule(policy)
     return MeanModule(policy.members) if isinstance(policy, EnsemblePolicy) else QModule(policy)
 
 

@@ -14,7 +14,13 @@ from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.storage import kind_of
 from socialiq.worlds import IDS, RECORDED_JUNCTION, WORLD_FILE, register
-from socialiq.worlds.wrapper import RewardPairWrapper, check_spaces, flat, flat_space
+from socialiq.worlds.wrapper import (
+    RewardPairWrapper,
+    UnitActions,
+    check_spaces,
+    flat,
+    flat_space,
+)
 
 _ID = r"[A-Za-z0-9_./-]+-v[0-9]+"
 NAME_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
@@ -34,8 +40,12 @@ def make_environment(
     *,
     allow_code: bool = False,
     needs_pair: bool = False,
+    continuous: bool = False,
 ) -> gymnasium.Env[Any, Any]:
-    """Make an environment that policies can drive in: discrete actions, flat observations.
+    """Make an environment that policies can drive in, with flat observations.
+
+    Actions are discrete, or where that is allowed float32 vectors in [-1, 1], which the bounds of
+    its own action space scale.
 
     Args:
         name: A built-in world; a file of `socialiq data world`; a Gymnasium id; MODULE:ID, an id
@@ -47,6 +57,7 @@ def make_environment(
             rights of the user.
         needs_pair: Whether every step must have a reward pair; else the scalar reward is r_env
             where there is none.
+        continuous: Whether actions may be arrays (`spaces.Box`) too.
 
     Raises:
         UserError: If the name is unknown, its code may not run or fails, or its actions or
@@ -55,16 +66,26 @@ def make_environment(
     env = _made(name, dict(options or {}), allow_code)
     if not isinstance(env, gymnasium.Env):
         raise UserError(f"{one_line(name)} made {type(env).__name__}, not a gymnasium.Env")
-    check_spaces(env)
-    guarded = _Guarded(env, one_line(name))
-    return RewardPairWrapper(guarded) if needs_pair else guarded
+    check_spaces(env, continuous)
+    made: gymnasium.Env[Any, Any] = _Guarded(env, one_line(name))
+    made = RewardPairWrapper(made) if needs_pair else made
+    return UnitActions(made) if isinstance(env.action_space, spaces.Box) else made
 
 
 def sizes(env: gymnasium.Env[Any, Any]) -> tuple[int, int]:
-    """Return the length of an observation and the number of actions of a made environment."""
+    """Return the length of an observation and the number of actions of a made environment.
+
+    The number is 0 if actions are arrays.
+    """
     seen, actions = env.observation_space, env.action_space
-    assert isinstance(seen, spaces.Box) and isinstance(actions, spaces.Discrete)
-    return int(seen.shape[0]), int(actions.n)
+    assert isinstance(seen, spaces.Box)
+    return int(seen.shape[0]), int(actions.n) if isinstance(actions, spaces.Discrete) else 0
+
+
+def action_size(env: gymnasium.Env[Any, Any]) -> int:
+    """Return the length of an action of a made environment; 0 if actions are discrete."""
+    actions = env.action_space
+    return int(actions.shape[0]) if isinstance(actions, spaces.Box) else 0
 
 
 def environment_maker(
@@ -84,6 +105,32 @@ def environment_maker(
             raise UserError(
                 "the demonstrations have {} features and {} actions, the world has {} and {}: "
                 "they belong to another world".format(*demonstrated, *sizes(env))
+            )
+        return env
+
+    return make
+
+
+def continuous_maker(
+    name: str, demonstrated: tuple[int, int] | None, allow_code: bool
+) -> Callable[[], gymnasium.Env[Any, Any]]:
+    """Return a function that makes an environment with continuous actions to learn in.
+
+    Args:
+        name: As of `make_environment`.
+        demonstrated: Length of an observation and of an action of the demonstrations; None without.
+        allow_code: As of `make_environment`.
+    """
+
+    def make() -> gymnasium.Env[Any, Any]:
+        env = make_environment(name, allow_code=allow_code, continuous=True)
+        found = (sizes(env)[0], action_size(env))
+        if not found[1]:
+            raise UserError(f"{one_line(name)} has discrete actions: use a learner of these")
+        if demonstrated is not None and found != demonstrated:
+            raise UserError(
+                "the demonstrations have {} features and actions of {} numbers, the world has {} "
+                "and {}: they belong to another world".format(*demonstrated, *found)
             )
         return env
 

@@ -1,4 +1,4 @@
-"""Reward pairs for any Gymnasium environment with discrete actions."""
+"""Reward pairs for any Gymnasium environment, and the kinds of actions that policies have."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import UserError
-from socialiq.foreign import FAILURES, failure
+from socialiq.foreign import FAILURES, failure, one_line
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending, RewardPair
 
@@ -20,9 +20,9 @@ class Transition(NamedTuple):
 
     Attributes:
         observation: Before the step, as the environment gives it, not flattened.
-        action: The action taken.
+        action: The action taken: a number, or an array in the environment's own units.
         next_observation: After the step.
-        reward: The environment's scalar reward.
+        reward: The environment's reward.
         terminated: Whether a terminal state was reached.
         truncated: Whether a clock cut the episode.
         info: The environment's `info`.
@@ -30,9 +30,9 @@ class Transition(NamedTuple):
     """
 
     observation: Any
-    action: int
+    action: Any
     next_observation: Any
-    reward: float
+    reward: Any
     terminated: bool
     truncated: bool
     info: Mapping[str, Any]
@@ -46,9 +46,10 @@ class RewardPairWrapper(gymnasium.Wrapper):
     (Eq 4.3). Observations come flat, as float32.
 
     Args:
-        env: With discrete actions and observations that are arrays (`spaces.Box`).
+        env: With discrete actions, or arrays within bounds, and observations that are arrays
+            (`spaces.Box`).
         pair: From a transition to (r_env, r_social). Without it the environment has to give
-            `info["reward_pair"]` itself.
+            `info["reward_pair"]` itself, or a vector of both as its reward.
         ending: From a transition that reached a terminal state to the kind of ending, an `Ending`
             or its name: arrival, collision or other. Without it `info["ending"]` is what the
             environment reports; if it reports nothing the kind is other. An episode cut by a time
@@ -68,7 +69,7 @@ class RewardPairWrapper(gymnasium.Wrapper):
         ending: Callable[[Transition], Ending | str] | None = None,
         angle: float = 0.0,
     ) -> None:
-        check_spaces(env)
+        check_spaces(env, continuous=True)
         super().__init__(env)
         self.observation_space = flat_space(env.observation_space)
         self.pair, self.ending = pair, ending
@@ -84,12 +85,13 @@ class RewardPairWrapper(gymnasium.Wrapper):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take one step and add its reward pair."""
-        after, reward, terminated, truncated, told = self.env.step(action)
+        after, given, terminated, truncated, told = self.env.step(action)
+        reward: Any = given  # a number, or a vector
         moment = Transition(
             self._seen,
-            int(action),
+            int(action) if isinstance(self.action_space, spaces.Discrete) else action,
             after,
-            float(reward),
+            reward if np.ndim(reward) else float(reward),
             bool(terminated),
             bool(truncated),
             told,
@@ -108,7 +110,7 @@ class RewardPairWrapper(gymnasium.Wrapper):
         if self.pair is not None:
             found = _called(self.pair, moment, "the function of the reward pair")
             return RewardPair.of(found, "the reward pair")
-        if "reward_pair" not in moment.info:
+        if "reward_pair" not in moment.info and not np.ndim(moment.reward):
             raise UserError(
                 "the environment gives no reward pair: put (r_env, r_social) into "
                 'info["reward_pair"], or wrap it in a RewardPairWrapper with a function'
@@ -116,25 +118,82 @@ class RewardPairWrapper(gymnasium.Wrapper):
         return RewardPair.of_step(moment.reward, moment.info)
 
 
-def check_spaces(env: gymnasium.Env[Any, Any]) -> None:
+def check_spaces(env: gymnasium.Env[Any, Any], continuous: bool = False) -> None:
     """Raise an error for an environment that policies cannot drive in.
 
+    Args:
+        env: The environment.
+        continuous: Whether actions may be arrays too.
+
     Raises:
-        UserError: If its actions are not discrete from 0, or its observations are not arrays.
+        UserError: If its actions are not discrete from 0, nor, where these are allowed, arrays with
+            finite bounds; or its observations are not arrays.
     """
     actions, seen = env.action_space, env.observation_space
-    if not isinstance(actions, spaces.Discrete):
+    if continuous and isinstance(actions, spaces.Box):
+        _check_bounds(actions)
+    elif continuous and not isinstance(actions, spaces.Discrete):
+        raise UserError(
+            f"actions of kind {type(actions).__name__} are not supported: wrap the environment so "
+            "that they are Discrete or a Box"
+        )
+    elif not isinstance(actions, spaces.Discrete):
         raise UserError(
             f"only discrete actions are supported, not {type(actions).__name__}: wrap the "
             "environment so that it has a few actions with numbers"
         )
-    if actions.start != 0:
+    elif actions.start != 0:
         raise UserError(f"actions must be numbered from 0, not {actions.start}: wrap the actions")
     if not isinstance(seen, spaces.Box):
         raise UserError(
             f"only observations of kind Box are supported, not {type(seen).__name__}: wrap the "
             "environment in gymnasium.wrappers.FlattenObservation"
         )
+
+
+def _check_bounds(space: spaces.Box) -> None:
+    """Refuse a Box of actions without bounds, of several axes or of no number."""
+    if len(space.shape) != 1 or not space.shape[0] or space.dtype.kind != "f":
+        raise UserError(
+            f"actions are a Box of {space.dtype} of shape {space.shape}: wrap the environment so "
+            "that they are one vector of floats"
+        )
+    if not (np.isfinite([space.low, space.high]).all() and (space.low < space.high).all()):
+        raise UserError(
+            "the Box of actions has no finite bounds, the lower below the upper one: wrap the "
+            "environment so that it has"
+        )
+
+
+class UnitActions(gymnasium.ActionWrapper):
+    """Environment whose actions are float32 vectors in [-1, 1], the ends being its own bounds.
+
+    Args:
+        env: With a `Box` of actions within finite bounds.
+
+    Raises:
+        UserError: In a step, if an action is not such a vector.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        super().__init__(env)
+        assert isinstance(env.action_space, spaces.Box)  # of others this is no wrapper
+        self._bounds = env.action_space
+        self.action_space = spaces.Box(-1.0, 1.0, env.action_space.shape, np.float32)
+
+    def action(self, action: Any) -> np.ndarray:
+        """Return an action in the environment's own units."""
+        given = np.asarray(action, np.float64)
+        if given.shape != self._bounds.shape or not np.isfinite(given).all():
+            shown = one_line(str(given.tolist()), 60)
+            raise UserError(
+                f"action {shown} is not {self._bounds.shape[0]} finite numbers: check the policy"
+            )
+        if (np.abs(given) > 1.0).any():
+            raise UserError(f"action {one_line(str(given.tolist()), 60)} is outside [-1, 1]")
+        low, high = (one.astype(np.float64) for one in (self._bounds.low, self._bounds.high))
+        scaled = low + (given + 1.0) / 2.0 * (high - low)
+        return np.clip(scaled, low, high).astype(self._bounds.dtype)
 
 
 def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:

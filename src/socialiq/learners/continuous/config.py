@@ -125,40 +125,29 @@ class IQStaticConfig(Shared, iq_learn.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Hyperparameters(config.Hyperparameters):
-    """Numbers of a run of soft actor-critic; all are traced."""
+class Tuning:
+    """Numbers of a tuned temperature."""
 
-    temperature: float = 0.2
-    """τ: weight of the entropy beside R(α), in units of reward."""
+    _: KW_ONLY
     entropy_target: float = -1.0
     """Entropy for each number of an action that a tuned temperature leads to; uniform actions have
     log 2 (Haarnoja et al. 2018 take -1)."""
 
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        _check_finite(self, "entropy_target")
+    def check_tuning(self) -> None:
+        """Refuse an entropy that is not finite.
+
+        Raises:
+            UserError: If it isn't.
+        """
+        if not math.isfinite(self.entropy_target):
+            raise UserError(f"entropy_target must be a finite number, got {self.entropy_target}")
 
 
 @dataclass(frozen=True)
-class IQHyperparameters(iq_learn.Hyperparameters):
-    """Numbers of a run of continuous IQ-Learn; all are traced."""
+class TowardsData:
+    """Numbers of TD3+BC. Defaults: Fujimoto and Gu 2021."""
 
-    temperature: float = 0.1
-    """τ of V(s) = E_π[Q - τ log π]."""
-    entropy_target: float = -1.0
-    """Entropy for each number of an action that a tuned temperature leads to."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range, NaN among them."""
-        super().__post_init__()
-        _check_finite(self, "entropy_target")
-
-
-@dataclass(frozen=True)
-class OfflineHyperparameters(config.Hyperparameters):
-    """Numbers of a run of TD3+BC; all are traced. Defaults: Fujimoto and Gu 2021."""
-
+    _: KW_ONLY
     q_weight: float = 2.5
     """α of the paper: weight of Q, over its mean size, beside the squared distance of actions."""
     target_noise: float = 0.2
@@ -166,13 +155,39 @@ class OfflineHyperparameters(config.Hyperparameters):
     noise_clip: float = 0.5
     """Greatest size of that noise."""
 
+
+@dataclass(frozen=True)
+class Hyperparameters(Tuning, config.Hyperparameters):
+    """Numbers of a run of soft actor-critic; all are traced."""
+
+    temperature: float = 0.2
+    """τ: weight of the entropy beside R(α), in units of reward."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        super().__post_init__()
+        self.check_tuning()
+
+
+@dataclass(frozen=True)
+class IQHyperparameters(Tuning, iq_learn.Hyperparameters):
+    """Numbers of a run of continuous IQ-Learn; all are traced."""
+
+    temperature: float = 0.1
+    """τ of V(s) = E_π[Q - τ log π]."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range, NaN among them."""
+        super().__post_init__()
+        self.check_tuning()
+
+
+@dataclass(frozen=True)
+class OfflineHyperparameters(TowardsData, config.Hyperparameters):
+    """Numbers of a run of TD3+BC; all are traced."""
+
     def __post_init__(self) -> None:
         """Refuse numbers outside their range, NaN among them."""
         super().__post_init__()
         check_not_negative(self, ("q_weight", "target_noise"))
         check_above_zero(self, ("noise_clip",))
-
-
-def _check_finite(numbers: Any, name: str) -> None:
-    if not math.isfinite(getattr(numbers, name)):
-        raise UserError(f"{name} must be a finite number, got {getattr(numbers, name)}")

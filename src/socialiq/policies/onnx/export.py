@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from socialiq.foreign import optional
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import ROW, OneHot, View
@@ -28,11 +29,12 @@ _TURNS = {"along": (1, 2, 3, 4, 5, 6), "across": (2, 1, 4, 3, 6, 5)}
 _ACTIVATIONS = {"relu": "Relu", "elu": "Elu", "tanh": "Tanh"}
 
 
-def to_onnx(policy: QPolicy | EnsemblePolicy) -> bytes:
+def to_onnx(policy: QPolicy | EnsemblePolicy | ActorPolicy) -> bytes:
     """Return a policy as the bytes of an ONNX file.
 
     It takes float32 (batch, features) and has two outputs: `q_values`, float32 (batch, actions),
     and `actions`, int64 (batch,), the best action, of equal ones the first, as `QPolicy.predict`.
+    An actor has one output, `actions`, float32 (batch, size): its deterministic action in [-1, 1].
 
     Args:
         policy: Any policy or ensemble; of a dial, `DialPolicy.at` gives the policy at an angle.
@@ -42,6 +44,9 @@ def to_onnx(policy: QPolicy | EnsemblePolicy) -> bytes:
     """
     onnx = optional("onnx", "onnx", "ONNX files")
     graph = _Graph(onnx)
+    if isinstance(policy, ActorPolicy):
+        graph.actor(policy)
+        return _model(onnx, graph, policy)
     if isinstance(policy, EnsemblePolicy):
         graph.mean(policy.members)
     else:
@@ -50,13 +55,18 @@ def to_onnx(policy: QPolicy | EnsemblePolicy) -> bytes:
     return _model(onnx, graph, policy)
 
 
-def _model(onnx: Any, graph: _Graph, policy: QPolicy | EnsemblePolicy) -> bytes:
+def _outputs(onnx: Any, policy: QPolicy | EnsemblePolicy | ActorPolicy) -> list[Any]:
+    info, kinds = onnx.helper.make_tensor_value_info, onnx.TensorProto
+    if isinstance(policy, ActorPolicy):
+        return [info(ACTIONS, kinds.FLOAT, ["batch", policy.action_size])]
+    scores = info(SCORES, kinds.FLOAT, ["batch", policy.n_actions])
+    return [scores, info(ACTIONS, kinds.INT64, ["batch"])]
+
+
+def _model(onnx: Any, graph: _Graph, policy: QPolicy | EnsemblePolicy | ActorPolicy) -> bytes:
     helper, kinds = onnx.helper, onnx.TensorProto
     seen = helper.make_tensor_value_info(INPUT, kinds.FLOAT, ["batch", policy.n_features])
-    made = [
-        helper.make_tensor_value_info(SCORES, kinds.FLOAT, ["batch", policy.n_actions]),
-        helper.make_tensor_value_info(ACTIONS, kinds.INT64, ["batch"]),
-    ]
+    made = _outputs(onnx, policy)
     constants = [
         onnx.numpy_helper.from_array(array, name) for name, array in graph.constants.items()
     ]
@@ -69,7 +79,9 @@ def _model(onnx: Any, graph: _Graph, policy: QPolicy | EnsemblePolicy) -> bytes:
     )
     entries = {
         "socialiq.policy_sha256": policy.sha256,
-        "socialiq.temperature": repr(policy.temperature),
+        "socialiq.temperature": (
+            "" if isinstance(policy, ActorPolicy) else repr(policy.temperature)
+        ),
         "socialiq.provenance": json.dumps(dict(policy.provenance)),
     }
     helper.set_model_props(model, {name: text for name, text in entries.items() if text})
@@ -125,6 +137,24 @@ class _Graph:
                 value = self.add(_ACTIVATIONS[policy.activation], [value], f"activation_{number}")
             last = number == len(policy.weights) - 1
             value = self.affine(value, weight, bias, f"layer_{number}", SCORES if last else "")
+
+    def actor(self, policy: ActorPolicy) -> None:
+        """Add an actor, from the observation to the deterministic action."""
+        size, value = policy.action_size, INPUT
+        for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+            if number:
+                value = self.add(_ACTIVATIONS[policy.activation], [value], f"activation_{number}")
+            if number == len(policy.weights) - 1:
+                weight, bias = weight[:size], bias[:size]  # the means, without deviations
+            value = self.affine(value, weight, bias, f"layer_{number}")
+        if policy.squash == "tanh":
+            self.add("Tanh", [value], ACTIONS)
+            return
+        # Within ±1 as relu(u + 1) - relu(u - 1) - 1, by operators that are read again.
+        one = self.constant("one", np.ones(size, np.float32))
+        above = self.add("Relu", [self.add("Add", [value, one], "raised")], "above")
+        beyond = self.add("Relu", [self.add("Sub", [value, one], "lowered")], "beyond")
+        self.add("Sub", [self.add("Sub", [above, beyond], "within"), one], ACTIONS)
 
     def mean(self, members: Sequence[QPolicy]) -> None:
         """Add several networks and the mean of their values, in the order of `EnsemblePolicy`."""

@@ -73,9 +73,16 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         raise UserError(f"{source} answers whole numbers of shape {shape}: it must be one action")
     if not whole and len(shape) != 1:
         raise UserError(f"{source} answers scores of shape {shape}: it must be one of each action")
+    runner = _Runner(session, (model.graph.input[0].name, output.name), seen, source)
+    if world.action_size:
+        if whole:
+            raise UserError(f"{source} answers whole numbers: this world takes continuous actions")
+        interface = Interface(n_features, 0, shape[0])
+        interface.check(source, world)
+        details = {"operators": operators, "answers": "continuous actions"}
+        return BatchPolicy(source, interface, runner.actions_of_floats), details
     interface = Interface(n_features, world.n_actions if whole else shape[0])
     interface.check(source, world)
-    runner = _Runner(session, (model.graph.input[0].name, output.name), seen, source)
     details = {"operators": operators, "answers": "actions" if whole else "scores"}
     return BatchPolicy(source, interface, runner.actions if whole else runner.best), details
 
@@ -190,6 +197,12 @@ class _Runner:
     def actions(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
         """Return the actions of a network whose output is the action."""
         return self._outputs(batch).reshape(-1)
+
+    def actions_of_floats(
+        self, batch: Float32[np.ndarray, "batch feature"], _best: bool
+    ) -> np.ndarray:
+        """Return the actions of a network whose output is a continuous action."""
+        return self._outputs(batch)
 
     def best(self, batch: Float32[np.ndarray, "batch feature"], _best: bool) -> np.ndarray:
         """Return the best action of a network whose output is scores; of equal ones the first."""

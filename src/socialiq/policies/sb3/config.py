@@ -21,12 +21,18 @@ from socialiq.policies.interface import Interface
 _MODULES = {
     "stable_baselines3.dqn.policies": "DQN",
     "stable_baselines3.common.policies": "actor-critic",
+    "stable_baselines3.sac.policies": "SAC",
+    "stable_baselines3.td3.policies": "TD3",
 }
-"""Modules of the policies' classes; PPO and A2C share theirs."""
+"""Modules of the policies' classes; PPO and A2C share theirs, and TD3 and DDPG."""
+
+_CONTINUOUS = ("actor-critic", "SAC", "TD3")
 
 _DEFAULT_ACTIVATIONS = {
     "DQN": "relu",
     "actor-critic": "tanh",
+    "SAC": "relu",
+    "TD3": "relu",
 }  # of `DQNPolicy`, `ActorCriticPolicy`
 _ACTIVATIONS = {
     "<class 'torch.nn.modules.activation.ReLU'>": "relu",
@@ -44,26 +50,32 @@ _HARMLESS = {
     "share_features_extractor",
     "normalize_images",  # no image passes: see `_features`
     "log_std_init",  # of continuous actions
+    "n_critics",
 }
 _EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
 _LIBRARIES = ("gymnasium", "gym")
 _FLOATS = ("float32", "float64")
+MOST_NUMBERS = 1000
+"""Numbers of a continuous action."""
 
 
 class Sb3Config(NamedTuple):
     """Configuration of a network.
 
     Attributes:
-        algorithm: "DQN" or "actor-critic".
+        algorithm: "DQN", "actor-critic", "SAC" or "TD3".
         activation: Between the layers.
         interface: Length of its observations, flattened row by row, and number of actions.
         epsilon: Share of random actions, of a DQN that is not deterministic.
+        bounds: Lower and upper bound of each number of a continuous action; only of an
+            actor-critic, whose actions are in the environment's units.
     """
 
     algorithm: str
     activation: str
     interface: Interface
     epsilon: float
+    bounds: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
 
 def read_config(content: bytes, source: str) -> Sb3Config:
@@ -86,16 +98,26 @@ def read_config(content: bytes, source: str) -> Sb3Config:
     if not isinstance(module, str) or module not in _MODULES:
         raise _refusal(source, f"its policy class is of {one_line(str(module), 60)}")
     algorithm = _MODULES[module]
-    interface = Interface(_features(data, source), _actions(data, source))
-    return Sb3Config(
-        algorithm, _activation(data, algorithm, source), interface, _epsilon(data, source)
-    )
+    space, bounds = _part(data, "action_space"), None
+    if algorithm in _CONTINUOUS and _is_space(space, "Box"):
+        size = _action_size(space, source)
+        interface = Interface(_features(data, source), 0, size)
+        if algorithm == "actor-critic":
+            bounds = (_bound(space, "low", size, source), _bound(space, "high", size, source))
+            if not all(low < high for low, high in zip(*bounds, strict=True)):
+                raise _refusal(source, "the bounds of its actions are in no order")
+    elif algorithm in ("SAC", "TD3"):
+        raise _refusal(source, "its actions are not a Box")
+    else:
+        interface = Interface(_features(data, source), _actions(data, source))
+    activation = _activation(data, algorithm, source)
+    return Sb3Config(algorithm, activation, interface, _epsilon(data, source), bounds)
 
 
 def _refusal(source: str, fault: str) -> UserError:
     return UserError(
         f"{source}: {fault}; only DQN, PPO and A2C with an MLP, flat observations and discrete "
-        "actions can be read, so export others to ONNX"
+        "actions, and SAC, TD3 and PPO with a Box of them can be read, so export others to ONNX"
     )
 
 
@@ -134,6 +156,27 @@ def _actions(data: Mapping[str, Any], source: str) -> int:
     return int(count)
 
 
+def _action_size(space: Mapping[str, Any], source: str) -> int:
+    shape = space.get("_shape")
+    size = shape[0] if isinstance(shape, list) and len(shape) == 1 else None
+    known = type(size) is int and 1 <= size <= MOST_NUMBERS and space.get("dtype") in _FLOATS
+    if not known or size is None:
+        raise _refusal(source, "its actions are not one vector of floats")
+    return size
+
+
+def _bound(space: Mapping[str, Any], name: str, size: int, source: str) -> tuple[float, ...]:
+    """Return the bounds of an action, of the plain text of an array: long ones are cut short."""
+    text = str(space.get(name)).strip("[]").split()
+    try:
+        found = tuple(float(one) for one in text)
+    except ValueError:
+        found = ()
+    if len(found) != size or not all(map(math.isfinite, found)):
+        raise _refusal(source, f"the bounds of its actions ({name}) can't be read")
+    return found
+
+
 def _activation(data: Mapping[str, Any], algorithm: str, source: str) -> str:
     options = data.get("policy_kwargs")
     if not isinstance(options, dict):
@@ -141,7 +184,11 @@ def _activation(data: Mapping[str, Any], algorithm: str, source: str) -> str:
     if data.get("use_sde", False) is not False:
         raise _refusal(source, "it explores by gSDE")
     for name, value in options.items():
-        plain = name in _HARMLESS or name in (":type:", ":serialized:")
+        plain = (
+            name in _HARMLESS
+            or (name == "use_sde" and value is False)
+            or name in (":type:", ":serialized:")
+        )
         flat = name == "features_extractor_class" and value == _EXTRACTOR
         bare = name == "features_extractor_kwargs" and value in ({}, None)
         if not (plain or flat or bare):

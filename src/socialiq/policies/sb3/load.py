@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
 from socialiq.policies.sb3.archive import Archive
@@ -25,23 +26,31 @@ from socialiq.policies.sb3.state_dict import read_state_dict
 MOST_WORDS = 8 * 1024 * 1024
 MOST_NETWORK = 32 * 1024 * 1024
 
-_HIDDEN = {"DQN": "q_net.q_net", "actor-critic": "mlp_extractor.policy_net"}
-_LAST = "action_net"  # of an actor-critic; a DQN's is the last of its hidden ones
+_HIDDEN = {
+    "DQN": "q_net.q_net",
+    "actor-critic": "mlp_extractor.policy_net",
+    "SAC": "actor.latent_pi",
+    "TD3": "actor.mu",
+}
+_LAST = {"actor-critic": "action_net", "SAC": "actor.mu"}  # a DQN's is the last of its hidden ones
 _UNUSED = {
     "DQN": re.compile(r"q_net_target\.q_net\.\d+\.(weight|bias)"),
     "actor-critic": re.compile(r"(mlp_extractor\.value_net\.\d+|value_net)\.(weight|bias)"),
+    "SAC": re.compile(r"(critic|critic_target)\.qf\d+\.\d+\.(weight|bias)"),
+    "TD3": re.compile(r"((critic|critic_target)\.qf\d+|actor_target\.mu)\.\d+\.(weight|bias)"),
 }
 """Tensors that are not used to choose an action."""
 
 
 def read_sb3(
     content: bytes, source: str, world: Interface
-) -> tuple[QPolicy | EpsilonGreedy, dict[str, Any]]:
+) -> tuple[QPolicy | EpsilonGreedy | ActorPolicy, dict[str, Any]]:
     """Load a policy from the bytes of a zip.
 
     If deterministic, it takes the best action, as `predict` of Stable-Baselines3 does. Otherwise a
     DQN explores at the rate that it had when it was saved, and PPO and A2C draw from the softmax
-    over their outputs.
+    over their outputs. With continuous actions it draws from the policy's Gaussian, if it has one;
+    actions are in [-1, 1], the ends being the bounds of the action space.
 
     Args:
         content: The file.
@@ -58,16 +67,19 @@ def read_sb3(
     config = read_config(archive.read("data", MOST_WORDS), source)
     config.interface.check(source, world)
     tensors = read_state_dict(archive.read("policy.pth", MOST_NETWORK), f"{source}, policy.pth")
+    deviations = _take_deviations(tensors, config, source)
     layers = _layers(tensors, config, source)
     weights = tuple(tensors[f"{layer}.weight"] for layer in layers)
     biases = tuple(tensors[f"{layer}.bias"] for layer in layers)
     _check_sizes(weights, biases, config.interface, source)
-    network = QPolicy(weights, biases, config.activation, 1.0)
     details = {
         "algorithm": config.algorithm,
         "activation": config.activation,
         "layers": [config.interface.n_features, *(len(bias) for bias in biases)],
     }
+    if config.interface.action_size:
+        return _actor(weights, biases, deviations, config), details
+    network = QPolicy(weights, biases, config.activation, 1.0)
     if config.algorithm == "DQN":
         return EpsilonGreedy(network, config.epsilon), details | {"epsilon": config.epsilon}
     return network, details
@@ -79,7 +91,7 @@ def _layers(tensors: Mapping[str, np.ndarray], config: Sb3Config, source: str) -
     used = {name for name in tensors if not unused.fullmatch(name)}
     count = sum(name.startswith(f"{hidden}.") for name in used) // 2
     layers = [f"{hidden}.{2 * number}" for number in range(count)]
-    layers += [_LAST] if config.algorithm == "actor-critic" else []
+    layers += [_LAST[config.algorithm]] if config.algorithm in _LAST else []
     expected = {f"{layer}.{part}" for layer in layers for part in ("weight", "bias")}
     for name in sorted(used ^ expected):
         fault = "holds" if name in used else "lacks"
@@ -108,11 +120,56 @@ def _check_sizes(
                 "training was stable"
             )
         inputs = len(bias)
-    if inputs != interface.n_actions:
-        raise UserError(
-            f"{source} has {inputs} outputs for {interface.n_actions} actions: save the policy "
-            "again"
-        )
+    wanted = interface.action_size or interface.n_actions
+    if inputs != wanted:
+        what = "numbers of an action" if interface.action_size else "actions"
+        raise UserError(f"{source} has {inputs} outputs for {wanted} {what}: save the policy again")
+
+
+def _take_deviations(
+    tensors: dict[str, np.ndarray], config: Sb3Config, source: str
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Remove the layer of log-deviations from the tensors of a continuous policy, and return it.
+
+    PPO's are one number for each of an action's, whatever is observed: a layer of weights 0.
+    """
+    size = config.interface.action_size
+    if not size or config.algorithm == "TD3":
+        return None
+    names = ["log_std"]
+    if config.algorithm == "SAC":
+        names = ["actor.log_std.weight", "actor.log_std.bias"]
+    parts = [tensors.pop(name, np.zeros(0)) for name in names]
+    if parts[-1].shape != (size,) or not all(np.isfinite(part).all() for part in parts):
+        raise UserError(f"{source} has no sound deviations of its actions: save the policy again")
+    if len(parts) == 1:
+        last = tensors.get("action_net.weight", np.zeros((size, 0)))
+        parts = [np.zeros((size, *last.shape[1:]), np.float32), *parts]
+    return parts[0], parts[1]
+
+
+def _actor(
+    weights: tuple[np.ndarray, ...],
+    biases: tuple[np.ndarray, ...],
+    deviations: tuple[np.ndarray, np.ndarray] | None,
+    config: Sb3Config,
+) -> ActorPolicy:
+    """Return the policy of continuous actions; PPO's, in other units and clipped, are scaled."""
+    mean, bias = weights[-1], biases[-1]
+    if config.bounds is not None and deviations is not None:
+        low, high = (np.array(one, np.float32) for one in config.bounds)
+        half = (high - low) / 2.0
+        mean, bias = mean / half[:, None], (bias - (high + low) / 2.0) / half
+        deviations = deviations[0], deviations[1] - np.log(half)
+    if deviations is not None:
+        mean, bias = np.vstack([mean, deviations[0]]), np.append(bias, deviations[1])
+    return ActorPolicy(
+        (*weights[:-1], mean.astype(np.float32)),
+        (*biases[:-1], bias.astype(np.float32)),
+        config.activation,
+        config.interface.action_size,
+        squash="tanh" if config.bounds is None else "clip",
+    )
 
 
 @dataclass(frozen=True)

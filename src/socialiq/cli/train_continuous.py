@@ -1,0 +1,116 @@
+"""`train` with continuous actions: actors by IQ-Learn, soft actor-critic, TD3+BC or cloning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from socialiq.cli.options import overridden
+from socialiq.cli.run_folder import CHUNK, RunFolder, described_file
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError, one_of
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
+from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
+from socialiq.learners.kernel import Learner, Trained
+from socialiq.recordings.recording import refuse_recording
+from socialiq.worlds.environment import action_size, continuous_maker, sizes
+
+
+def run(command: Any, data: Demonstrations | None) -> int:
+    """Train, write the folder, print what came out.
+
+    Args:
+        command: A `train.Train`.
+        data: Demonstrations of continuous actions; None without.
+
+    Raises:
+        UserError: If an option is of discrete actions, or settings, data and world don't fit
+            together.
+    """
+    learner = _learner(command)
+    static, runs = settings(command, learner)
+    folder = RunFolder(
+        command.out,
+        "dial" if getattr(static, "dial", False) else "policy",
+        command.resume,
+        command.tensorboard,
+    )
+    prepared = _prepared(command, learner, static, runs, data)
+    labels = [command.label(one) for one in runs]
+    with folder.callbacks(labels) as callbacks:
+        trained = prepared(callbacks)
+    policies = command.policies(folder, trained)
+    renamed = [
+        {"angle_target" if key == "angle" else key: value for key, value in one.items()}
+        for one in labels
+    ]
+    record: dict[str, Any] = {"world": command.world}
+    if data is not None:
+        record["data"] = described_file(command.data) | {"transitions": data.n_transitions}
+    folder.finish(trained, renamed, policies, record)
+    return folder.report(trained, policies, command.json)
+
+
+def settings(command: Any, learner: type[Learner]) -> tuple[Any, list[Any]]:
+    """Return the learner's config with the options laid over it, and the grid of runs."""
+    own = {"online": bool(command.world)} if learner is LEARNERS["iq-learn"] else {}
+    # Options of both kinds in one step: a config is checked as a whole.
+    static = overridden(learner.StaticConfig(), command.static, command.continuous, **own)
+    base = overridden(
+        learner.Hyperparameters(),
+        command.hyperparameters,
+        command.tuning,
+        command.towards_data,
+    )
+    return static, command.grid(base)
+
+
+def _learner(command: Any) -> type[Learner]:
+    """Return the learner's class, after a check of the options that only discrete ones have."""
+    if command.loss:
+        raise UserError("--loss is of discrete actions: leave it out")
+    if command.preset != "grid":
+        raise UserError("presets are of discrete actions: leave --preset out")
+    for name in ("prior", "divergence"):
+        if ":" in (getattr(command.static, name) or ""):
+            raise UserError(
+                f"a {name} of your own with continuous actions is for Python: pass it to "
+                "learners.continuous.train"
+            )
+    named = command.learner or "iq-learn"
+    one_of("learner of continuous actions", named, tuple(LEARNERS))
+    return LEARNERS[named]
+
+
+def _prepared(
+    command: Any,
+    learner: type[Any],
+    static: Any,
+    runs: list[Any],
+    data: Demonstrations | None,
+) -> Callable[[Callbacks], Trained]:
+    """Make the world, check that all fits, and return the training."""
+    if learner is BehaviourCloning:
+        if command.world:
+            raise UserError("behaviour cloning takes no world: leave --world out")
+        assert data is not None  # only soft actor-critic is without
+        return lambda callbacks: learner.train_on(static, runs, [data], callbacks, CHUNK)
+    datasets = [] if data is None else [data]
+    if not command.world:
+        check_fit(learner, static, runs, datasets, None, None, False)
+        return lambda callbacks: train(
+            learner, static, runs, datasets, callbacks=callbacks, chunk=CHUNK
+        )
+    refuse_recording(command.world)
+    given = (data.n_features, data.action_size) if data is not None else None
+    make = continuous_maker(command.world, given, command.allow_code)
+    first = make()
+    found = (sizes(first)[0], action_size(first))
+    check_fit(learner, static, runs, datasets, None, found, True)
+    more: dict[str, Any] = {
+        "sizes": found,
+        "chunk": static.updates_per_round,
+        "before_chunk": acting_in(make, static, runs),
+    }
+    return lambda callbacks: train(learner, static, runs, datasets, callbacks=callbacks, **more)

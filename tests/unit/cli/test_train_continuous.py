@@ -1,0 +1,96 @@
+"""Mistakes in a training with continuous actions: one line each, status 2, nothing written."""
+
+from pathlib import Path
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.types import RewardPair
+
+
+@pytest.fixture(autouse=True)
+def as_a_user_runs_it():
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("data") / "drives.safetensors"
+    rng = np.random.default_rng(0)
+    table = Demonstrations.of(
+        observation=rng.normal(size=(20, 3)),
+        action=rng.uniform(-1, 1, (20, 1)),
+        next_observation=rng.normal(size=(20, 3)),
+        ending=np.tile([0] * 9 + [3], 2),
+        rewards=RewardPair(rng.normal(size=20), rng.normal(size=20)),
+        episode=np.repeat([0, 1], 10),
+        n_actions=0,
+    )
+    files.save(path, table)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--learner", "cql"], "choose one of iq-learn, sac, td3-bc, behaviour-cloning"),
+        (["--learner", "sac"], "sac learns from no demonstrations"),
+        (["--learner", "td3-bc", "--world", "Pendulum-v1"], "takes no world"),
+        (["--learner", "td3-bc", "--tuned", "True"], "no temperature to tune"),
+        (["--learner", "td3-bc", "--divergence", "js"], "this learner has no 'divergence'"),
+        (["--learner", "behaviour-cloning", "--world", "Pendulum-v1"], "leave --world out"),
+        (["--preset", "few-offline"], "leave --preset out"),
+        (["--loss", "mine.py:mine"], "leave it out"),
+        (["--prior", "mine.py:mine"], "is for Python"),
+        (["--view", "set", "--value-term", "value_expert"], "use the view flat"),
+        ([], "value term 'value' needs the learner's own transitions"),
+        (["--world", "crossing7"], "has discrete actions"),
+        (["--world", "CartPole-v1"], "has discrete actions"),
+        (["--world", "MountainCarContinuous-v0"], "they belong to another world"),
+        (["--value-term", "value_expert", "--dial", "True", "--angle", "45"], "leave the angle"),
+    ],
+)
+def test_mistakes_are_refused(words, says, data, tmp_path, capsys) -> None:
+    out = tmp_path / "run"
+    given = [] if words[1:2] == ["sac"] and "no dem" not in says else [str(data)]
+    assert main(["train", *given, *words, "--out", str(out)]) == 2
+    line = capsys.readouterr().err
+    assert says in line and line.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["train", "--out", "run"], "only --learner sac learns without"),
+        (["train", "--learner", "sac", "--out", "run"], "online training needs a world"),
+        (["train-dial", "crossing7", "--data", "DATA", "--out", "run"], "has continuous actions"),
+        (["data", "to-arrays", "DATA", "--out", "x.csv"], "has continuous actions"),
+        (["evaluate", "p.safetensors", "--data", "DATA"], "has continuous actions"),
+        (
+            ["profile", "new", "--world", "Pendulum-v1", "--angle", "0", "--margin", "1"]
+            + ["--out", "p"],
+            "only discrete actions are supported, not Box",
+        ),
+    ],
+)
+def test_other_commands_say_what_they_take(words, says, data, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([str(data) if word == "DATA" else word for word in words]) == 2
+    line = capsys.readouterr().err
+    assert says in line and line.count("\n") == 1
+
+
+def test_options_of_continuous_actions_are_refused_with_discrete_ones(tmp_path, capsys) -> None:
+    path = tmp_path / "mixed.safetensors"
+    assert main(["collect", "crossing5", "--episodes", "1", "--out", str(path)]) == 0
+    capsys.readouterr()
+    words = ["train", str(path), "--dial", "True", "--out", str(tmp_path / "run")]
+    assert main(words) == 2
+    assert "--dial is of continuous actions" in capsys.readouterr().err
