@@ -11,10 +11,10 @@ from socialiq.evaluation.rollout import rollout_env
 from socialiq.policies.load import load_policy
 from socialiq.worlds.environment import make_environment
 
-sb3 = pytest.importorskip("stable_baselines3")
+sb3 = pytest.importorskip("stable_baselines3", reason="extra `sb3` is not installed")
 
 
-@pytest.mark.parametrize("algorithm", ["SAC", "TD3", "PPO"])
+@pytest.mark.parametrize("algorithm", ["SAC", "TD3", "DDPG", "PPO", "A2C"])
 def test_its_actions_are_theirs_in_units_of_the_bounds(algorithm: str, tmp_path: Path) -> None:
     kind, file = getattr(sb3, algorithm), tmp_path / "policy.zip"
     model = kind(

@@ -11,6 +11,8 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.types import RewardPair
 
+PROFILE = ("profile", "new", "--world", "Pendulum-v1", "--angle", "0", "--margin", "1")
+
 
 @pytest.fixture(autouse=True)
 def as_a_user_runs_it():
@@ -74,8 +76,7 @@ def test_mistakes_are_refused(words, says, data, tmp_path, capsys) -> None:
         (["data", "to-arrays", "DATA", "--out", "x.csv"], "has continuous actions"),
         (["evaluate", "p.safetensors", "--data", "DATA"], "has continuous actions"),
         (
-            ["profile", "new", "--world", "Pendulum-v1", "--angle", "0", "--margin", "1"]
-            + ["--out", "p"],
+            [*PROFILE, "--out", "p"],
             "only discrete actions are supported, not Box",
         ),
     ],
