@@ -506,3 +506,23 @@ def test_five_trajectories_are_enough_for_both_learners():
             rows = control_runs.scored(job.config, lambda _share: None)
             assert committed[job.config.method]["worst"] == 500
             assert {row["mean_return"] for row in rows} == {500.0}
+
+
+def test_the_improved_clone_is_beside_the_demonstrators_of_the_other_methods():
+    """Those of 45 and 90 degrees; that of 0 was trained again with other rounding."""
+    one, other = (
+        store.load(packaged_results() / name)
+        for name in ("intersection-skill", "intersection-skill-improved")
+    )
+    assert one.config["seeds"] == other.config["seeds"]
+    theirs, again = (
+        {
+            row["angle"]: row["score"]
+            for row in matching(each.tables["scores"], method="demonstrators")
+        }
+        for each in (one, other)
+    )
+    for angle in (30.0, 45.0, 60.0, 75.0, 90.0):
+        assert again[angle] == pytest.approx(theirs[angle], abs=2e-6)
+    for angle in (0.0, 15.0):
+        assert again[angle] == pytest.approx(theirs[angle], abs=0.01)
