@@ -65,7 +65,8 @@ def _passages(counts: dict[str, int], dial: ShownDial) -> list[tuple[str, str]]:
             "How near this is to the Python package",
             "The core is the package's own, compiled to WebAssembly from the same source. In "
             f"{counts['same_endings']:,} of {counts['episodes']:,} test episodes it ended as the "
-            f"native core did, and drivers took {counts['same_decisions']:,} of "
+            "native core did, and drivers (an earlier dial and rules) took "
+            f"{counts['same_decisions']:,} of "
             f"{counts['decisions']:,} decisions as there. The same episodes, not the same bits: "
             f"{counts['close_states'] / counts['observations']:.1%} of the states agree to 1e-9.",
         ),

@@ -28,8 +28,7 @@ def crossing() -> dict[str, Any]:
         and random ones included; `front`: the best ones between 0 and 90 degrees; `corners`: those
         that are best at one of `ANGLES`, with one optimal policy each; `best`: the corner of each
         of `ANGLES`; `radius`: for each angle the furthest point that lies at it
-        (`AttainableSet.radius`), or None if there is none; `size`, `conflict`, `actions` and
-        `horizon` of the world.
+        (`AttainableSet.radius`), or None if there is none; `size` and `conflict` of the world.
     """
     world = make()
     part = tabulate(world).reachable_part()
@@ -43,8 +42,6 @@ def crossing() -> dict[str, Any]:
         "radius": [_radius(found, float(angle)) for angle in ANGLES],
         "size": SIZE,
         "conflict": CONFLICT,
-        "actions": world.actions,
-        "horizon": world.horizon,
     }
 
 

@@ -84,8 +84,8 @@ def shipped_dial() -> ShownDial:
     ]
     source = (
         f"The dial observes the time and was improved by policy iteration: {STUDY}, family "
-        f"{FAMILY}, training seed {SEED}. Its curve has 2,000 episodes at each angle. `socialiq "
-        "reproduce intersection-dial` makes both again; the options are in the documentation."
+        f"{FAMILY}, training seed {SEED}. Its curve has 2,000 episodes at each angle. The study "
+        "intersection-dial makes both again, with the options in the documentation."
     )
     file = (folder / f"{FAMILY}.safetensors").read_bytes()
     return ShownDial(file, 0, 90, tuple(sorted(points)), source)

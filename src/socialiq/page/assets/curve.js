@@ -21,7 +21,7 @@ export class Curve {
     for (const { asked, env, social } of points) {
       const [cx, cy] = this.place(env[0], social[0]);
       root.append(svg("circle", { cx, cy, r: 2.6, class: "curve-point" }));
-      if (asked % 30 === 0) root.append(svg("text", { x: cx + 8, y: cy + (asked > 60 ? -8 : 4), class: "axis-number left" }, `${asked}°`));
+      if (asked % 30 === 0) root.append(svg("text", { x: cx + 14, y: cy + (asked > 60 ? -8 : 4), class: "axis-number left" }, `${asked}°`));
     }
     root.append(this.marks);
   }
