@@ -52,6 +52,16 @@ def test_bits_are_equal_with_continuous_actions(actions):
     assert status == 0
 
 
+@pytest.mark.parametrize("scene", ["merge", "roundabout"])
+def test_bits_of_other_roads_are_equal(scene):
+    status, found = conformance("--scene", scene, "--episodes", 40, "--seed", 34_000)
+    assert found["episodes"] == 40
+    assert found["steps"] > 5 * 40
+    deviations = [found[name] for name in found if name not in ("episodes", "steps")]
+    assert deviations == [0] * 4
+    assert status == 0
+
+
 def test_default_numpy_has_no_discrete_difference():
     status, found = conformance("--episodes", 12, "--seed", 32_000, "--default-numpy")
     assert found["discrete_differences"] == 0

@@ -1,4 +1,4 @@
-"""`conformance`: comparison of the compiled intersection with highway-env."""
+"""`conformance`: comparison of the compiled roads with highway-env."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,20 +18,22 @@ from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.reference.conformance import PORTABLE
+from socialiq.worlds.intersection.reference.conformance import PORTABLE, Compared
 
 _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
 
 
 @dataclass(frozen=True)
 class Conformance:
-    """Compare the compiled intersection with the real highway-env, decision by decision.
+    """Compare the compiled roads with the real highway-env, decision by decision.
 
     Exit status 1 if they differ.
 
     Example: socialiq conformance --episodes 40 --seed 7 --population thesis
     """
 
+    scene: Literal["intersection", "merge", "roundabout"] = "intersection"
+    """Road to compare; other options of traffic, actions and drivers are of the intersection."""
     episodes: int = 20
     """Episodes to compare."""
     driver: str = ""
@@ -56,6 +59,7 @@ class Conformance:
             raise UserError(f"seed must be at least 0, got {self.seed}")
         if self.episodes < 1:
             raise UserError(f"episodes must be at least 1, got {self.episodes}")
+        self._check_scene()
         traffic: dict[str, Any] = {"population": self.population, "connected_lanes": self.connected}
         options = Options(**traffic)
         if self.actions != "discrete":
@@ -71,8 +75,20 @@ class Conformance:
         forgiven = {"episodes", "steps"} | (_DEVIATIONS if self.default_numpy else set())
         return int(any(value > 0 for name, value in found.items() if name not in forgiven))
 
+    def _check_scene(self) -> None:
+        """Refuse the intersection's options for another road.
+
+        Raises:
+            UserError: If one is given.
+        """
+        if self.scene == "intersection":
+            return
+        for name in ("driver", "population", "connected", "actions"):
+            if getattr(self, name) != getattr(Conformance, name):
+                raise UserError(f"--{name} is of the intersection: leave it out with {self.scene}")
+
     def _again(self) -> list[str]:
-        command = [sys.executable, "-m", "socialiq", "conformance"]
+        command = [sys.executable, "-m", "socialiq", "conformance", "--scene", self.scene]
         command += ["--episodes", str(self.episodes), "--seed", str(self.seed)]
         command += ["--population", self.population, "--actions", self.actions]
         command += ["--driver", self.driver] if self.driver else []
@@ -81,13 +97,10 @@ class Conformance:
 
     def compare(self, options: Options) -> dict[str, float]:
         """Return totals and largest deviations over the episodes."""
-        from socialiq.worlds.intersection.reference.conformance import compare
-
         rows = []
-        driver = driver_of(self.driver, self.seed, options) if self.driver else None
         with Display() as display:
             report, clock = display.stage("conformance"), Clock(0, self.episodes, 1)
-            for episode in compare(options, self.episodes, self.seed, driver):
+            for episode in self._compared(options):
                 rows.append(episode)
                 progress = clock.report(len(rows), {}, {}, ())
                 report(progress._replace(unit="episodes"))
@@ -98,3 +111,14 @@ class Conformance:
             "discrete_differences": int(np.sum(columns["discrete_differences"])),
             **{name: float(np.max(columns[name])) for name in sorted(_DEVIATIONS)},
         }
+
+    def _compared(self, options: Options) -> Iterator[Compared]:
+        """Yield the differences of each episode."""
+        if self.scene != "intersection":
+            from socialiq.worlds.highway.reference import compare as compare_scene
+
+            return compare_scene(self.scene, self.episodes, self.seed)
+        from socialiq.worlds.intersection.reference.conformance import compare
+
+        driver = driver_of(self.driver, self.seed, options) if self.driver else None
+        return compare(options, self.episodes, self.seed, driver)

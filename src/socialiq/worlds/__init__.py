@@ -19,6 +19,9 @@ CONTINUOUS_IDS = {
 }
 """The intersection with continuous actions, by the option `actions`."""
 
+SCENE_IDS = {"merge": "socialiq/Merge-v1", "roundabout": "socialiq/Roundabout-v1"}
+"""Other roads of highway-env, by the name of the scene."""
+
 RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
 """Environment of a file of `socialiq data world`, which is named with `file`."""
 
@@ -30,6 +33,7 @@ _INTERSECTION = "socialiq.worlds.intersection.gym:IntersectionEnv"
 _INTERSECTIONS = "socialiq.worlds.intersection.gym:IntersectionVectorEnv"
 
 
+_SCENE = "socialiq.worlds.highway.gym:SceneEnv"
 _RECORDED = "socialiq.recordings.world.gym:RecordedJunctionEnv"
 
 
@@ -46,5 +50,8 @@ def register() -> None:
         if name not in gymnasium.registry:
             more = {"actions": actions}
             gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=more)
+    for scene, name in SCENE_IDS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, _SCENE, kwargs={"scene": scene})
     if RECORDED_JUNCTION not in gymnasium.registry:
         gymnasium.register(RECORDED_JUNCTION, _RECORDED)

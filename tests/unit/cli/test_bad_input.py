@@ -80,6 +80,8 @@ def refused(capsys, *arguments):
         (["conformance", "--population", "x"], "choose one of highway_env, thesis"),
         (["conformance", "--episodes", "0"], "episodes must be at least 1"),
         (["conformance", "--actions", "x"], "'continuous_steering'"),
+        (["conformance", "--scene", "x"], "'roundabout'"),
+        (["conformance", "--scene", "merge", "--population", "thesis"], "leave it out with merge"),
         (["evaluate", "nowhere.safetensors"], "no such file: nowhere.safetensors"),
         (["evaluate", "policy.onnx"], "`socialiq audit` drives other kinds too"),
         (["train", "nowhere.safetensors", "--out", "x"], "no such file: nowhere.safetensors"),

@@ -197,7 +197,7 @@ class Batch:
             raise UserError("the first reset needs a seed")
         entropy = np.zeros(self.size, np.uint64)
         if seeds is not None:
-            entropy[chosen] = _seeds(seeds, int(chosen.sum()))
+            entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
         commands = np.where(chosen, RESET, SKIP).astype(np.int8)
         self._engine.run(commands, entropy, seeded, np.zeros(self.size, np.int64))
         self._waiting[chosen] = False
@@ -288,7 +288,16 @@ class Batch:
             raise UserError(f"the state of highway-env can't be {what}: use the core")
 
 
-def _seeds(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
+def seeds_of(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
+    """Return a seed for each of `count` rows, uint64.
+
+    Args:
+        seeds: A seed for each, or the first of consecutive ones.
+        count: Number of rows.
+
+    Raises:
+        UserError: If one isn't a whole number of at least 0 below 2**64, or there are not so many.
+    """
     wanted = np.asarray(seeds)
     if wanted.dtype.kind == "O" or wanted.dtype.kind == "f":
         wanted = np.array(seeds, object)  # numpy mixes large whole numbers into floats

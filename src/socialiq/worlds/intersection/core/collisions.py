@@ -89,6 +89,20 @@ def separate(one, other, dt, tie):
     _corners(other, theirs)
     relative_x = one.speed * one.along_x * dt - other.speed * other.along_x * dt
     relative_y = one.speed * one.along_y * dt - other.speed * other.along_y * dt
+    return apart(mine, theirs, relative_x, relative_y, tie)
+
+
+@kernel
+def apart(mine, theirs, relative_x, relative_y, tie):
+    """Separating-axis test of two rectangles' corners; `separate` says what it returns.
+
+    Args:
+        mine: Corners of the first, (4, 2).
+        theirs: Corners of the second.
+        relative_x: Motion of the first against the second in the time ahead, m.
+        relative_y: Likewise.
+        tie: Depths closer than this are equal, m.
+    """
     between_x = _mean(mine, 0) - _mean(theirs, 0)
     between_y = _mean(mine, 1) - _mean(theirs, 1)
     overlap, will_overlap = True, True

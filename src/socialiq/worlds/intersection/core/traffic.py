@@ -65,17 +65,27 @@ def follow_road(vehicle):
 
 @kernel
 def steering(vehicle):
-    """Return the front wheel angle in rad that steers to the target lane's centre.
+    """Return the front wheel angle in rad that steers to the target lane's centre."""
+    lane = LANES[vehicle.target_lane]
+    ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
+    return wheels(vehicle, heading_at(lane, ahead), lateral(lane, vehicle.x, vehicle.y))
+
+
+@kernel
+def wheels(vehicle, direction, offset):
+    """Return the front wheel angle in rad that steers to the centre of a lane.
 
     The lateral offset gives a lateral speed, this a heading, this a turning rate, and this an angle
     of the wheels.
+
+    Args:
+        vehicle: VEHICLE record.
+        direction: Heading of the lane a little ahead, rad.
+        offset: Metres to the right of the lane's centre.
     """
-    lane = LANES[vehicle.target_lane]
     speed = not_zero(vehicle.speed)
-    ahead = longitudinal(lane, vehicle.x, vehicle.y) + vehicle.speed * LOOK_AHEAD
-    lateral_speed = -LATERAL_GAIN * lateral(lane, vehicle.x, vehicle.y)
-    correction = asin(clip(lateral_speed / speed, -1.0, 1.0))
-    wanted = heading_at(lane, ahead) + clip(correction, -math.pi / 4, math.pi / 4)
+    correction = asin(clip(-LATERAL_GAIN * offset / speed, -1.0, 1.0))
+    wanted = direction + clip(correction, -math.pi / 4, math.pi / 4)
     rate = HEADING_GAIN * wrap_to_pi(wanted - vehicle.heading)
     slip = asin(clip(VEHICLE_LENGTH / 2 / speed * rate, -1.0, 1.0))
     return clip(atan(2 * tan(slip)), -MAX_STEERING, MAX_STEERING)
@@ -126,12 +136,13 @@ def idm_acceleration(vehicles, me, front):
     other = vehicles[front]
     lane = LANES[vehicle.lane]
     gap = longitudinal(lane, other.x, other.y) - longitudinal(lane, vehicle.x, vehicle.y)
-    ratio = _desired_gap(vehicle, other) / not_zero(gap)
+    ratio = desired_gap(vehicle, other) / not_zero(gap)
     return acceleration - strongest * (ratio * ratio)
 
 
 @kernel
-def _desired_gap(vehicle, other):
+def desired_gap(vehicle, other):
+    """Return the model's desired gap to a leader, m."""
     closing_x = vehicle.speed * vehicle.along_x - other.speed * other.along_x
     closing_y = vehicle.speed * vehicle.along_y - other.speed * other.along_y
     closing = closing_x * vehicle.along_x + closing_y * vehicle.along_y

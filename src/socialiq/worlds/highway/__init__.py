@@ -1,0 +1,1 @@
+"""Other roads of highway-env, compiled, with identical episodes; `scenes` has them."""

@@ -1,0 +1,188 @@
+"""Drivers: the Intelligent Driver Model, lane changes by MOBIL, and the ego's commands."""
+
+from __future__ import annotations
+
+import math
+
+from socialiq.worlds.highway.core.lanes import (
+    following,
+    heading_at,
+    lateral,
+    on_lane,
+    reachable,
+)
+from socialiq.worlds.highway.state import FASTER, LANE_LEFT, LANE_RIGHT, SLOWER
+from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.intersection.core.ego import SPEED_GAIN, speed_index
+from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH, longitudinal
+from socialiq.worlds.intersection.core.traffic import (
+    LOOK_AHEAD,
+    MAX_ACCELERATION,
+    clip,
+    desired_gap,
+    not_zero,
+    wheels,
+)
+
+CHANGE_EVERY = 1.0  # s
+LEAST_GAIN = 0.2  # m/s², of a lane change
+MOST_IMPOSED = 2.0  # m/s², braking of the vehicle behind
+LEAST_SPEED = 1.0  # m/s, to change lanes at
+
+
+@kernel
+def at_end(car, lanes):
+    """Whether a vehicle is beyond 2.5 m before the end of its target lane."""
+    lane = lanes[car.target_lane]
+    return longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2
+
+
+@kernel
+def steer(car, lanes):
+    """Set the front wheel angle that steers to the target lane's centre."""
+    lane = lanes[car.target_lane]
+    ahead = longitudinal(lane, car.x, car.y) + car.speed * LOOK_AHEAD
+    car.steering = wheels(car, heading_at(lane, ahead), lateral(lane, car.x, car.y))
+
+
+@kernel
+def neighbours(cars, me, number, lanes):
+    """Return the slots of the nearest vehicles or obstacles ahead and behind on a lane, or -1."""
+    lane = lanes[number]
+    mine = longitudinal(lane, cars[me].x, cars[me].y)
+    front, rear, ahead, behind = -1, -1, math.inf, -math.inf
+    for other in range(len(cars)):
+        x, y = cars[other].x, cars[other].y
+        if other == me or not on_lane(lane, x, y, 1.0):
+            continue
+        along = longitudinal(lane, x, y)
+        if mine <= along <= ahead:
+            front, ahead = other, along
+        if behind < along < mine:
+            rear, behind = other, along
+    return front, rear
+
+
+@kernel
+def acceleration(cars, slot, front, exponent, lanes):
+    """Return the acceleration in m/s² of the Intelligent Driver Model (Treiber et al. 2000).
+
+    Args:
+        cars: CAR records.
+        slot: The vehicle; -1 or an obstacle accelerates by 0.
+        front: Its leader, -1 if none.
+        exponent: Of the free-road term; a driver attributes its own to others.
+        lanes: LANE records.
+    """
+    if slot < 0 or cars[slot].obstacle:
+        return 0.0
+    car = cars[slot]
+    lane = lanes[car.lane]
+    target = abs(not_zero(clip(car.target_speed, 0.0, lane.speed_limit)))
+    strongest = car.max_acceleration
+    free = strongest * (1 - math.pow(max(car.speed, 0.0) / target, exponent))
+    if front < 0:
+        return free
+    other = cars[front]
+    gap = longitudinal(lane, other.x, other.y) - longitudinal(lane, car.x, car.y)
+    ratio = desired_gap(car, other) / not_zero(gap)
+    return free - strongest * (ratio * ratio)
+
+
+@kernel
+def drive(cars, count, me, road):
+    """Set a driver's steering and acceleration for a sub-step."""
+    car = cars[me]
+    if car.crashed:
+        return
+    lanes = road.lanes
+    if at_end(car, lanes):
+        car.target_lane = following(car, road)
+    _change_lane(cars, count, me, lanes)
+    steer(car, lanes)
+    front, _ = neighbours(cars, me, car.lane, lanes)
+    wanted = acceleration(cars, me, front, car.exponent, lanes)
+    if car.lane != car.target_lane:
+        front, _ = neighbours(cars, me, car.target_lane, lanes)
+        wanted = min(wanted, acceleration(cars, me, front, car.exponent, lanes))
+    car.acceleration = clip(wanted, -MAX_ACCELERATION, MAX_ACCELERATION)
+
+
+@kernel
+def _change_lane(cars, count, me, lanes):
+    """Begin a lane change, at most once a second, or give one up that another makes too."""
+    car = cars[me]
+    lane = lanes[car.lane]
+    if car.lane != car.target_lane:
+        if lane.road == lanes[car.target_lane].road:
+            _give_up(cars, count, me, lanes)
+        return
+    if not car.timer > CHANGE_EVERY:
+        return
+    car.timer = 0.0
+    here = car.lane + 0
+    for side in (-1, 1):
+        number = lane.number + side
+        if not 0 <= number < lane.lanes:
+            continue
+        candidate = lane.first + number
+        if not reachable(lanes[candidate], car.x, car.y) or abs(car.speed) < LEAST_SPEED:
+            continue
+        if _worthwhile(cars, me, here, candidate, lanes):
+            car.target_lane = candidate
+
+
+@kernel
+def _give_up(cars, count, me, lanes):
+    """Return to the present lane if a vehicle close ahead changes to the same lane."""
+    car = cars[me]
+    lane = lanes[car.lane]
+    for slot in range(count):
+        other = cars[slot]
+        same = other.target_lane == car.target_lane and other.lane != car.target_lane
+        if slot == me or not same:
+            continue
+        gap = longitudinal(lane, other.x, other.y) - longitudinal(lane, car.x, car.y)
+        if 0 < gap < desired_gap(car, other):
+            car.target_lane = car.lane
+            return
+
+
+@kernel
+def _worthwhile(cars, me, here, candidate, lanes):
+    """Whether MOBIL (Kesting et al. 2007) recommends a lane, without politeness."""
+    car = cars[me]
+    front, rear = neighbours(cars, me, candidate, lanes)
+    if acceleration(cars, rear, me, car.exponent, lanes) < -MOST_IMPOSED:
+        return False
+    after = acceleration(cars, me, front, car.exponent, lanes)
+    if car.route >= 0 and car.leg == 0:
+        # Its way prescribes the lane on which it began.
+        return False
+    front, _ = neighbours(cars, me, here, lanes)
+    return not after - acceleration(cars, me, front, car.exponent, lanes) < LEAST_GAIN
+
+
+@kernel
+def choose(car, action, road, settings):
+    """Carry out the ego's action: a target lane or a target speed."""
+    if at_end(car, road.lanes):
+        car.target_lane = following(car, road)
+    if action in (FASTER, SLOWER):
+        wanted = speed_index(car.speed, settings) + (1 if action == FASTER else -1)
+        car.target_speed = settings.target_speeds[clip(wanted, 0, settings.n_speeds - 1)]
+    elif action in (LANE_LEFT, LANE_RIGHT):
+        lane = road.lanes[car.target_lane]
+        number = lane.number + (1 if action == LANE_RIGHT else -1)
+        wanted = lane.first + clip(number, 0, lane.lanes - 1)
+        if reachable(road.lanes[wanted], car.x, car.y):
+            car.target_lane = wanted
+
+
+@kernel
+def control(car, road):
+    """Set the ego's steering and an unbounded proportional acceleration for a sub-step."""
+    if at_end(car, road.lanes):
+        car.target_lane = following(car, road)
+    steer(car, road.lanes)
+    car.acceleration = SPEED_GAIN * (car.target_speed - car.speed)

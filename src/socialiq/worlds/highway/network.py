@@ -1,0 +1,216 @@
+"""Roads as tables: lanes, the roads that follow, and the ways to a destination."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Point = tuple[float, float]
+Shape = dict[str, Any]
+
+APPROACH, CONFLICT, EXIT = range(3)
+"""Kinds of a lane, for the influence zone: before the place where ways meet, in it, behind it."""
+
+LANE = np.dtype(
+    [
+        ("straight", np.bool_),  # also of a sine around a straight line
+        ("length", np.float64),
+        ("heading", np.float64),
+        ("x", np.float64),  # start of a straight lane, centre of a circle
+        ("y", np.float64),
+        ("along_x", np.float64),
+        ("along_y", np.float64),
+        ("across_x", np.float64),
+        ("across_y", np.float64),
+        ("radius", np.float64),
+        ("phase", np.float64),
+        ("sense", np.float64),  # 1 clockwise as drawn, -1 the other way
+        ("amplitude", np.float64),  # of a sine, m; 0: none
+        ("pulsation", np.float64),  # rad/m
+        ("shift", np.float64),  # rad
+        ("forbidden", np.bool_),  # to change to
+        ("speed_limit", np.float64),  # m/s
+        ("road", np.int64),
+        ("number", np.int64),  # on its road, from the left
+        ("first", np.int64),  # the road's first lane
+        ("lanes", np.int64),  # of the road
+        ("start", np.int64),  # nodes
+        ("end", np.int64),
+        ("kind", np.int64),
+        ("before", np.float64),  # metres of the task up to the road's start
+        ("low_x", np.float64),  # box around the lane
+        ("high_x", np.float64),
+        ("low_y", np.float64),
+        ("high_y", np.float64),
+    ],
+    align=True,
+)
+"""Lane record: a straight line, a sine around one, or an arc of a circle."""
+
+
+class Lane(NamedTuple):
+    """Shape of a lane and what it is for.
+
+    Attributes:
+        shape: Values of LANE's geometric fields.
+        kind: APPROACH, CONFLICT or EXIT.
+        forbidden: Whether changing to it is forbidden.
+    """
+
+    shape: Shape
+    kind: int
+    forbidden: bool = False
+
+
+def straight(start: Point, end: Point) -> Shape:
+    """Return the shape of a straight lane."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    length = math.sqrt(dx * dx + dy * dy)
+    along_x, along_y = dx / length, dy / length
+    return {
+        "straight": True,
+        "length": length,
+        "heading": math.atan2(dy, dx),
+        "x": start[0],
+        "y": start[1],
+        "along_x": along_x,
+        "along_y": along_y,
+        "across_x": -along_y,
+        "across_y": along_x,
+    }
+
+
+def sine(start: Point, end: Point, amplitude: float, pulsation: float, shift: float) -> Shape:
+    """Return the shape of a lane that swings around a straight line."""
+    swing = {"amplitude": amplitude, "pulsation": pulsation, "shift": shift}
+    return straight(start, end) | swing
+
+
+def arc(centre: Point, radius: float, start: float, end: float, sense: int) -> Shape:
+    """Return the shape of a lane along a circle, between two phases in rad."""
+    length = radius * (end - start) * sense
+    place = {"x": centre[0], "y": centre[1], "radius": radius, "phase": start, "sense": sense}
+    return {"straight": False, "length": length} | place
+
+
+def _write_box(lane: np.ndarray) -> None:
+    """Write the bounds of a lane's points, a little too wide; of a sine, of its whole band."""
+    along = np.linspace(0.0, float(lane["length"]), 1000)
+    if lane["straight"]:
+        sides = np.array([[-1.0], [1.0]]) * lane["amplitude"]
+        x = lane["x"] + along * lane["along_x"] + sides * lane["across_x"]
+        y = lane["y"] + along * lane["along_y"] + sides * lane["across_y"]
+    else:
+        phase = lane["sense"] * along / lane["radius"] + lane["phase"]
+        x, y = (
+            lane["x"] + lane["radius"] * np.cos(phase),
+            lane["y"] + lane["radius"] * np.sin(phase),
+        )
+    for name, values in (("x", x), ("y", y)):
+        lane[f"low_{name}"], lane[f"high_{name}"] = values.min() - _ROOM, values.max() + _ROOM
+
+
+_ROOM = 0.01  # m; more than a point between two of the thousand can lie outside
+
+
+class Network:
+    """Roads between nodes, each with lanes, in highway-env's order.
+
+    That order decides between equally close lanes: nodes by their first mention as a start, of
+    these the ends, of these the lanes.
+    """
+
+    def __init__(self) -> None:
+        self._graph: dict[str, dict[str, list[Lane]]] = {}
+
+    def add(self, start: str, end: str, lane: Lane) -> None:
+        """Add a lane to the road between two nodes, to the right of those it has."""
+        self._graph.setdefault(start, {}).setdefault(end, []).append(lane)
+
+    @property
+    def roads(self) -> list[tuple[str, str]]:
+        """Roads in order, as pairs of nodes."""
+        return [(start, end) for start, ends in self._graph.items() for end in ends]
+
+    def lane(self, start: str, end: str, number: int) -> int:
+        """Return the number of a lane among all."""
+        before = list(self.roads[: self.roads.index((start, end))])
+        return sum(len(self._graph[one][other]) for one, other in before) + number
+
+    def lanes(self, task: list[str] | None = None) -> np.ndarray:
+        """Return all lanes, LANE.
+
+        Args:
+            task: Nodes of the ego's way, if its progress is measured along roads.
+        """
+        nodes = self._nodes()
+        rows = []
+        for number, (start, end) in enumerate(self.roads):
+            found = self._graph[start][end]
+            for place, lane in enumerate(found):
+                row = np.zeros((), LANE)
+                for name, value in lane.shape.items():
+                    row[name] = value
+                row["forbidden"], row["kind"] = lane.forbidden, lane.kind
+                row["speed_limit"] = 20.0
+                row["road"], row["number"] = number, place
+                row["first"], row["lanes"] = len(rows) - place, len(found)
+                row["start"], row["end"] = nodes.index(start), nodes.index(end)
+                _write_box(row)
+                rows.append(row)
+        lanes = np.array(rows, LANE)
+        for road, metres in self._passed(task or [], lanes):
+            lanes["before"][lanes["road"] == road] = metres
+        return lanes
+
+    def _passed(self, task: list[str], lanes: np.ndarray) -> list[tuple[int, float]]:
+        found, metres = [], 0.0
+        for road in itertools.pairwise(task):
+            number = self.roads.index(road)
+            found.append((number, metres))
+            metres += float(lanes["length"][lanes["road"] == number][0])
+        return found
+
+    def successors(self) -> np.ndarray:
+        """Return the roads that follow each, -1 beyond the last, (roads, most)."""
+        following = [
+            [self.roads.index((end, other)) for other in self._graph.get(end, {})]
+            for _, end in self.roads
+        ]
+        table = np.full((len(following), max(map(len, following))), -1, np.int64)
+        for row, found in zip(table, following, strict=True):
+            row[: len(found)] = found
+        return table
+
+    def routes(self, destinations: list[str]) -> np.ndarray:
+        """Return the shortest way from each road to each node, -1 beyond its last road.
+
+        Returns:
+            Roads, the first among them, (roads, destinations, most).
+        """
+        ways = [[self._way(road, node) for node in destinations] for road in self.roads]
+        most = max((len(way) for row in ways for way in row), default=1)
+        table = np.full((len(self.roads), max(len(destinations), 1), most), -1, np.int64)
+        for road, row in enumerate(ways):
+            for place, way in enumerate(row):
+                table[road, place, : len(way)] = [self.roads.index(one) for one in way]
+        return table
+
+    def _way(self, road: tuple[str, str], goal: str) -> list[tuple[str, str]]:
+        """Return the first way of a breadth-first search, ends in alphabetical order."""
+        waiting = deque([[road[1]]])
+        while waiting:
+            path = waiting.popleft()
+            for node in sorted(set(self._graph.get(path[-1], {})) - set(path)):
+                if node == goal:
+                    whole = [*path, node]
+                    return [road, *itertools.pairwise(whole)]
+                waiting.append([*path, node])
+        return [road]
+
+    def _nodes(self) -> list[str]:
+        return sorted({node for road in self.roads for node in road})

@@ -1,0 +1,122 @@
+"""Episodes of the scenes: reproducible, in their spaces, with rewards and endings that fit."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from socialiq.errors import UserError
+from socialiq.types import Ending
+from socialiq.worlds import SCENE_IDS
+from socialiq.worlds.environment import make_environment, sizes
+from socialiq.worlds.highway.batch import Batch
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.state import FASTER, IDLE, LANE_LEFT, SLOWER
+
+NAMES = list(SCENES)
+
+
+def actions_of(size, steps, seed=0):
+    return np.random.default_rng(seed).integers(5, size=(steps, size))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_episodes_do_not_depend_on_their_neighbours(name):
+    many, alone = Batch(name, 6), Batch(name, 1)
+    many.reset(10)
+    alone.reset(14)
+    for row in actions_of(6, 30):
+        np.testing.assert_array_equal(
+            many.step(row).observation[4:5], alone.step(row[4:5]).observation
+        )
+    np.testing.assert_array_equal(many.observation[4:5], alone.observation)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_two_threads_drive_the_same_episodes(name):
+    one, two = Batch(name, 9), Batch(name, 9, threads=2)
+    np.testing.assert_array_equal(one.reset(3), two.reset(3))
+    for row in actions_of(9, 15):
+        np.testing.assert_array_equal(one.step(row).rewards, two.step(row).rewards)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rewards_are_the_weighted_signals(name):
+    batch = Batch(name, 50)
+    batch.reset(0)
+    endings = set()
+    for row in actions_of(50, 20):
+        made = batch.step(row)
+        weigh = {signal: getattr(batch.options, f"{signal}_weight") for signal in made.signals}
+        total = sum(weigh[signal] * values for signal, values in made.signals.items())
+        np.testing.assert_allclose(sum(made.rewards), total, atol=1e-12)
+        collided = made.ending == int(Ending.COLLISION)
+        np.testing.assert_array_equal(made.signals["collision"], collided)
+        assert np.abs(made.observation).max() <= 1.0
+        endings |= {Ending(ending) for ending in made.ending.tolist()}
+    assert {Ending.COLLISION, Ending.ARRIVAL} <= endings
+
+
+def test_progress_of_the_merge_is_the_way_along_the_motorway():
+    batch = Batch("merge", 1)
+    batch.reset(3)
+    begun = batch.buffers.cars[0, 0]["x"].copy()
+    metres = 0.0
+    while (made := batch.step(np.array([IDLE]), auto_reset=False)).ending[0] == Ending.NONE:
+        metres += made.signals["progress"][0] * batch.options.progress_unit
+    assert made.ending[0] in (Ending.ARRIVAL, Ending.COLLISION)
+    assert metres == pytest.approx(float(batch.buffers.before[0, 0]["x"] - begun))
+
+
+def test_a_lane_change_takes_the_other_lane():
+    batch = Batch("merge", 30)
+    batch.reset(0)
+    assert (batch.buffers.cars[:, 0]["target_lane"] == 1).all()
+    batch.step(np.full(30, LANE_LEFT), auto_reset=False)
+    assert (batch.buffers.cars[:, 0]["target_lane"] == 0).all()
+    assert (batch.buffers.cars[:, 0]["y"] < 4.0).all()
+
+
+def test_who_waits_in_the_roundabout_times_out():
+    batch = Batch("roundabout", 20)
+    batch.reset(0)
+    running = np.ones(20, bool)
+    for _ in range(11):
+        made = batch.step(np.full(20, SLOWER), auto_reset=False, rows=running)
+        running &= made.ending == 0
+    assert (made.ending == int(Ending.TIMEOUT)).mean() > 0.5
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gymnasium_accepts_it(name):
+    env = gymnasium.make(SCENE_IDS[name], angle=90.0)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.reset(seed=1)
+    _, reward, _, _, info = env.step(FASTER)
+    assert reward == pytest.approx(info["reward_pair"][1])
+    assert sizes(make_environment(SCENE_IDS[name])) == (35, 5)
+
+
+@pytest.mark.parametrize(
+    ("call", "mend"),
+    [
+        (lambda batch: batch.step([1, 5]), "actions must be 0 to 4"),
+        (lambda batch: batch.step([0.0, 1.0]), "whole numbers"),
+        (lambda batch: batch.step([1]), "2 whole numbers"),
+        (lambda batch: batch.reset(-1), "at least 0"),
+        (lambda _: Batch("merge", 0), "size must be at least 1"),
+        (lambda _: Batch("merge", 1, population="thesis"), "unknown option of merge 'population'"),
+        (lambda _: Batch("merge", 1, duration=-1.0), "duration must be a positive number"),
+    ],
+)
+def test_bad_input_is_one_line(call, mend):
+    batch = Batch("merge", 2)
+    batch.reset(0)
+    with pytest.raises(UserError, match=mend) as caught:
+        call(batch)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_episode_begins_before_it_steps():
+    with pytest.raises(UserError, match="reset it first"):
+        Batch("merge", 1).step([1])

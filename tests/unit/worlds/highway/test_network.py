@@ -1,0 +1,76 @@
+"""Tables of roads: lanes in order, ways, and what a box around a lane promises."""
+
+import numpy as np
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.worlds.highway.core import lanes as kernels
+from socialiq.worlds.highway.network import APPROACH, Lane, Network, arc, sine, straight
+from socialiq.worlds.highway.scenes import SCENES, merge, roundabout, scene_of
+from socialiq.worlds.intersection.core import geometry
+from socialiq.worlds.intersection.core.compile import for_python
+
+misfit, lateral = for_python(kernels.misfit), for_python(kernels.lateral)
+longitudinal = for_python(geometry.longitudinal)
+closest, heading_at = for_python(kernels.closest_lane), for_python(kernels.heading_at)
+
+
+def test_lanes_stand_by_first_mention_of_their_start():
+    assert merge.network().roads == [("a", "b"), ("b", "c"), ("c", "d"), ("j", "k"), ("k", "b")]
+    lanes = scene_of("merge").road.lanes
+    assert lanes["lanes"].tolist() == [2, 2, 3, 3, 3, 2, 2, 1, 1]
+    assert merge.network().lane("b", "c", 2) == 4
+
+
+def test_the_way_is_the_shortest():
+    network = roundabout.network()
+    table = network.routes(roundabout.DESTINATIONS)
+    begun, nodes = network.roads.index(("ser", "ses")), roundabout.DESTINATIONS.index("nxs")
+    way = [network.roads[road] for road in table[begun, nodes] if road >= 0]
+    assert [end for _, end in way] == ["ses", "se", "ex", "ee", "nx", "nxs"]
+
+
+def test_a_road_without_a_way_is_the_whole_way():
+    network = merge.network()
+    last = network.roads.index(("c", "d"))
+    assert network.routes(["a"])[last, 0].tolist() == [last]
+
+
+def test_progress_counts_the_roads_of_the_task():
+    lanes = scene_of("merge").road.lanes
+    before = {(int(row["start"]), int(row["end"])): float(row["before"]) for row in lanes}
+    assert sorted(before.values()) == [0.0, 0.0, 0.0, 230.0, 310.0]
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_the_closest_lane_does_not_depend_on_the_guess(name):
+    lanes = scene_of(name).road.lanes
+    rng = np.random.default_rng(0)
+    low, high = lanes["low_x"].min() - 20, lanes["high_x"].max() + 20
+    for _ in range(100):
+        x, y, heading = rng.uniform(low, high), rng.uniform(-60, 60), rng.uniform(-4, 4)
+        turned = [
+            abs((heading - heading_at(lane, longitudinal(lane, x, y)) + np.pi) % (2 * np.pi) - np.pi)
+            for lane in lanes
+        ]
+        whole = [misfit(lane, x, y) + angle for lane, angle in zip(lanes, turned, strict=True)]
+        found = {closest(lanes, x, y, heading, guess) for guess in range(len(lanes))}
+        assert len(found) == 1
+        assert whole[found.pop()] == pytest.approx(min(whole), abs=1e-9)
+
+
+def test_shapes_have_their_lengths_and_swings():
+    network = Network()
+    network.add("a", "b", Lane(straight((0.0, 0.0), (3.0, 4.0)), APPROACH))
+    network.add("b", "c", Lane(sine((0.0, 0.0), (10.0, 0.0), 2.0, np.pi / 10, 0.0), APPROACH))
+    network.add("c", "d", Lane(arc((0.0, 0.0), 20.0, 0.0, -np.pi / 2, -1), APPROACH))
+    one, swing, circle = network.lanes()
+    assert one["length"] == 5.0 and circle["length"] == pytest.approx(10 * np.pi)
+    assert lateral(swing, 5.0, 2.0) == pytest.approx(0.0)
+    assert lateral(swing, 10.0, 2.0) == pytest.approx(2.0)
+    assert lateral(circle, 0.0, -20.0) == pytest.approx(0.0)
+
+
+def test_an_unknown_scene_is_refused():
+    with pytest.raises(UserError, match="choose one of merge, roundabout"):
+        scene_of("motorway")
