@@ -1,4 +1,4 @@
-"""Policy steps per second of the intersection: the core beside the real highway-env, in one run.
+"""Policy steps per second of the compiled roads: the core beside the real highway-env, in one run.
 
 Both drive the same episodes, random actions, resets included. Measured in turn, so that a busy
 machine slows both; medians are given. Compilation is measured apart, in processes of their own.
@@ -18,6 +18,9 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from socialiq.worlds.highway.batch import Batch as SceneBatch
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.state import ACTIONS as SCENE_ACTIONS
 from socialiq.worlds.intersection.actions import space_of
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
@@ -72,9 +75,50 @@ def run(repeats: int) -> dict[str, Any]:
         "ratio": float(np.median(ratios)),
         "steered_ratio": float(np.median(steering)),
         "two_thread_scaling": float(np.median(scaling)),
+        **other_roads(repeats),
         **by_density(repeats),
         **start_up(),
     }
+
+
+def other_roads(repeats: int) -> dict[str, float]:
+    """Steps per second of the other roads on both sides, and the median ratio."""
+    from socialiq.worlds.highway.reference import RealScene
+
+    found = {}
+    for name in SCENES:
+        core = SceneBatch(name, BATCH)
+        real = RealScene(core.scene, core.options).environment
+        pairs = [
+            (scene_steps_per_second(core), scene_real_steps_per_second(real, core.options.duration))
+            for _ in range(repeats)
+        ]
+        found[f"{name}_steps_per_s"], found[f"highway_env_{name}_per_s"] = np.median(pairs, axis=0)
+        found[f"{name}_ratio"] = float(np.median([ours / theirs for ours, theirs in pairs]))
+    return {name: float(value) for name, value in found.items()}
+
+
+def scene_steps_per_second(batch: SceneBatch) -> float:
+    """Policy steps per second of a scene under random actions, resets included."""
+    rounds = CORE_STEPS // batch.size
+    actions = np.random.default_rng(0).integers(len(SCENE_ACTIONS), size=(rounds, batch.size))
+    batch.reset(0)
+    begin = time.perf_counter()
+    for row in actions:
+        batch.step(row)
+    return rounds * batch.size / (time.perf_counter() - begin)
+
+
+def scene_real_steps_per_second(environment: Any, duration: float) -> float:
+    """The same of highway-env's own class, with the same end of an episode."""
+    actions = drawn(environment.action_space, HIGHWAY_STEPS)
+    environment.reset(seed=0)
+    begin = time.perf_counter()
+    for action in actions:
+        _, _, terminated, _, _ = environment.step(action)
+        if terminated or environment.time >= duration:
+            environment.reset()
+    return HIGHWAY_STEPS / (time.perf_counter() - begin)
 
 
 def _note(rates: dict[str, list[float]], name: str, measure: Callable[[], float]) -> None:

@@ -50,7 +50,9 @@ def test_the_closest_lane_does_not_depend_on_the_guess(name):
     for _ in range(100):
         x, y, heading = rng.uniform(low, high), rng.uniform(-60, 60), rng.uniform(-4, 4)
         turned = [
-            abs((heading - heading_at(lane, longitudinal(lane, x, y)) + np.pi) % (2 * np.pi) - np.pi)
+            abs(
+                (heading - heading_at(lane, longitudinal(lane, x, y)) + np.pi) % (2 * np.pi) - np.pi
+            )
             for lane in lanes
         ]
         whole = [misfit(lane, x, y) + angle for lane, angle in zip(lanes, turned, strict=True)]
