@@ -13,25 +13,21 @@ LENGTHS = 150.0, 80.0, 80.0, 150.0  # before, converging, merging, after, m
 LANES = 0.0, 4.0  # y of the motorway's lanes, m
 RAMP = 6.5 + 4 + 4  # y of the ramp's beginning
 SWING = 3.25  # half of the way sideways that the ramp makes
+PULSATION = 2 * math.pi / (2 * LENGTHS[1])  # rad/m
 ARRIVAL = 370.0  # m from the beginning
 
 
 def network() -> Network:
     """Return the motorway a-b-c-d and the ramp j-k-b, which has a lane of its own up to c."""
     roads = Network()
-    begin, ends = 0.0, (sum(LENGTHS[:2]), sum(LENGTHS[:3]), sum(LENGTHS))
+    before, converging, merged, whole = (sum(LENGTHS[:part]) for part in range(1, 5))
     for y in LANES:
-        begin = 0.0
-        for nodes, end, kind in zip(
-            ("ab", "bc", "cd"), ends, (APPROACH, CONFLICT, EXIT), strict=True
-        ):
-            roads.add(*nodes, Lane(straight((begin, y), (end, y)), kind))
-            begin = end
-    before, converging = LENGTHS[0], ends[0]
+        roads.add("a", "b", Lane(straight((0.0, y), (converging, y)), APPROACH))
+        roads.add("b", "c", Lane(straight((converging, y), (merged, y)), CONFLICT))
+        roads.add("c", "d", Lane(straight((merged, y), (whole, y)), EXIT))
     roads.add("j", "k", Lane(straight((0.0, RAMP), (before, RAMP)), APPROACH, forbidden=True))
     middle = RAMP - SWING
-    pulsation = 2 * math.pi / (2 * LENGTHS[1])
-    swing = sine((before, middle), (converging, middle), SWING, pulsation, math.pi / 2)
+    swing = sine((before, middle), (converging, middle), SWING, PULSATION, math.pi / 2)
     roads.add("k", "b", Lane(swing, APPROACH, forbidden=True))
     y = _end_of_ramp()
     last = straight((converging, y), (converging + LENGTHS[2], y))
@@ -40,8 +36,7 @@ def network() -> Network:
 
 
 def _end_of_ramp() -> float:
-    pulsation = 2 * math.pi / (2 * LENGTHS[1])
-    return RAMP - SWING + SWING * math.sin(pulsation * LENGTHS[1] + math.pi / 2)
+    return RAMP - SWING + SWING * math.sin(PULSATION * LENGTHS[1] + math.pi / 2)
 
 
 def scene() -> Scene:
