@@ -38,7 +38,7 @@ SIGHT = np.dtype(
     ],
     align=True,
 )
-"""How the ego observes, and where it has arrived."""
+"""Scales of the observation, and the place of arrival."""
 
 
 class Road(NamedTuple):
