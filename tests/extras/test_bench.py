@@ -55,6 +55,13 @@ def test_bench_experts_prints_one_json_object(smaller, capsys):
     assert found["share_of_matrix_throughput"] > 0
 
 
+def test_bench_continuous_prints_one_json_object(smaller, capsys):
+    pytest.importorskip("stable_baselines3", reason="extra `sb3` is not installed")
+    smaller(SIZES={"small": (8, 8)}, ROUND=10, PEER_UPDATES=5, WARM_UP=10)
+    assert main(["bench", "continuous", "--repeats", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["small_ratio"] > 0
+
+
 def test_bench_dial_prints_one_json_object(smaller, capsys):
     smaller(SHARE=1000, CHUNK=20, QUICK_SEEDS=(50,))
     assert main(["bench", "dial", "--repeats", "1", "--json"]) == 0

@@ -14,24 +14,35 @@ import socialiq
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 
-BENCHMARKS = ("learners", "devices", "worlds", "experts", "dial", "recordings", "page", "junction")
+BENCHMARKS = (
+    "learners",
+    "continuous",
+    "devices",
+    "worlds",
+    "experts",
+    "dial",
+    "recordings",
+    "page",
+    "junction",
+)
 
 
 @dataclass(frozen=True)
 class Bench:
     """Measure speed in comparison with reference implementations.
 
-    learners: against eager PyTorch. devices: a GPU against the processor. worlds: against
-    highway-env. experts: deep Q-learning against Stable-Baselines3 on highway-env. dial: against
-    one run of the thesis' learner. recordings: import of recorded traffic, against commonroad-io if
-    SOCIALIQ_COMMONROAD_PYTHON has it. page: the core as WebAssembly in Node, against the native
-    one. junction: decisions a second of a recorded junction.
+    learners: against eager PyTorch. continuous: soft actor-critic against Stable-Baselines3's.
+    devices: a GPU against the processor. worlds: against highway-env. experts: deep Q-learning
+    against Stable-Baselines3 on highway-env. dial: against one run of the thesis' learner.
+    recordings: import of recorded traffic, against commonroad-io if SOCIALIQ_COMMONROAD_PYTHON has
+    it. page: the core as WebAssembly in Node, against the native one. junction: decisions a second
+    of a recorded junction.
 
     Example: socialiq bench worlds
     """
 
     benchmark: Annotated[str, tyro.conf.Positional]
-    """learners, devices, worlds, experts, dial, recordings, page or junction."""
+    """learners, continuous, devices, worlds, experts, dial, recordings, page or junction."""
     repeats: int = 3
     """Runs of each side, in turn; medians and their ratios are printed."""
     json: bool = False

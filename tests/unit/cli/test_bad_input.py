@@ -55,7 +55,7 @@ def refused(capsys, *arguments):
         (["sovle", "crossing7"], "socialiq --help lists the commands"),
         (["reproduce", "fig7"], "choose one of worlds, poc, grid"),
         (["claims", "--verdict", "maybe"], "choose one of reproduced, partly, not, untested"),
-        (["bench", "cars"], "choose one of learners, devices, worlds, experts"),
+        (["bench", "cars"], "choose one of learners, continuous, devices, worlds"),
         (["solve", "intersection"], "can't be listed"),
         (["predict-lambda", "intersection"], "can't be listed"),
         (["predict-lambda", "crossing7", "--angle", "-5"], "outside [0, 360) degrees"),
