@@ -70,6 +70,6 @@ class TD3BC(ActorCritic):
 
 
 def normalised(value: Float[Array, " batch"], weight: Any) -> Float[Array, ""]:
-    """Weight E[Q] / E[|Q|], the divisor without gradient (Fujimoto and Gu 2021, Eq 4)."""
+    """Weight `E[Q] / E[|Q|]`, the divisor without gradient (Fujimoto and Gu 2021, Eq 4)."""
     size = jax.lax.stop_gradient(jnp.mean(jnp.abs(value)))
     return weight * jnp.mean(value) / jnp.maximum(size, 1e-6)
