@@ -71,3 +71,11 @@ def test_what_a_script_imports_is_exported():
                 re.M,
             )
             assert set(names.split(", ")) <= set(exported), (path.name, other)
+
+
+def test_its_parts_have_the_classes_that_the_pages_styles_know():
+    style = (ASSETS / "style.css").read_text() + (OWN / "opened.css").read_text()
+    for path in OWN.glob("*.html"):
+        for names in re.findall(r'class="([^"]+)"', path.read_text()):
+            for name in set(names.split()) - {"rates"}:
+                assert f".{name}" in style, (path.name, name)

@@ -29,7 +29,7 @@ export class Compared {
     this.find = (name) => document.getElementById(name);
     const own = shown.dial?.angle ?? 0;
     this.state = stateOf({
-      seed: [12, 0, MOST_SEED], angle: [45, 0, 90], own: [own, 0, 90], chosen: [DIAL, 0, 1], step: [0, 0, 400], speed: [1, 0.25, 4, 0.25],
+      seed: [12, 0, MOST_SEED], angle: [45, 0, 90], own: [own, 0, 90], chosen: [OWN, 0, 1], step: [0, 0, 400], speed: [1, 0.25, 4, 0.25],
     });
     this.server = new Connection((line) => this.complain(line));
     this.recorders = [OWN, DIAL].map(() => new Recorder(new Core(this.module, this.layout, 1, true)));
