@@ -55,10 +55,12 @@ def test_the_same_seed_gives_the_same_bits(line, drives, assert_same) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"divergence": "js", "prior": "bellman_shift"},
-        {"value_term": "v0", "prior": "none", "next_value": "online"},
+        pytest.param({"divergence": "js", "prior": "bellman_shift"}, marks=pytest.mark.slow),
+        pytest.param(
+            {"value_term": "v0", "prior": "none", "next_value": "online"}, marks=pytest.mark.slow
+        ),
         {"prior": "shifted_chi2", "dial": True, "actions_per_state": 2},
-        {"prior": "reweighting", "tuned": True},
+        pytest.param({"prior": "reweighting", "tuned": True}, marks=pytest.mark.slow),
     ],
 )
 def test_offline_variants_train_soundly(changes, drives) -> None:
@@ -72,6 +74,7 @@ def test_offline_variants_train_soundly(changes, drives) -> None:
     assert (abs(moved) > 1e-6) == static.tuned
 
 
+@pytest.mark.slow
 def test_endings_by_occupancy_and_bounded_values_train_soundly(line, drives) -> None:
     static = dataclasses.replace(
         IQ,
