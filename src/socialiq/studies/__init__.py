@@ -35,6 +35,7 @@ STUDIES = {
     "audit-power": "audit_power.study",
     "audits": "audits.study",
     "angle-trait": "angle_trait.study",
+    "recorded-junction": "recorded_junction.study",
     "theory": "theory.study",
     "classic-control": "classic_control.study",
     "compare-priors": "compare_priors.study",

@@ -1,0 +1,1 @@
+"""Study of a dial at a recorded junction, trained from demonstrations alone."""

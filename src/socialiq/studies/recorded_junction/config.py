@@ -1,0 +1,79 @@
+"""Configuration of the study of a dial at a recorded junction."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.errors import UserError, one_of
+from socialiq.learners.config import check_counts, check_shares
+from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+
+RECORDED, PLANTED, BOTH = "recorded", "planted", "recorded and planted"
+
+CUT = "recorded, views as whole episodes"
+"""The recorded drivers, the end of a view taken for the end of an episode."""
+
+MIXTURES = (CUT, RECORDED, PLANTED, BOTH)
+"""Demonstrations that dials learn from: of the recorded drivers, of planted ones, of all."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    The recordings are not part of the package: `recordings` names their folder.
+    """
+
+    recordings: str = "commonroad"
+    """Folder of the CommonRoad scenarios."""
+    files: str = "USA_Lanker*.xml"
+    """Pattern of the files: the scenarios of one junction."""
+    mixtures: tuple[str, ...] = (CUT, RECORDED, BOTH)
+    """Sets of demonstrations, each with its dials; of `MIXTURES`."""
+    seeds: tuple[int, ...] = (2100, 2101, 2102)
+    """Training seeds. 100 to 199 were used in development."""
+    angles: tuple[float, ...] = tuple(np.arange(0.0, 91.0, 15.0).tolist())
+    """Angles at which dials are driven, in degrees."""
+    every: float = 0.2
+    """Seconds between the beginnings of a recorded vehicle's episodes."""
+    planted_episodes: int = 200
+    """Episodes of each planted driver."""
+    exploration: float = 0.1
+    """Share of a planted driver's decisions that are drawn at random."""
+    first_planted: int = 61_000_000
+    """Seed of the first of these episodes."""
+    structure: StaticConfig = field(default_factory=lambda: StaticConfig(updates=1500))
+    """Static config of the dials, without the length of an episode, which is the world's."""
+    numbers: Hyperparameters = field(default_factory=Hyperparameters)
+    """Hyperparameters of the dials, without the seed."""
+    episodes: int = 600
+    """Evaluation episodes of each driver, common to all."""
+    first_episode: int = 62_000_000
+    """Seed of the first one. Those from 50,000,000 on were used in development."""
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes and unknown mixtures."""
+        if not self.seeds or not self.mixtures or len(self.angles) < 2:
+            raise UserError("name at least one training seed, one mixture and two angles")
+        for mixture in self.mixtures:
+            one_of("mixture", mixture, MIXTURES)
+        check_counts(self, ("planted_episodes", "episodes"))
+        check_shares(self, ("exploration",))
+
+    def contents(self) -> dict[str, str]:
+        """Return the SHA-256 of each scenario by its file's name.
+
+        Raises:
+            UserError: If there is none.
+        """
+        paths = sorted(Path(self.recordings).glob(self.files))
+        if not paths:
+            raise UserError(
+                f"no file {self.files} in {self.recordings}: name the folder of the CommonRoad "
+                "scenarios with --recordings"
+            )
+        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}

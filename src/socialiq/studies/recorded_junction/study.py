@@ -1,0 +1,150 @@
+"""A dial at a recorded junction, from demonstrations alone: does it turn, and how does it drive?
+
+The world is made of recordings (`recordings.world`). Dials learn offline from the recorded drivers,
+from planted drivers of known courtesy, and from both; they, clones of the same rows, the calibrated
+drivers and the planted ones drive the same episodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.audit.evidence.outcomes import Outcomes
+from socialiq.demonstrations import files
+from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings, Study, View
+from socialiq.plotting.style import figure, finish
+from socialiq.recordings.world.recorded_world import RecordedWorld
+from socialiq.statistics.comparisons import paired_difference
+from socialiq.studies.recorded_junction.config import MIXTURES, Config
+from socialiq.studies.recorded_junction.work import HUMAN, ROWS, WORLD, driven, plan, slug
+from socialiq.types import Ending, Row
+
+_SIDES = ("r_env", "r_social")
+_INKS = ("#a6a6a6", "#1b7837", "#2166ac", "#c23b22")
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Return a row for each driver and angle, and the turn of each mixture's dials."""
+    work = context.work
+    angles: list[Row] = []
+    turns: list[Row] = []
+    drivers = [_row(name, [one]) for name, one in driven(work / "drivers").items()]
+    for mixture in config.mixtures:
+        found = driven(work / "driven" / slug(mixture))
+        dials = {
+            angle: [found[f"dial {seed} {angle:g}"] for seed in config.seeds]
+            for angle in config.angles
+        }
+        for angle, runs in dials.items():
+            angles.append({"mixture": mixture, "asked": angle} | _row("dial", runs))
+        drivers.append(_row(f"clone: {mixture}", [found[f"clone {s}"] for s in config.seeds]))
+        turns += _turns(mixture, dials)
+    data = []
+    for path in (work / "world" / HUMAN, work / "planted" / ROWS):
+        counts = files.load(path).counts().items()
+        data += [{"driver": name, "episodes": n, "decisions": rows} for name, (n, rows) in counts]
+    world = RecordedWorld.load(work / "world" / WORLD)
+    summary = {name: world.provenance[name] for name in ("vehicles", "egos", "closures")}
+    summary |= {
+        row["mixture"]: {
+            name: one["difference"]
+            for name in _SIDES
+            for one in turns
+            if (one["mixture"], one["reward"]) == (row["mixture"], name)
+        }
+        for row in turns
+    }
+    tables = {"angles": angles, "turns": turns, "drivers": drivers, "data": data}
+    return Findings(tables, {"world_sha256": world.sha256} | summary)
+
+
+def _mean(runs: Sequence[Outcomes]) -> np.ndarray:
+    """Return the totals of each episode, the mean over training seeds."""
+    return np.mean([one.totals for one in runs], axis=0)
+
+
+def _row(name: str, runs: Sequence[Outcomes]) -> Row:
+    """Return means over episodes and seeds; intervals over episodes, ranges over seeds."""
+    row: Row = {"driver": name}
+    for side, values in zip(_SIDES, _mean(runs).T, strict=True):
+        half = 1.96 * float(values.std(ddof=1)) / np.sqrt(len(values))
+        mean = float(values.mean())
+        row |= {side: mean, f"{side}_low": mean - half, f"{side}_high": mean + half}
+        each = [float(one.totals[:, _SIDES.index(side)].mean()) for one in runs]
+        row |= {f"{side}_least": min(each), f"{side}_largest": max(each)}
+    shares = {
+        "arrival": [one.ending == Ending.ARRIVAL for one in runs],
+        "at_fault": [one.at_fault for one in runs],
+        "struck": [one.struck for one in runs],
+        "timeout": [one.ending == Ending.TIMEOUT for one in runs],
+        "closed_line": [one.ending == Ending.OTHER for one in runs],
+    }
+    return row | {name: float(np.mean(found)) for name, found in shares.items()}
+
+
+def _turns(mixture: str, dials: dict[float, list[Outcomes]]) -> list[Row]:
+    """Return the change of both rewards from the first angle to the last, paired by episode."""
+    first, last = (list(dials.values())[place] for place in (0, -1))
+    rows: list[Row] = []
+    for place, side in enumerate(_SIDES):
+        pair = (_mean(runs)[:, place] for runs in (last, first))
+        found = paired_difference(*pair)
+        each = [
+            float(new.totals[:, place].mean() - old.totals[:, place].mean())
+            for new, old in zip(last, first, strict=True)
+        ]
+        label = {"mixture": mixture, "reward": side, "difference": found.mean}
+        ends = {"low": found.low, "high": found.high, "p": found.p}
+        rows.append(label | ends | {"least": min(each), "largest": max(each)})
+    return rows
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw r_social over r_env: a line for each mixture's dials, points for the others."""
+    drawn = figure(6.4, 4.6)
+    axes = drawn.subplots()
+    for mixture, ink in zip(MIXTURES, _INKS, strict=True):
+        rows = [row for row in results.tables["angles"] if row["mixture"] == mixture]
+        if not rows:
+            continue
+        x, y = ([row[side] for row in rows] for side in _SIDES)
+        axes.plot(x, y, marker="o", markersize=3, color=ink, label=f"dial: {mixture}")
+        for row in (rows[0], rows[-1]):
+            place = row["r_env"], row["r_social"]
+            axes.annotate(f"{row['asked']:g}°", place, fontsize=7, textcoords="offset points",
+                          xytext=(4, 4))  # fmt: skip
+    for row in results.tables["drivers"]:
+        axes.plot(row["r_env"], row["r_social"], marker="s", markersize=4, color="#6e6e6e")
+        axes.annotate(row["driver"], (row["r_env"], row["r_social"]), fontsize=6,
+                      textcoords="offset points", xytext=(4, -7))  # fmt: skip
+    labels = {"xlabel": "mean r_env of an episode", "ylabel": "mean r_social of an episode"}
+    finish(axes, "", 7, **labels)
+    return {"trade_off": drawn}
+
+
+def view(results: Results) -> Sequence[View]:
+    """Return the tables to print."""
+    shown = ("mixture", "asked", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
+    rows = [{name: row[name] for name in shown} for row in results.tables["angles"]]
+    shown = ("driver", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
+    others = [{name: row[name] for name in shown} for row in results.tables["drivers"]]
+    turned = "From the first angle to the last, with 95 % intervals; range over seeds"
+    return [
+        View(rows, "Dials, means over training seeds"),
+        View(results.tables["turns"], turned),
+        View(others, "Beside them"),
+    ]
+
+
+STUDY = Study(
+    name="recorded-junction",
+    Config=Config,
+    jobs=plan,
+    tables=compute_tables,
+    figures=draw,
+    view=view,
+)

@@ -1,0 +1,198 @@
+"""Jobs of the study: make the world, record planted drivers, train, drive."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
+from socialiq.audit.evidence.outcomes import Outcomes, Reference
+from socialiq.demonstrations import files as tables
+from socialiq.demonstrations.mixture import concatenate
+from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.offline.config import Hyperparameters, StaticConfig
+from socialiq.learners.offline.train import STAGES, train_together
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.recordings.readers.import_file import import_file
+from socialiq.recordings.world.batch import JunctionBatch
+from socialiq.recordings.world.build import build
+from socialiq.recordings.world.config import WorldConfig
+from socialiq.recordings.world.recorded_world import RecordedWorld
+from socialiq.recordings.world.replay import replay
+from socialiq.storage import load_arrays, save_arrays
+from socialiq.studies.recorded_junction.config import BOTH, CUT, PLANTED, RECORDED, Config
+from socialiq.studies.recorded_junction.planted import record, references, rules
+
+WORLD, HUMAN, ROWS, DRIVEN = (
+    f"{name}.safetensors" for name in ("world", "human", "planted", "driven")
+)
+_SIDE_BY_SIDE = 500
+_KIND, _VERSION = "study-recorded-junction", 1
+
+
+@dataclass(frozen=True)
+class Made:
+    """Configuration of the world's job."""
+
+    recordings: str
+    contents: dict[str, str]
+    every: float
+
+
+@dataclass(frozen=True)
+class Planted:
+    """Configuration of the recording of planted drivers."""
+
+    episodes: int
+    share: float
+    first_seed: int
+
+
+@dataclass(frozen=True)
+class Training:
+    """Configuration of the dials of one mixture."""
+
+    mixture: str
+    seeds: tuple[int, ...]
+    structure: StaticConfig
+    numbers: Hyperparameters
+
+
+@dataclass(frozen=True)
+class Driving:
+    """Configuration of the driving of one mixture's dials, or of the references."""
+
+    mixture: str
+    seeds: tuple[int, ...]
+    angles: tuple[float, ...]
+    episodes: int
+    first_episode: int
+
+
+def plan(config: Config) -> list[Job]:
+    """Return every job, each after its inputs."""
+    made = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
+    seeded = Planted(config.planted_episodes, config.exploration, config.first_planted)
+    driving = {"episodes": config.episodes, "first_episode": config.first_episode}
+    found = [
+        Job("world", make_world, made, cost=30.0),
+        Job("planted", record_planted, seeded, ("world",), cost=10.0),
+        Job("drivers", drive_references, Driving("", (), (), **driving), ("world",), cost=10.0),
+    ]
+    for mixture in config.mixtures:
+        name = slug(mixture)
+        given = Training(mixture, config.seeds, config.structure, config.numbers)
+        cost = len(config.seeds) * config.structure.updates / 30
+        found.append(Job(f"dials/{name}", train, given, ("world", "planted"), cost=cost))
+        drives = Driving(mixture, config.seeds, config.angles, **driving)
+        inputs = ("world", f"dials/{name}")
+        found.append(Job(f"driven/{name}", drive_dials, drives, inputs, cost=60.0))
+    return found
+
+
+def slug(mixture: str) -> str:
+    """Return a mixture's name as that of a folder."""
+    return mixture.replace(",", "").replace(" ", "-")
+
+
+def make_world(
+    config: Made, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Make the world and the recorded drivers' demonstrations."""
+    del inputs, on_progress
+    paths = [Path(config.recordings) / name for name in sorted(config.contents)]
+    recordings = [one.recording for path in paths for one in import_file(path)]
+    made = build(recordings, WorldConfig())
+    made.world.save(folder / WORLD)
+    tables.save(folder / HUMAN, replay(made.world, config.every).table, replace=True)
+
+
+def record_planted(
+    config: Planted, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Record the planted drivers."""
+    del on_progress
+    world = RecordedWorld.load(inputs["world"] / WORLD)
+    drivers = rules(world)
+    found = record(world, drivers, config.episodes, config.share, config.first_seed)
+    tables.save(folder / ROWS, found, replace=True)
+
+
+def train(
+    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
+    human, planted = tables.load(inputs["world"] / HUMAN), tables.load(inputs["planted"] / ROWS)
+    both = concatenate([human, planted])
+    data = {CUT: human, RECORDED: human, PLANTED: planted, BOTH: both}
+    world = RecordedWorld.load(inputs["world"] / WORLD)
+    whole = 0 if config.mixture == CUT else world.config.decisions
+    static = dataclasses.replace(config.structure, whole_episode=whole)
+    numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
+
+    def callbacks(stage: str) -> Callbacks:
+        before = STAGES.index(stage)
+        return Callbacks(lambda one: on_progress((before + one.done / one.total) / len(STAGES)))
+
+    mixtures = [data[config.mixture]] * len(numbers)
+    stages = train_together(static, numbers, mixtures, callbacks)
+    clones = stages["behaviour"].state.target_network
+    for run, seed in enumerate(config.seeds):
+        stages["dial"].policy(run).save(folder / f"dial_{seed}.safetensors")
+        clone = QPolicy.of(network_of(clones, run), 1.0, {"clone": config.mixture, "seed": seed})
+        clone.save(folder / f"clone_{seed}.safetensors")
+
+
+def drive_references(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Drive calibrated drivers, constant ones and the planted ones."""
+    del on_progress
+    world = RecordedWorld.load(inputs["world"] / WORLD)
+    drivers = [*rules_at_junction(world.n_actions), *references(rules(world))]
+    _drive(world, drivers, config, folder)
+
+
+def drive_dials(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Drive the dials of a mixture at every angle, and the clones."""
+    del on_progress
+    made = next(path for name, path in inputs.items() if name != "world")
+    drivers = []
+    for seed in config.seeds:
+        dial = DialPolicy.load(made / f"dial_{seed}.safetensors")
+        drivers += [Reference(f"dial {seed} {a:g}", dial.at(a), a) for a in config.angles]
+        clone = QPolicy.load(made / f"clone_{seed}.safetensors")
+        drivers.append(Reference(f"clone {seed}", clone))
+    _drive(RecordedWorld.load(inputs["world"] / WORLD), drivers, config, folder)
+
+
+def _drive(world: RecordedWorld, drivers: list[Reference], config: Driving, folder: Path) -> None:
+    seeds = np.arange(config.episodes) + config.first_episode
+    batch = JunctionBatch(world, min(_SIDE_BY_SIDE, len(seeds)))
+    arrays = {}
+    for one in drivers:
+        found = drive_junction(batch, one, seeds)
+        arrays |= {f"{one.name}/{name}": getattr(found, name) for name in _COLUMNS}
+    header = {"drivers": [one.name for one in drivers]}
+    save_arrays(folder / DRIVEN, _KIND, _VERSION, arrays, header)
+
+
+_COLUMNS = ("totals", "ending", "contact", "length")
+
+
+def driven(folder: Path) -> dict[str, Outcomes]:
+    """Return the outcomes in a job's folder, by driver."""
+    arrays, header = load_arrays(folder / DRIVEN, _KIND, _VERSION)
+    return {
+        name: Outcomes(name, **{column: arrays[f"{name}/{column}"] for column in _COLUMNS})
+        for name in header["drivers"]
+    }

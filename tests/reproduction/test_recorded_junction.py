@@ -1,0 +1,49 @@
+"""Study at a recorded junction: the world is made again, and drivers that are rules drive it."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("shapely", reason="extra `data` is not installed")
+
+from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
+from socialiq.demonstrations import files
+from socialiq.experiments import results as store
+from socialiq.recordings.world.batch import JunctionBatch
+from socialiq.recordings.world.recorded_world import RecordedWorld
+from socialiq.storage import packaged_results
+from socialiq.studies.recorded_junction.config import Config
+from socialiq.studies.recorded_junction.planted import references, rules
+from socialiq.studies.recorded_junction.work import HUMAN, WORLD, Made, make_world
+from socialiq.types import Ending
+
+FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.recorded,
+    pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder"),
+]
+
+
+def test_world_demonstrations_and_rules_are_those_of_the_results(tmp_path: Path) -> None:
+    """Counts are equal, and so is what rules earn: they are discrete, without a network."""
+    committed = store.load(packaged_results() / "recorded-junction")
+    config = Config(recordings=FOLDER)
+    make_world(Made(FOLDER, config.contents(), config.every), tmp_path, {}, lambda _share: None)
+    world = RecordedWorld.load(tmp_path / WORLD)
+    counts = {name: committed.summary[name] for name in ("vehicles", "egos", "closures")}
+    assert {name: world.provenance[name] for name in counts} == counts
+    human = files.load(tmp_path / HUMAN).counts()["human"]
+    data = {row["driver"]: row for row in committed.tables["data"]}
+    assert human == (data["human"]["episodes"], data["human"]["decisions"])
+    wanted = {row["driver"]: row for row in committed.tables["drivers"]}
+    seeds = np.arange(config.episodes) + config.first_episode
+    batch = JunctionBatch(world, 200)
+    for one in [*rules_at_junction(world.n_actions), *references(rules(world))[1:3]]:
+        found, theirs = drive_junction(batch, one, seeds), wanted[one.name]
+        assert found.mean.env == pytest.approx(theirs["r_env"], abs=1e-3), one.name
+        assert found.mean.social == pytest.approx(theirs["r_social"], abs=1e-3), one.name
+        arrived = float((found.ending == Ending.ARRIVAL).mean())
+        assert arrived == pytest.approx(theirs["arrival"], abs=1e-6), one.name
