@@ -186,13 +186,19 @@ def _drive(world: RecordedWorld, drivers: list[Reference], config: Driving, fold
     save_arrays(folder / DRIVEN, _KIND, _VERSION, arrays, header)
 
 
-_COLUMNS = ("totals", "ending", "contact", "length")  # as in `Outcomes`
+_COLUMNS = ("totals", "ending", "contact", "length")
 
 
 def driven(folder: Path) -> dict[str, Outcomes]:
     """Return the outcomes in a job's folder, by driver."""
     arrays, header = load_arrays(folder / DRIVEN, _KIND, _VERSION)
     return {
-        name: Outcomes(name, *(arrays[f"{name}/{column}"] for column in _COLUMNS))
+        name: Outcomes(
+            name,
+            arrays[f"{name}/totals"],
+            arrays[f"{name}/ending"],
+            arrays[f"{name}/contact"],
+            arrays[f"{name}/length"],
+        )
         for name in header["drivers"]
     }
