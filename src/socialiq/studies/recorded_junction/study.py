@@ -91,8 +91,7 @@ def _turns(mixture: str, dials: dict[float, list[Outcomes]]) -> list[Row]:
     first, last = (list(dials.values())[place] for place in (0, -1))
     rows: list[Row] = []
     for place, side in enumerate(_SIDES):
-        pair = (_mean(runs)[:, place] for runs in (last, first))
-        found = paired_difference(*pair)
+        found = paired_difference(_mean(last)[:, place], _mean(first)[:, place])
         each = [
             float(new.totals[:, place].mean() - old.totals[:, place].mean())
             for new, old in zip(last, first, strict=True)
