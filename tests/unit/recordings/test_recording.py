@@ -34,19 +34,36 @@ def test_worlds_are_worlds():
 )
 def test_commands_refuse_it_in_one_line(arguments, human_table, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    files.save(tmp_path / "mixed.safetensors", human_table)
+    for name in ("mixed", "r"):
+        files.save(tmp_path / f"{name}.safetensors", human_table)
     assert main(arguments) == 2
     out, error = capsys.readouterr()
     assert out == "" and error.count("\n") == 1 and REASON in error
 
 
-def test_an_audit_of_a_profile_that_names_one_says_why(tmp_path):
+def declared_world(name: str) -> bytes:
+    """Return a declaration whose world has another name."""
     made = declare(
         45.0, "Example Cars", "intersection", Margin(1.0, 10.0), datetime.date(2026, 1, 31)
     )
-    declared = made.source.decode()
-    changed = declared.replace('world = "intersection"', 'world = "r.safetensors"')
-    assert changed != declared
+    changed = made.source.decode().replace('world = "intersection"', f'world = "{name}"')
+    assert changed != made.source.decode()
+    return changed.encode()
+
+
+def test_a_profile_that_names_one_says_why():
     with pytest.raises(UserError, match=REASON) as caught:
-        parse(changed.encode())
+        parse(declared_world("r.csv"))
     assert "profile.toml:" in str(caught.value)
+
+
+def test_an_audit_of_a_profile_that_names_one_says_why(human_table, capsys, tmp_path, monkeypatch):
+    """A file of this format may be a recorded junction, so it is read."""
+    monkeypatch.chdir(tmp_path)
+    files.save(tmp_path / "r.safetensors", human_table)
+    (tmp_path / "profile.toml").write_bytes(declared_world("r.safetensors"))
+    words = ["audit", "idm", "--profile", "profile.toml", "--episodes", "20", "--out", "a"]
+    assert main(words) == 2
+    out, error = capsys.readouterr()
+    assert out == "" and error.count("\n") == 1 and REASON in error
+    assert not (tmp_path / "a").exists()

@@ -33,6 +33,7 @@ def sound(learner, static, numbers, *given, **named):
     return trained
 
 
+@pytest.mark.slow
 def test_runs_in_one_program_are_those_of_one_by_one(line) -> None:
     runs = [NUMBERS, dataclasses.replace(NUMBERS, seed=4, angle=90.0)]
     both = train(SoftActorCritic, SAC, runs, simulator=line, chunk=10)
@@ -59,7 +60,9 @@ def test_the_same_seed_gives_the_same_bits(line, drives, assert_same) -> None:
         pytest.param(
             {"value_term": "v0", "prior": "none", "next_value": "online"}, marks=pytest.mark.slow
         ),
-        {"prior": "shifted_chi2", "dial": True, "actions_per_state": 2},
+        pytest.param(
+            {"prior": "shifted_chi2", "dial": True, "actions_per_state": 2}, marks=pytest.mark.slow
+        ),
         pytest.param({"prior": "reweighting", "tuned": True}, marks=pytest.mark.slow),
     ],
 )

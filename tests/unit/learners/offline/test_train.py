@@ -129,6 +129,7 @@ def test_a_view_that_ends_is_no_end_of_an_episode() -> None:
         recorded(data, 1)
 
 
+@pytest.mark.slow
 def test_runs_trained_together_learn_from_their_own_data() -> None:
     """As if trained alone; the second one's drivers take action 1 throughout."""
     short = dataclasses.replace(STATIC, updates=100)
