@@ -60,6 +60,10 @@ class Trust:
     files: tuple[str, ...] = ()
 
 
+SUFFIXES = (".safetensors", ".zip", ".onnx")
+"""Names of files that may be policies end so."""
+
+
 def is_code(spec: str) -> bool:
     """Whether a policy is a program of its owner, and not data that this package's code runs."""
     return spec.startswith(("process:", "python:"))
@@ -84,6 +88,8 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
     if spec in policies.NAMES and isinstance(world, Intersection):
         return _rule(spec, world)
     if ":" not in spec and not Path(spec).exists():
+        if Path(spec).suffix in SUFFIXES:
+            raise UserError(f"no such file: {one_line(spec)}")
         named = list(KINDS)
         if isinstance(world, Intersection):
             named += ["atlas:NAME", f"a rule-based driver ({', '.join(policies.NAMES)})"]

@@ -180,7 +180,7 @@ def test_a_foreign_report_runs_no_command_of_its_own(passed, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("policy", "more", "mend"),
     [
-        ("none.safetensors", [], "name one of FILE.safetensors"),
+        ("none.safetensors", [], "no such file"),
         ("profile.toml", [], "unknown kind of policy"),
         ("egoist.safetensors", ["--episodes", "5"], "episodes must be from 20"),
         ("egoist.safetensors", ["--episodes", "many"], "--episodes"),

@@ -79,6 +79,8 @@ def test_what_is_named_is_opened_or_refused_in_one_line(tmp_path):
         opened("idm", 30.0, Trust())
     with pytest.raises(UserError, match="no policy 'nowhere'"):
         opened("nowhere", None, Trust())
+    with pytest.raises(UserError, match=r"no such file: nowhere\.onnx"):
+        opened("nowhere.onnx", None, Trust())
     (tmp_path / "broken.onnx").write_bytes(b"broken")
     with pytest.raises(UserError):
         opened(str(tmp_path / "broken.onnx"), None, Trust())
