@@ -24,6 +24,9 @@ from socialiq.worlds.intersection.world import Intersection
 MOST_SEED = 2**53
 """Seeds from here on are no whole numbers of the page's program."""
 
+RECORDED = ("socialiq data world", "ego swap")
+"""Makers of demonstrations of recorded drivers, whose road is another."""
+
 
 class Replay:
     """Episodes of a table, as the page shows them.
@@ -148,6 +151,11 @@ def seeds_of(source: Mapping[str, Any], episodes: int) -> list[int] | None:
 
 def _check_world(path: Path, table: Demonstrations) -> None:
     """Refuse demonstrations of another world: `view` draws the intersection's observations."""
+    if table.source.get("made_by") in RECORDED:
+        raise UserError(
+            f"{path} holds drivers of a recorded road, not of the intersection: name the recording "
+            "itself to see them"
+        )
     world = Intersection(Options())
     sizes = table.n_features in (world.n_features, world.n_features + 1)
     if sizes and table.n_actions == world.n_actions:

@@ -81,6 +81,12 @@ def test_seeds_are_those_that_the_file_says(source, found):
     assert seeds_of(source, 2) == found
 
 
+@pytest.mark.parametrize("made_by", ["socialiq data world", "ego swap"])
+def test_drivers_of_a_recorded_road_are_refused_in_one_line(made_by, table, tmp_path):
+    with pytest.raises(UserError, match="name the recording itself"):
+        shown(dataclasses.replace(table, source={"made_by": made_by}), tmp_path)
+
+
 def test_another_world_is_refused_in_one_line(table, tmp_path):
     other = dataclasses.replace(table, observation=table.observation * np.float32(0.5))
     with pytest.raises(UserError, match=r"not of the intersection \(70 and 3"):
