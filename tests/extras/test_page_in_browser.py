@@ -1,22 +1,14 @@
 """The page in a real browser: the dial, the clock, links, runs in the background, driving."""
 
-import shutil
 from collections.abc import Iterator
 
 import pytest
-
-pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
-
-from playwright import sync_api
+from tests.extras.browsers import PATIENCE, needs_browser, watched_tab
 
 from socialiq.demonstrations import files
 from socialiq.page.write import write_page
 
-BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), "")
-PATIENCE = 120_000  # ms; the machine may be busy
-
-pytestmark = pytest.mark.skipif(not BROWSER, reason="no Chromium is installed")
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
@@ -24,28 +16,12 @@ def address(tmp_path_factory):
     return write_page(tmp_path_factory.mktemp("page")).as_uri()
 
 
-@pytest.fixture(name="browser", scope="module")
-def installed_browser() -> Iterator:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield browser
-        browser.close()
-
-
 @pytest.fixture(name="tab")
 def opened_tab(browser) -> Iterator:
     """A tab that must not complain, nor ask for anything besides the page itself."""
-    tab = browser.new_page(viewport={"width": 1280, "height": 1000}, reduced_motion="reduce")
-    tab.set_default_timeout(PATIENCE)
-    said, asked = [], []
-    tab.on("console", lambda message: said.append(message.text))
-    tab.on("pageerror", lambda error: said.append(str(error)))
-    tab.on("request", lambda request: asked.append(request.url))
-    yield tab
-    tab.close()
-    assert said == []
+    asked: list[str] = []
+    with watched_tab(browser, asked) as tab:
+        yield tab
     assert {url.split(":", 1)[0] for url in asked} <= {"file", "blob"}
 
 

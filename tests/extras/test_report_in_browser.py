@@ -2,14 +2,9 @@
 
 import datetime
 import re
-import shutil
-from collections.abc import Iterator
 
 import pytest
-
-pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
-
-from playwright import sync_api
+from tests.extras.browsers import needs_browser
 
 from socialiq.audit.profile.profile import Margin
 from socialiq.audit.profile.template import declare
@@ -19,8 +14,6 @@ from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
-BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), "")
 MEASURE = """() => {
   const root = document.documentElement;
   const pictures = [...document.querySelectorAll("svg:not(.moving)")];
@@ -32,7 +25,7 @@ MEASURE = """() => {
   };
 }"""
 
-pytestmark = pytest.mark.skipif(not BROWSER, reason="no Chromium is installed")
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
@@ -63,16 +56,6 @@ def table(folder):
     path = folder / ("a_policy_with_a_long_name_" * 4 + ".safetensors")
     save_table(path, TabularPolicy(world.world, expert_policy(world, 0.0)))
     return str(path)
-
-
-@pytest.fixture(name="browser", scope="module")
-def installed_browser() -> Iterator:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield browser
-        browser.close()
 
 
 @pytest.mark.parametrize("width", [360, 1280])

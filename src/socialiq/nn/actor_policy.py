@@ -15,10 +15,10 @@ from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError
 from socialiq.nn.actor import LOG_STD, Actor
-from socialiq.nn.dial_policy import range_of
+from socialiq.nn.dial_policy import check_in_range, range_of
 from socialiq.nn.file_checks import FAULTS, chained, fault_before
 from socialiq.nn.perceptron import ACTIVATIONS, perceptron
-from socialiq.nn.value_policy import numbers_of
+from socialiq.nn.value_policy import checked_batch, numbers_of
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
 
@@ -107,10 +107,7 @@ class ActorPolicy:
         Raises:
             UserError: If an observation has another length or is not finite.
         """
-        batch = np.asarray(observations, np.float32)
-        self._check_shape(batch)
-        if not np.isfinite(batch).all():
-            raise UserError("observation holds NaN or infinity: correct the sensor or the data")
+        batch = checked_batch(observations, self.n_features)
         value = perceptron(self.weights, self.biases, self.activation, batch)
         mean = value[:, : self.action_size]
         if not self.is_stochastic:
@@ -202,12 +199,6 @@ class ActorPolicy:
             raise UserError(f"{path} {fault}: make the file again")
         return policy
 
-    def _check_shape(self, batch: np.ndarray) -> None:
-        if batch.ndim != 2 or batch.shape[1] != self.n_features:
-            raise UserError(
-                f"observation of shape {batch.shape[1:]}: this policy takes ({self.n_features},)"
-            )
-
 
 @dataclass(frozen=True)
 class ActorDial:
@@ -253,11 +244,7 @@ class ActorDial:
         Raises:
             UserError: If the angle is outside the trained range.
         """
-        if not self.low <= angle <= self.high:
-            raise UserError(
-                f"angle {angle:g} is outside this dial's range: "
-                f"choose one in [{self.low:g}, {self.high:g}] degrees"
-            )
+        check_in_range(angle, self.low, self.high)
         weights, biases = list(self.turned.weights), list(self.turned.biases)
         direction = np.array(exact_weights(angle), weights[0].dtype)
         biases[0] = biases[0] + weights[0][:, -2:] @ direction

@@ -95,11 +95,7 @@ class DialPolicy:
         Raises:
             UserError: If the angle is outside the trained range.
         """
-        if not self.low <= angle <= self.high:
-            raise UserError(
-                f"angle {angle:g} is outside this dial's range: "
-                f"choose one in [{self.low:g}, {self.high:g}] degrees"
-            )
+        check_in_range(angle, self.low, self.high)
         setting = self.setting(angle)
         weights, biases = list(self.turned.weights), list(self.turned.biases)
         weight = weights[0]
@@ -176,6 +172,15 @@ class DialPolicy:
         if type(pairs) is not bool or (pairs and turned.n_actions % 2):
             raise UserError(f"{path} has no pair of values for each action: make the file again")
         return DialPolicy(turned, low, high, pairs, _settings_of(path, header, low, high), knots)
+
+
+def check_in_range(angle: float, low: float, high: float) -> None:
+    """Raise an error for an angle outside a dial's range, all in degrees."""
+    if not low <= angle <= high:
+        raise UserError(
+            f"angle {angle:g} is outside this dial's range: "
+            f"choose one in [{low:g}, {high:g}] degrees"
+        )
 
 
 def range_of(path: Path, header: Mapping[str, Any]) -> tuple[float, float]:

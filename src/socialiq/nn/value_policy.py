@@ -61,18 +61,11 @@ class ValuePolicy(ABC):
         Raises:
             UserError: If an observation has another length or is not finite.
         """
-        batch = np.asarray(observations, np.float32)
-        self.check_shape(batch)
-        if not np.isfinite(batch).all():
-            raise UserError("observation holds NaN or infinity: correct the sensor or the data")
-        return batch
+        return checked_batch(observations, self.n_features)
 
     def check_shape(self, batch: np.ndarray) -> None:
         """Raise an error for observations of another length."""
-        if batch.ndim != 2 or batch.shape[1] != self.n_features:
-            raise UserError(
-                f"observation of shape {batch.shape[1:]}: this policy takes ({self.n_features},)"
-            )
+        check_shape(batch, self.n_features)
 
     def probabilities(
         self, observations: Float[np.ndarray, "batch feature"]
@@ -108,6 +101,33 @@ class ValuePolicy(ABC):
             draws = self.rng.random((len(batch), 1))
             actions = np.minimum((draws >= cumulative).sum(axis=1), self.n_actions - 1)
         return (actions if numbers.ndim == 2 else actions.squeeze(axis=0)), state
+
+
+def checked_batch(
+    observations: Float[np.ndarray, "batch feature"], n_features: int
+) -> Float32[np.ndarray, "batch feature"]:
+    """Return observations as float32.
+
+    Args:
+        observations: Of any precision.
+        n_features: Length that the policy takes.
+
+    Raises:
+        UserError: If an observation has another length or is not finite.
+    """
+    batch = np.asarray(observations, np.float32)
+    check_shape(batch, n_features)
+    if not np.isfinite(batch).all():
+        raise UserError("observation holds NaN or infinity: correct the sensor or the data")
+    return batch
+
+
+def check_shape(batch: np.ndarray, n_features: int) -> None:
+    """Raise an error for observations of another length than a policy takes."""
+    if batch.ndim != 2 or batch.shape[1] != n_features:
+        raise UserError(
+            f"observation of shape {batch.shape[1:]}: this policy takes ({n_features},)"
+        )
 
 
 def numbers_of(observation: object) -> np.ndarray:

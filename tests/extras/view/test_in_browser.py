@@ -3,7 +3,6 @@
 import datetime
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,9 +13,8 @@ import pytest
 pytest.importorskip("starlette", reason="extra `web` is not installed")
 pytest.importorskip("uvicorn", reason="extra `web` is not installed")
 pytest.importorskip("websockets", reason="extra `web` is not installed")
-pytest.importorskip("playwright.sync_api", reason="extra `browser` is not installed")
 
-from playwright import sync_api
+from tests.extras.browsers import PATIENCE, needs_browser, sync_api, watched_tab
 from tests.extras.view.made import saved
 
 from socialiq.audit.profile.profile import Margin
@@ -29,35 +27,15 @@ from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
-BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), "")
-PATIENCE = 120_000  # ms; the machine may be busy
-
-pytestmark = pytest.mark.skipif(not BROWSER, reason="no Chromium is installed")
-
-
-@pytest.fixture(name="browser", scope="module")
-def installed_browser() -> Iterator:
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=BROWSER, args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield browser
-        browser.close()
+pytestmark = needs_browser
 
 
 @pytest.fixture(name="tab")
 def opened_tab(browser) -> Iterator:
     """A tab that must not complain, nor ask another place for anything."""
-    tab = browser.new_page(viewport={"width": 1280, "height": 1000}, reduced_motion="reduce")
-    tab.set_default_timeout(PATIENCE)
-    said, asked = [], []
-    tab.on("console", lambda message: said.append(message.text))
-    tab.on("pageerror", lambda error: said.append(str(error)))
-    tab.on("request", lambda request: asked.append(request.url))
-    yield tab
-    tab.close()
-    assert said == []
+    asked: list[str] = []
+    with watched_tab(browser, asked) as tab:
+        yield tab
     assert {url.split("/")[2].split(":")[0] for url in asked} == {"127.0.0.1"}
 
 

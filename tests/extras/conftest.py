@@ -1,0 +1,13 @@
+"""What tests of several pages have in common."""
+
+from collections.abc import Iterator
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    from tests.extras.browsers import launched  # needs an extra
+
+    with launched() as found:
+        yield found
