@@ -7,9 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Float32
 
@@ -18,6 +15,7 @@ from socialiq.nn.actor import LOG_STD, Actor
 from socialiq.nn.dial_policy import check_in_range, range_of
 from socialiq.nn.file_checks import FAULTS, chained, fault_before
 from socialiq.nn.perceptron import ACTIVATIONS, perceptron
+from socialiq.nn.q_network import linear_layers
 from socialiq.nn.value_policy import checked_batch, numbers_of
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
@@ -77,12 +75,8 @@ class ActorPolicy:
 
     def network(self) -> Actor:
         """Return the actor, which can be trained: the inverse of `of`."""
-        layers = []
-        for weight, bias in zip(self.weights, self.biases, strict=True):
-            empty = eqx.nn.Linear(weight.shape[1], weight.shape[0], key=jax.random.key(0))
-            given = (jnp.asarray(weight), jnp.asarray(bias))
-            layers.append(eqx.tree_at(lambda one: (one.weight, one.bias), empty, given))
-        return Actor(tuple(layers), self.activation, self.action_size)
+        layers = linear_layers(self.weights, self.biases)
+        return Actor(layers, self.activation, self.action_size)
 
     @property
     def n_features(self) -> int:

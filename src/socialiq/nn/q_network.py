@@ -7,6 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from socialiq.nn.view import OneHot, View
@@ -151,3 +153,18 @@ def through(
 def network_of(networks: Any, run: int) -> Any:
     """Return one of many networks whose arrays share a leading run axis."""
     return jax.tree.map(lambda leaf: leaf[run], networks)
+
+
+def linear_layers(
+    weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]
+) -> tuple[eqx.nn.Linear, ...]:
+    """Return layers that can be trained, of the weights and biases of a saved policy."""
+    key = jax.random.key(0)  # of weights that are replaced
+    return tuple(
+        eqx.tree_at(
+            lambda layer: (layer.weight, layer.bias),
+            eqx.nn.Linear(weight.shape[1], weight.shape[0], key=key),
+            (jnp.asarray(weight), jnp.asarray(bias)),
+        )
+        for weight, bias in zip(weights, biases, strict=True)
+    )

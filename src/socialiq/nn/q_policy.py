@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +17,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.nn import perceptron
 from socialiq.nn.file_checks import FAULTS, fault_before, fault_of
 from socialiq.nn.q_network import ACTIVATIONS as TRAINABLE
-from socialiq.nn.q_network import Encoding, QNetwork, ValueNetwork
+from socialiq.nn.q_network import Encoding, QNetwork, ValueNetwork, linear_layers
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.nn.view import Choice, OneHot, View
 from socialiq.storage import load_arrays, save_arrays
@@ -79,17 +78,8 @@ class QPolicy(ValuePolicy):
             UserError: If its activation is of an imported policy.
         """
         one_of("activation of a trainable network", self.activation, tuple(TRAINABLE))
-        key = jax.random.key(0)  # of weights that are replaced
-        layers = [
-            eqx.tree_at(
-                lambda layer: (layer.weight, layer.bias),
-                eqx.nn.Linear(weight.shape[1], weight.shape[0], key=key),
-                (jnp.asarray(weight), jnp.asarray(bias)),
-            )
-            for weight, bias in zip(self.weights, self.biases, strict=True)
-        ]
         view = jax.tree.map(jnp.asarray, self.view)
-        return QNetwork(tuple(layers), self.activation, view)
+        return QNetwork(linear_layers(self.weights, self.biases), self.activation, view)
 
     def with_clock(self, times: int) -> QPolicy:
         """Return the same policy for observations that end with the time, which it ignores.
