@@ -1,4 +1,4 @@
-"""What tests of several pages have in common."""
+"""Fixtures of tests of several pages."""
 
 from collections.abc import Iterator
 
