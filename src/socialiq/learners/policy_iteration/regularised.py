@@ -15,8 +15,7 @@ Here the score of an angle is
 
 with β the clone (`learners.clone_dial`). The second part is 0 for the most likely action; a greedy
 demonstrator has no τ, so η is a choice, in units of reward for a nat. R(α) stays in it as a whole,
-not as R(α) - R(α_i): a clone's errors would stay too, and so the skill counts as
-(η / τ) / (1 + η / τ) of what it is worth to the demonstrators.
+not as R(α) - R(α_i), which is 0 at a demonstrator's angle: a clone's errors would stay there.
 """
 
 from __future__ import annotations
