@@ -2,8 +2,8 @@
 
 η is chosen from demonstrations alone: each demonstrator is left out in turn, the method is trained
 on the others at the angle of the one left out, and that η is taken whose policies take most of the
-actions of the ones left out. No score of any policy enters. Actions are counted and likelihoods are not
-compared, since greedy demonstrators have no temperature.
+actions of the ones left out. No score of any policy enters. Actions are counted and
+likelihoods are not compared, since greedy demonstrators have no temperature.
 """
 
 from __future__ import annotations
