@@ -19,8 +19,9 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.worlds.highway.batch import Batch as SceneBatch
+from socialiq.worlds.highway.scene import ACTIONS as SCENE_ACTIONS
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.state import ACTIONS as SCENE_ACTIONS
+from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.actions import space_of
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
@@ -87,7 +88,7 @@ def other_roads(repeats: int) -> dict[str, float]:
 
     found = {}
     for name in SCENES:
-        core = SceneBatch(name, BATCH)
+        core = world_of(name).batch(BATCH)
         real = RealScene(core.scene, core.options).environment
         pairs = [
             (scene_steps_per_second(core), scene_real_steps_per_second(real, core.options.duration))

@@ -9,9 +9,9 @@ from socialiq.errors import UserError
 from socialiq.social.angle import weights
 from socialiq.types import Ending
 from socialiq.worlds import IDS, registry
+from socialiq.worlds.highway.settings import SIGNALS
 from socialiq.worlds.intersection.gym import IntersectionEnv
 from socialiq.worlds.intersection.policies import policy
-from socialiq.worlds.intersection.settings import SIGNALS
 from socialiq.worlds.intersection.world import Intersection
 
 ID = IDS["intersection"]
@@ -123,7 +123,7 @@ def test_an_episode_that_ended_must_be_reset(env):
 def test_unknown_actions_are_refused(action):
     env = IntersectionEnv()
     env.reset(seed=0)
-    with pytest.raises(UserError, match=r"actions must be 0, 1 or 2"):
+    with pytest.raises(UserError, match=r"actions must be 0 to 2"):
         env.step(action)
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.core import ego as ego_kernels
-from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, Options
-from socialiq.worlds.intersection.state import Contact
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 

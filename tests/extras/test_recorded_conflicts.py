@@ -32,7 +32,7 @@ from socialiq.recordings.readers.commonroad import read_commonroad
 from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
 from socialiq.recordings.tracks import Tracks
-from socialiq.worlds.intersection.settings import SIGNALS
+from socialiq.worlds.highway.settings import SIGNALS
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 DT = 0.1

@@ -17,8 +17,8 @@ from socialiq.cli.output import print_table
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Clock
+from socialiq.worlds.highway.conformance import PORTABLE, Compared
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.reference.conformance import PORTABLE, Compared
 
 _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
 

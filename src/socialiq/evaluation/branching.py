@@ -15,7 +15,8 @@ from socialiq.errors import UserError
 from socialiq.learners.collect import Act
 from socialiq.learners.policy_iteration.train import Labelled
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.batch import Batch, State
+from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
 

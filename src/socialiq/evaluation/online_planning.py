@@ -19,7 +19,8 @@ from socialiq.errors import UserError
 from socialiq.evaluation.play import sees_time
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch, State
+from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.imagination import imagined
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS

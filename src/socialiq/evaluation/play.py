@@ -15,11 +15,13 @@ from socialiq.evaluation.metrics import Metrics
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.intersection.batch import Batch, Decisions
+from socialiq.worlds.highway.episodes import Decisions
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import SLOWER
-from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import ACTIONS, Contact
+from socialiq.worlds.intersection.state import ACTIONS
 from socialiq.worlds.intersection.world import Intersection
 
 STOPPED_BELOW = 0.5  # m/s

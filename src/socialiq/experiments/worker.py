@@ -19,7 +19,7 @@ from socialiq.experiments.jobs import Job, do
 from socialiq.experiments.results import versions
 from socialiq.learners.callbacks import Stopped, StopRequest
 from socialiq.storage import write_atomically
-from socialiq.worlds.intersection.reference.conformance import PORTABLE
+from socialiq.worlds.highway.conformance import PORTABLE
 
 _REPORT_SECONDS = 0.2  # between two reports of one job
 _SHARED_SECONDS = 10.0  # for a new file to appear on another machine of a shared file system

@@ -20,7 +20,7 @@ from socialiq.recordings.episodes.ego_swap import Swapped, check_distinct
 from socialiq.social.angle import DirectionInterval, angle_of, direction_interval
 from socialiq.statistics.bootstrap import resample_rows
 from socialiq.types import Ending, Row
-from socialiq.worlds.intersection.settings import SIGNALS
+from socialiq.worlds.highway.settings import SIGNALS
 
 LIMITS = (
     "A neighbour's loss of speed was observed, not caused: it may have braked for "

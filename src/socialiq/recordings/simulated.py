@@ -17,9 +17,17 @@ from socialiq.recordings.recording import Recording
 from socialiq.recordings.road.network import Lanelet, RoadNetwork
 from socialiq.recordings.tracks import RoadUser, Tracks
 from socialiq.types import Ending, Policy
+from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.core.geometry import (
+    LANE_WIDTH,
+    VEHICLE_LENGTH,
+    VEHICLE_WIDTH,
+    heading_at,
+    position,
+)
+from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import geometry
-from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.options import Options
 
 FIRST_LANELET = 1000
@@ -27,7 +35,7 @@ FIRST_LANELET = 1000
 
 _SPACING = 0.5  # m between the points of an arc; `path_of` recovers the arc for any spacing
 
-_position, _heading_at = for_python(geometry.position), for_python(geometry.heading_at)
+_position, _heading_at = for_python(position), for_python(heading_at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +67,14 @@ def road() -> RoadNetwork:
 
 
 def _lanelet(lane: int) -> Lanelet:
-    record, half = geometry.LANES[lane], geometry.LANE_WIDTH / 2
+    record, half = geometry.LANES[lane], LANE_WIDTH / 2
     count = 2 if record["straight"] else int(np.ceil(record["length"] / _SPACING)) + 1
     along = np.linspace(0.0, float(record["length"]), count)
     centre = np.array([_position(record, one) for one in along])
     heading = np.array([_heading_at(record, one) for one in along])
     right = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * half
     flip = np.array([1.0, -1.0])
-    arm = lane % 5 == geometry.EXIT
+    arm = lane % 5 == EXIT
     following = [] if arm else geometry.CONNECTED[lane, 1 : 4 if lane % 5 == 0 else 2].tolist()
     leading = [one for one in range(geometry.N_LANES) if lane in _following(one)]
     return Lanelet(
@@ -80,7 +88,7 @@ def _lanelet(lane: int) -> Lanelet:
 
 
 def _following(lane: int) -> list[int]:
-    if lane % 5 == geometry.EXIT:
+    if lane % 5 == EXIT:
         return []  # the simulator connects exits to approaches; no vehicle drives there
     return geometry.CONNECTED[lane, 1 : 4 if lane % 5 == 0 else 2].tolist()
 
@@ -147,8 +155,8 @@ def _tracks(frames: list[np.ndarray], dt: float, name: str, source: dict[str, An
         -rows["speed"] * rows["along_y"],
         identity.astype(np.int64) + 1,
         np.full(len(identity), int(RoadUser.CAR), np.int8),
-        np.full(len(identity), geometry.VEHICLE_LENGTH),
-        np.full(len(identity), geometry.VEHICLE_WIDTH),
+        np.full(len(identity), VEHICLE_LENGTH),
+        np.full(len(identity), VEHICLE_WIDTH),
         dt,
         name,
         source,

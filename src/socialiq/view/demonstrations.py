@@ -17,8 +17,8 @@ from socialiq.social.angle import angle_of
 from socialiq.types import Ending
 from socialiq.view.scenes import scenes_of
 from socialiq.view.shown import Shown
+from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import FEATURES
 from socialiq.worlds.intersection.world import Intersection
 
 MOST_SEED = 2**53

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float32
 from scipy.optimize import linear_sum_assignment
 
-from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 FURTHEST = 7.0
 """Metres between a vehicle and where its speed would have taken it, within which it is the same."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import gymnasium
 
+from socialiq.worlds.highway.scenes import SCENES
+
 IDS = {
     "crossing5": "socialiq/Crossing5-v1",
     "crossing7": "socialiq/Crossing7-v1",
@@ -19,7 +21,7 @@ CONTINUOUS_IDS = {
 }
 """The intersection with continuous actions, by the option `actions`."""
 
-SCENE_IDS = {"merge": "socialiq/Merge-v1", "roundabout": "socialiq/Roundabout-v1"}
+SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SCENES}
 """Other roads of highway-env, by the name of the scene."""
 
 RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
@@ -34,6 +36,7 @@ _INTERSECTIONS = "socialiq.worlds.intersection.gym:IntersectionVectorEnv"
 
 
 _SCENE = "socialiq.worlds.highway.gym:SceneEnv"
+_SCENE_VECTOR = "socialiq.worlds.highway.gym:SceneVectorEnv"
 _RECORDED = "socialiq.recordings.world.gym:RecordedJunctionEnv"
 
 
@@ -52,6 +55,7 @@ def register() -> None:
             gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=more)
     for scene, name in SCENE_IDS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(name, _SCENE, kwargs={"scene": scene})
+            more = {"scene": scene}
+            gymnasium.register(name, _SCENE, vector_entry_point=_SCENE_VECTOR, kwargs=more)
     if RECORDED_JUNCTION not in gymnasium.registry:
         gymnasium.register(RECORDED_JUNCTION, _RECORDED)

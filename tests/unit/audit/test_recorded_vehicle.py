@@ -13,7 +13,7 @@ from socialiq.audit.verdict.decision import Decision
 from socialiq.errors import UserError
 from socialiq.recordings.episodes.annotate import Driven
 from socialiq.types import Ending
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 FLOOR = Floor(max_at_fault=0.2, max_struck=0.2, min_arrival=0.5, max_timeout=0.5)
 

@@ -19,8 +19,8 @@ from socialiq.policies.interface import checked_actions
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
+from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.state import Contact
 
 _CHANCE = 5190  # makes these draws independent of other draws from the same seed
 

@@ -13,7 +13,7 @@ from socialiq.audit.evidence.consistency import Consistency
 from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 MEASURED = ("r_env", "r_social", "ending", "decisions")
 """Columns of each driver."""

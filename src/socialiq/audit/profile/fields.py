@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from socialiq.worlds.environment import NAME_PATTERN
-from socialiq.worlds.intersection.options import MOST_SPEEDS
+from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.registry import WORLDS
 
 Kind = Literal["number", "text", "sha256", "world", "date", "options"]

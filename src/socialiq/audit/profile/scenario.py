@@ -16,8 +16,9 @@ from socialiq.recordings.recording import refuse_recording
 from socialiq.worlds import IDS
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.intersection.options import MOST_SPEEDS, Options
-from socialiq.worlds.intersection.settings import ENV_SIGNALS, SOCIAL_SIGNALS
+from socialiq.worlds.highway.options import MOST_SPEEDS
+from socialiq.worlds.highway.settings import ENV_SIGNALS, SOCIAL_SIGNALS
+from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import WORLDS, make
 

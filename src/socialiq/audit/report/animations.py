@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
-from socialiq.worlds.intersection.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
+from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.intersection.pictures.shapes import JUNCTION
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 

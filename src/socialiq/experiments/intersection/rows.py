@@ -16,7 +16,7 @@ from socialiq.social.angle import estimate_angle
 from socialiq.statistics.intervals import wilson
 from socialiq.storage import read_json
 from socialiq.types import Ending, Row
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
 SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")

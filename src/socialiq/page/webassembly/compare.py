@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from socialiq.page.webassembly.replay import Replay
-from socialiq.worlds.intersection.state import EPISODE, VEHICLE
+from socialiq.worlds.highway.state import EPISODE
+from socialiq.worlds.intersection.state import VEHICLE
 
 CLOSE = 1e-9
 """Largest difference of a state that counts as close: m, rad, m/s, m/s²."""

@@ -10,10 +10,11 @@ from numba import types
 from numba.np.numpy_support import carray
 
 from socialiq.page.webassembly.arguments import ARGUMENTS
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import FEATURES, Buffers
 from socialiq.worlds.intersection.core import step
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import FEATURES, Buffers
+from socialiq.worlds.intersection.state import buffers_of
 
 
 def entry_of(options: Options) -> Callable[..., None]:
@@ -58,6 +59,6 @@ def entry_of(options: Options) -> Callable[..., None]:
 
 def signature_of(options: Options) -> Any:
     """Return the entry's Numba signature: a pointer for each array, then rows and traced rows."""
-    arrays = [array.dtype for array in Buffers.of(options, 1, traced=True)]
+    arrays = [array.dtype for array in buffers_of(options, 1, traced=True)]
     pointers = [types.CPointer(numba.from_dtype(one)) for one in (*arrays, *ARGUMENTS.values())]
     return types.void(*pointers, types.int32, types.int32)

@@ -9,17 +9,15 @@ import numpy as np
 
 from socialiq.page.webassembly.arguments import ARGUMENTS
 from socialiq.types import Ending
-from socialiq.worlds.intersection import state
-from socialiq.worlds.intersection.core import geometry
+from socialiq.worlds.highway import state
+from socialiq.worlds.highway.core import geometry
+from socialiq.worlds.highway.settings import ENV_SIGNALS, SETTINGS, SIGNALS
+from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import (
-    ENV_SIGNALS,
-    SETTINGS,
-    SIGNALS,
-    settings_of,
-)
+from socialiq.worlds.intersection.settings import settings_of
+from socialiq.worlds.intersection.state import ACTIONS, VEHICLE, buffers_of
 
-_RECORDS = {"vehicle": state.VEHICLE, "episode": state.EPISODE, "settings": SETTINGS}
+_RECORDS = {"vehicle": VEHICLE, "episode": state.EPISODE, "settings": SETTINGS}
 _COMMANDS = ("RESET", "DECIDE", "DECIDE_AND_RESET", "ANNOTATE", "SKIP")
 
 
@@ -33,7 +31,7 @@ def layout(options: Options) -> dict[str, Any]:
         `records`: size and fields (type, offset) of each kind of record; `arrays`: name, type and
         shape of a row, in the order of the entry point's arguments; `settings`; names and numbers.
     """
-    buffers = state.Buffers.of(options, 1, traced=True)
+    buffers = buffers_of(options, 1, traced=True)
     arrays = [_array(name, one.dtype, one.shape[1:]) for name, one in buffers._asdict().items()]
     arrays += [_array(name, kind, ()) for name, kind in ARGUMENTS.items()]
     weights = [getattr(options, f"{name}_weight") for name in SIGNALS]
@@ -44,7 +42,7 @@ def layout(options: Options) -> dict[str, Any]:
         "commands": {name.lower(): getattr(state, name) for name in _COMMANDS},
         "endings": {kind.name.lower(): int(kind) for kind in Ending},
         "contacts": {kind.name.lower(): int(kind) for kind in state.Contact},
-        "actions": state.ACTIONS,
+        "actions": ACTIONS,
         "signals": SIGNALS,
         "env_signals": len(ENV_SIGNALS),
         "weights": weights,
@@ -56,7 +54,7 @@ def layout(options: Options) -> dict[str, Any]:
         "vehicle_width": geometry.VEHICLE_WIDTH,
         "lane_width": geometry.LANE_WIDTH,
         "conflict_distance": options.conflict_distance,
-        "lanes": [_lane(lane) for lane in geometry.LANES],
+        "lanes": [_lane(lane) for lane in LANES],
     }
 
 

@@ -14,9 +14,10 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.page.webassembly.layout import layout
 from socialiq.types import Ending
+from socialiq.worlds.highway.state import Buffers
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import Buffers
+from socialiq.worlds.intersection.state import buffers_of
 
 CORE = Path(__file__).with_name("core.wasm")
 """The built core that ships with the package."""
@@ -89,7 +90,7 @@ def in_node(options: Options, seeds: np.ndarray, actions: np.ndarray, core: Path
         (folder / "job.json").write_text(json.dumps(job))
         files = [core, folder / "layout.json", folder / "job.json", folder / "out.bin"]
         run_node("replay.mjs", *map(str, files))
-        rows = Buffers.of(options, len(seeds))
+        rows = buffers_of(options, len(seeds))
         kind = np.dtype([(one, getattr(rows, one).dtype, getattr(rows, one).shape) for one in KEPT])
         found = np.fromfile(folder / "out.bin", kind)
     return Replay(actions, {one: found[one] for one in KEPT})

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int32
 
-from socialiq.worlds.intersection.core.ego import SPEED_GAIN
+from socialiq.worlds.highway.core.vehicle import SPEED_GAIN
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import FASTER, IDLE, SLOWER
 

@@ -15,13 +15,14 @@ from socialiq.recordings.episodes.scene import Scene, same_direction
 from socialiq.recordings.road.paths import Path
 from socialiq.recordings.road.routes import APPROACH, EXIT, JUNCTION, Crossing
 from socialiq.types import Ending
+from socialiq.worlds.highway.core.compile import run_in_parts
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import FEATURES, Contact
 from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.core.annotator import SEEN, SNAPSHOT, run
-from socialiq.worlds.intersection.core.compile import run_in_parts
 from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS, settings_of
-from socialiq.worlds.intersection.state import FEATURES, Contact
+from socialiq.worlds.intersection.settings import settings_of
 
 _BOUNDARY = 2.0  # m before the end of a section within which the next section may count
 _KINDS = {APPROACH: geometry.APPROACH, JUNCTION: geometry.STRAIGHT, EXIT: geometry.EXIT}

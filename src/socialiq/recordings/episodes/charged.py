@@ -8,7 +8,7 @@ import numpy as np
 
 from socialiq.recordings.episodes.annotate import Prepared
 from socialiq.recordings.episodes.scene import Scene
-from socialiq.worlds.intersection.core import rewards
+from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.intersection.settings import settings_of
 
 

@@ -12,7 +12,7 @@ from socialiq.recordings.rectangles import touching
 from socialiq.recordings.road.network import Lanes, lanes_of
 from socialiq.recordings.road.routes import APPROACH, JUNCTION, Crossing, Matched, Matcher
 from socialiq.recordings.tracks import RoadUser
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
 """Road users that drive on lanelets; others are neither ego nor neighbour."""

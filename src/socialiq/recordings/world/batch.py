@@ -12,7 +12,8 @@ from socialiq.errors import UserError
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.recordings.world.state import AS_DRIVER, Made, Traffic
 from socialiq.types import Ending, RewardPair
-from socialiq.worlds.intersection.settings import SIGNALS, settings_of
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.intersection.settings import settings_of
 
 
 class Decisions(NamedTuple):
@@ -153,7 +154,7 @@ class JunctionBatch:
         )
 
     def _run(self, commands: Any, seeded: Any, seeds: Any, levels: Any) -> None:
-        from socialiq.worlds.intersection.core.compile import run_in_parts
+        from socialiq.worlds.highway.core.compile import run_in_parts
 
         run_in_parts(
             self._core.run,

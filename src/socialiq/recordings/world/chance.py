@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.highway.core.compile import kernel
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)

@@ -67,7 +67,7 @@ def run(
         seed: Of the drivers.
     """
     from socialiq.recordings.world import core
-    from socialiq.worlds.intersection.core.compile import run_in_parts
+    from socialiq.worlds.highway.core.compile import run_in_parts
 
     traffic = Traffic.of(world, 1)
     traffic.seed[0] = seed

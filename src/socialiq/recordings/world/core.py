@@ -23,13 +23,8 @@ from socialiq.recordings.world.traffic import (
     limit_at,
 )
 from socialiq.types import Ending
-from socialiq.worlds.intersection.core.compile import (
-    entry_point,
-    fingerprint,
-    inlined_kernel,
-    kernel,
-)
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
+from socialiq.worlds.highway.state import Contact
 
 RESET, DECIDE, SKIP = range(3)
 """Commands for an episode."""

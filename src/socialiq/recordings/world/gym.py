@@ -15,7 +15,7 @@ from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 _TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 

@@ -13,7 +13,7 @@ from socialiq import storage
 from socialiq.errors import UserError
 from socialiq.recordings.world.config import WorldConfig
 from socialiq.worlds import WORLD_FILE
-from socialiq.worlds.intersection.state import FEATURES
+from socialiq.worlds.highway.state import FEATURES
 
 KIND = WORLD_FILE
 SCHEMA_VERSION = 1

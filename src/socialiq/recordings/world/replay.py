@@ -144,7 +144,7 @@ def _made(
 ) -> Made:
     """Return observation, and the rewards of the decision that follows, at recorded moments."""
     from socialiq.recordings.world import core
-    from socialiq.worlds.intersection.core.compile import run_in_parts
+    from socialiq.worlds.highway.core.compile import run_in_parts
 
     made = Made.of(world, len(steps))
     settings = settings_of(world.config.options(world.max_speed))

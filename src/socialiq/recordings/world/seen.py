@@ -14,10 +14,11 @@ import numpy as np
 
 from socialiq.recordings.world.traffic import DT, ahead_of, closed_line
 from socialiq.types import Ending
-from socialiq.worlds.intersection.core import rewards
-from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
-from socialiq.worlds.intersection.core.traffic import clip
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, Contact
+from socialiq.worlds.highway.core import rewards
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.vehicle import clip
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 _FAR = 100.0  # m; vehicles whose way has nothing to do with the ego's come after the others
 _UNTOUCHED, _STRUCK, _WAS_STRUCK = (int(kind) for kind in Contact)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from socialiq.recordings.world.recorded_world import RecordedWorld
-from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import FEATURES
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import FEATURES
 
 N_PARAMETERS = 6
 """Parameters of a driver; `drivers.Drivers`."""

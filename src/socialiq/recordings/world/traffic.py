@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 
 WAITING, PRESENT, GONE = range(3)
 """States of a vehicle in an episode."""

@@ -11,7 +11,7 @@ from socialiq.audit.evidence.outcomes import Evidence, Outcomes
 from socialiq.audit.verdict.calibration import preimage
 from socialiq.social.angle import angle_of, exact_weights
 from socialiq.types import Ending
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 ANGLES = np.array([0.0, 30.0, 60.0, 90.0])
 """Target angles of the references in degrees."""

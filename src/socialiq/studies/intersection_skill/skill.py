@@ -31,10 +31,11 @@ from socialiq.nn.value_policy import ValuePolicy
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import Policy, RewardPair
+from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.policies import STOP_LINE
-from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 LEVEL = 4.5
 """Difference of two target speeds in m/s."""

@@ -23,7 +23,8 @@ from socialiq.evaluation.simulate import simulate
 from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.types import RewardPair
-from socialiq.worlds.intersection.state import FEATURES, POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 _BRAKES = -2.0  # m/s²
 _STANDS = 0.2  # m/s

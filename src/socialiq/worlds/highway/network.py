@@ -12,26 +12,34 @@ import numpy as np
 Point = tuple[float, float]
 Shape = dict[str, Any]
 
-APPROACH, CONFLICT, EXIT = range(3)
-"""Kinds of a lane, for the influence zone: before the place where ways meet, in it, behind it."""
+APPROACH, CONFLICT, EXIT = 0, 1, 4
+"""Kinds of a lane, for the influence zone: before the place where ways meet, in it, behind it.
+
+Kinds between 1 and 4 count as CONFLICT; the intersection numbers its ways across so.
+"""
+
+SHAPE: list[tuple[str, Any]] = [
+    ("straight", np.bool_),  # also of a sine around a straight line
+    ("length", np.float64),
+    ("heading", np.float64),
+    ("x", np.float64),  # start of a straight lane, centre of a circle
+    ("y", np.float64),
+    ("along_x", np.float64),
+    ("along_y", np.float64),
+    ("across_x", np.float64),
+    ("across_y", np.float64),
+    ("radius", np.float64),
+    ("phase", np.float64),
+    ("sense", np.float64),  # 1 clockwise as drawn, -1 the other way
+    ("amplitude", np.float64),  # of a sine, m; 0: none
+    ("pulsation", np.float64),  # rad/m
+    ("shift", np.float64),  # rad
+]
+"""Fields of a lane's shape: a straight line, a sine around one, or an arc of a circle."""
 
 LANE = np.dtype(
     [
-        ("straight", np.bool_),  # also of a sine around a straight line
-        ("length", np.float64),
-        ("heading", np.float64),
-        ("x", np.float64),  # start of a straight lane, centre of a circle
-        ("y", np.float64),
-        ("along_x", np.float64),
-        ("along_y", np.float64),
-        ("across_x", np.float64),
-        ("across_y", np.float64),
-        ("radius", np.float64),
-        ("phase", np.float64),
-        ("sense", np.float64),  # 1 clockwise as drawn, -1 the other way
-        ("amplitude", np.float64),  # of a sine, m; 0: none
-        ("pulsation", np.float64),  # rad/m
-        ("shift", np.float64),  # rad
+        *SHAPE,
         ("forbidden", np.bool_),  # to change to
         ("speed_limit", np.float64),  # m/s
         ("road", np.int64),
@@ -49,7 +57,7 @@ LANE = np.dtype(
     ],
     align=True,
 )
-"""Lane record: a straight line, a sine around one, or an arc of a circle."""
+"""Lane record of a scene."""
 
 
 class Lane(NamedTuple):

@@ -1,43 +1,166 @@
-"""Options of a scene: those of the intersection that mean something on any road."""
+"""Options that every road has."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args, get_type_hints
 
-from socialiq.errors import one_of
-from socialiq.worlds.highway.scenes import scene_of
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS
+import numpy as np
 
-NAMES = (
-    "duration",
-    "target_speeds",
-    "observed_vehicles",
-    "progress_unit",
-    "zone",
-    "counted",
-    "disruption",
-    "crash",
-    "conflict_distance",
-    *(f"{name}_weight" for name in SIGNALS),
-    "speed_threshold",
-    "speed_cap",
-)
-"""Options that a scene has; `intersection.options.Options` says what they mean."""
+from socialiq.errors import UserError, one_of
 
-_OWN = {"simulation_frequency": 15, "observed_vehicles": 5}
+Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
+Counted = Literal["all", "cross", "approaching"]
+Disruption = Literal["dead_zone", "literal"]
+Crash = Literal["override", "add"]
+
+MOST_SPEEDS = 8
 
 
-def options_of(name: str, **given: Any) -> Options:
-    """Return a scene's options, with highway-env's clock of 15 sub-steps a second.
+@dataclass(frozen=True)
+class ClockOptions:
+    """Time of an episode.
 
-    Args:
-        name: Name of the scene.
-        given: Values by name of the option, one of `NAMES`.
+    Attributes:
+        simulation_frequency: Sub-steps of the physics per second.
+        policy_frequency: Decisions per second; divides the simulation frequency.
+        duration: Seconds after which an episode times out.
+    """
+
+    simulation_frequency: int = 10
+    policy_frequency: int = 1
+    duration: float = 20.0
+
+    def _check_clock(self) -> None:
+        for name in ("simulation_frequency", "policy_frequency"):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and value >= 1):
+                raise UserError(f"{name} must be a whole number of at least 1, got {value}")
+        if self.simulation_frequency % self.policy_frequency:
+            raise UserError(
+                f"simulation_frequency {self.simulation_frequency} is not a multiple of "
+                f"policy_frequency {self.policy_frequency}: choose one that is"
+            )
+        if not (self.duration > 0 and math.isfinite(self.duration)):
+            raise UserError(f"duration must be a positive number of seconds, got {self.duration}")
+
+    @property
+    def frames(self) -> int:
+        """Sub-steps of a decision."""
+        return self.simulation_frequency // self.policy_frequency
+
+    @property
+    def decisions(self) -> int:
+        """Number of decisions after which an episode times out."""
+        return math.ceil(self.duration * self.policy_frequency)
+
+
+@dataclass(frozen=True)
+class EgoOptions:
+    """What the ego can choose, and sees.
+
+    Attributes:
+        target_speeds: Speeds in m/s, equally spaced, that the ego's speed control steps through.
+        observed_vehicles: Rows of the observation, the ego's included.
+    """
+
+    target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
+    observed_vehicles: int = 10
+
+    def _check_ego(self) -> None:
+        speeds = np.array(self.target_speeds, np.float64)
+        rising = bool((np.diff(speeds) > 0).all() and np.isfinite(speeds).all())
+        if not (2 <= len(speeds) <= MOST_SPEEDS and rising and speeds[-1] > 0):
+            raise UserError(
+                f"target_speeds must be 2 to {MOST_SPEEDS} rising speeds, the last above 0, "
+                f"got {self.target_speeds}"
+            )
+        if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
+            raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
+        if not (isinstance(self.observed_vehicles, int) and self.observed_vehicles >= 2):
+            raise UserError(
+                "observed_vehicles must be a whole number of at least 2, "
+                f"got {self.observed_vehicles}"
+            )
+
+    @property
+    def max_speed(self) -> float:
+        """Fastest target speed v_max, m/s."""
+        return float(self.target_speeds[-1])
+
+
+@dataclass(frozen=True)
+class RewardOptions:
+    """Options of the reward pair (thesis 4.1).
+
+    Attributes:
+        progress_unit: Metres of advance that count as 1.
+        zone: Influence zone of the ego. "beyond_8_m" takes the thesis' 8 m as lane coordinate,
+            "travelled_8_m" as distance since the start; the others measure from the junction.
+        counted: Which neighbours within the conflict distance count: all, those that come from
+            another arm and haven't left the junction, or of these only those on an approach.
+        disruption: Eq 4.2's loss of speed with a dead zone, as in the text, or as printed,
+            which charges every neighbour at least the threshold.
+        crash: Whether the ego's collision replaces r_social or is added to it.
+        conflict_distance: Metres within which a neighbour counts.
+        progress_weight: w_p.
+        speed_weight: w_v.
+        collision_weight: w_c.
+        arrival_weight: w_a.
+        step_weight: w_s.
+        timeout_weight: w_t.
+        yielding_weight: w_y.
+        disruption_weight: w_d.
+        neighbour_collision_weight: Weight in r_social of the ego's collision.
+        speed_threshold: v_thresh of Eq 4.2, m/s.
+        speed_cap: v_cap of Eq 4.2, m/s.
+    """
+
+    progress_unit: float = 28.0
+    zone: Zone = "last_20_m"
+    counted: Counted = "all"
+    disruption: Disruption = "dead_zone"
+    crash: Crash = "override"
+    conflict_distance: float = 20.0
+    progress_weight: float = 2.0
+    speed_weight: float = 0.5
+    collision_weight: float = -2.0
+    arrival_weight: float = 1.0
+    step_weight: float = -0.15
+    timeout_weight: float = -0.5
+    yielding_weight: float = 0.2
+    disruption_weight: float = -1.0
+    neighbour_collision_weight: float = -5.0
+    speed_threshold: float = 1.0
+    speed_cap: float = 5.0
+
+
+@dataclass(frozen=True)
+class RoadOptions(RewardOptions, EgoOptions, ClockOptions):
+    """Options of a road: time, ego and rewards.
+
+    Dataclasses collect fields from the last base to the first; a road with more options places
+    these between.
 
     Raises:
-        UserError: If the scene, an option or a value is unknown.
+        UserError: If a value is not supported.
     """
-    for option in given:
-        one_of(f"option of {name}", option, NAMES)
-    return Options(**{**_OWN, **scene_of(name).defaults, **given})
+
+    def __post_init__(self) -> None:
+        for name, kind in get_type_hints(type(self)).items():
+            if get_args(kind) and isinstance(getattr(self, name), str):
+                one_of(name, getattr(self, name), get_args(kind))
+        self._check_clock()
+        self._check_ego()
+        for name, kind in get_type_hints(type(self)).items():
+            if kind is float and not math.isfinite(getattr(self, name)):
+                raise UserError(f"{name} must be a finite number, got {getattr(self, name)}")
+        for name in ("progress_unit", "conflict_distance", "speed_cap"):
+            if not getattr(self, name) > 0:
+                raise UserError(f"{name} must be positive, got {getattr(self, name)}")
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the ego's actions are continuous."""
+        return False

@@ -1,7 +1,7 @@
 """Comparison of a scene with the real highway-env: same seeds, same actions, every field.
 
 Checked with highway-env 1.12.1; needs the extra `highway`. As for the intersection, equal bits need
-the portable arithmetic of `intersection.reference.conformance.PORTABLE`.
+the portable arithmetic of `conformance.PORTABLE`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds.highway.batch import Batch
+from socialiq.worlds.highway.conformance import Compared
 from socialiq.worlds.highway.core import start
-from socialiq.worlds.highway.scene import Scene
-from socialiq.worlds.highway.state import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.reference.conformance import Compared
-from socialiq.worlds.intersection.state import FEATURES
+from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.scene import ACTIONS, CAR, FASTER, IDLE, LANE_LEFT, SLOWER, Scene
+from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.highway.world import world_of
 
 try:
     # Type checks also run where the extra is not installed.
@@ -43,7 +43,7 @@ class Driver(IDMVehicle):
     COMFORT_ACC_MIN = -start.DECELERATION
 
 
-def configuration(scene: Scene, options: Options) -> dict[str, Any]:
+def configuration(scene: Scene, options: RoadOptions) -> dict[str, Any]:
     """Return highway-env's configuration of a scene."""
     sight = scene.road.sight[0]
     ranges = {name: [-float(sight[name]), float(sight[name])] for name in ("x", "y", "vx", "vy")}
@@ -75,7 +75,7 @@ class RealScene:
         environment: highway-env's environment itself.
     """
 
-    def __init__(self, scene: Scene, options: Options) -> None:
+    def __init__(self, scene: Scene, options: RoadOptions) -> None:
         module, name = scene.real.split(":")
         made = getattr(importlib.import_module(module), name)
         self.environment: Any = made(config=configuration(scene, options))
@@ -142,7 +142,7 @@ def compare(scene: str, episodes: int, seed: int) -> Iterator[Compared]:
     """
     if episodes < 1:
         raise UserError(f"episodes must be at least 1, got {episodes}")
-    core = Batch(scene, 1)
+    core = world_of(scene).batch(1)
     real = RealScene(core.scene, core.options)
     for number in range(episodes):
         rng = np.random.default_rng(seed + number)
@@ -154,14 +154,14 @@ def _episode(
     core: Batch, real: RealScene, rng: np.random.Generator, allowed: np.ndarray, seed: int
 ) -> Compared:
     seen = np.abs(core.reset([seed]) - real.reset(seed)).max()
-    discrete, deviation = _differences(core.buffers.cars[0], real.cars())
+    discrete, deviation = _differences(core.buffers.vehicles[0], real.cars())
     worst, steps, going = np.array([deviation, seen]), 0, not discrete
     while going:
         action = int(rng.choice(allowed))
         made = core.step(np.array([action]), auto_reset=False)
         observation, ended = real.step(action)
         steps += 1
-        discrete, deviation = _differences(core.buffers.cars[0], real.cars())
+        discrete, deviation = _differences(core.buffers.vehicles[0], real.cars())
         worst = np.maximum(worst, [deviation, np.abs(made.observation[0] - observation).max()])
         going = int(made.ending[0]) == Ending.NONE
         if discrete or (ended and going):

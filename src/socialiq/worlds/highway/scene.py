@@ -7,6 +7,44 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+ACTIONS = ("lane_left", "idle", "lane_right", "faster", "slower")
+"""Actions: to the next lane, keep, or one target speed up or down from the present speed."""
+
+LANE_LEFT, IDLE, LANE_RIGHT, FASTER, SLOWER = range(len(ACTIONS))
+
+CAR = np.dtype(
+    [
+        ("x", np.float64),  # centre, m; x to the east, y to the south
+        ("y", np.float64),
+        ("heading", np.float64),  # rad, clockwise as drawn, from east
+        ("along_x", np.float64),  # cosine and sine of the heading
+        ("along_y", np.float64),
+        ("speed", np.float64),  # m/s
+        ("steering", np.float64),  # held command: front wheel angle, rad
+        ("acceleration", np.float64),  # held command, m/s²
+        ("target_speed", np.float64),
+        ("time_headway", np.float64),  # s
+        ("jam_distance", np.float64),  # m
+        ("max_acceleration", np.float64),  # m/s²
+        ("comfort_deceleration", np.float64),  # m/s², positive
+        ("exponent", np.float64),  # of the free-road term
+        ("timer", np.float64),  # s since the driver last thought of changing lanes
+        ("push_x", np.float64),  # m; displacement by a collision in the next sub-step
+        ("push_y", np.float64),
+        ("identity", np.int32),  # its entry; obstacles follow
+        ("lane", np.int16),  # closest lane
+        ("target_lane", np.int16),  # lane it steers along
+        ("route", np.int16),  # road at which its way began, -1 without a way
+        ("destination", np.int16),
+        ("leg", np.int16),  # completed roads of its way
+        ("obstacle", np.bool_),
+        ("crashed", np.bool_),
+        ("pushed", np.bool_),  # push_x and push_y are pending
+    ],
+    align=True,
+)
+"""Record of a vehicle or of an obstacle, which stands and drives nowhere."""
+
 ENTRY = np.dtype(
     [
         ("lane", np.int64),  # first of those to draw from
@@ -90,6 +128,8 @@ def entry(lane: int, along: float, speed: float, **more: Any) -> np.ndarray:
     return record
 
 
-def sight(x: float, y: float, vx: float, vy: float, arrival: float, relative: bool) -> np.ndarray:
+def sight(
+    x: float, y: float, vx: float, vy: float, arrival: float = np.inf, *, relative: bool
+) -> np.ndarray:
     """Return a SIGHT record in an array of one."""
     return np.array([(relative, x, y, vx, vy, arrival)], SIGHT)

@@ -1,97 +1,127 @@
-"""State of a scene: records of vehicles, and the arrays that hold them."""
+"""State of a road: records of episodes, and the arrays that hold them.
+
+A state is two arrays, of episodes and of vehicles, so copying them saves it, and copying them back
+restores it to the last bit, random stream included.
+"""
 
 from __future__ import annotations
 
+import enum
 from typing import NamedTuple
 
 import numpy as np
 
-from socialiq.worlds.highway.scene import Road
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import EPISODE, FEATURES
+from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.settings import SIGNALS
 
-ACTIONS = ("lane_left", "idle", "lane_right", "faster", "slower")
-"""Actions: to the next lane, keep, or one target speed up or down from the present speed."""
+FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
+"""Numbers of one row of the observation."""
 
-LANE_LEFT, IDLE, LANE_RIGHT, FASTER, SLOWER = range(len(ACTIONS))
 
-CAR = np.dtype(
+class Contact(enum.IntEnum):
+    """Vehicle that struck the other, by whose motion closed the gap: the ego's or the other's."""
+
+    NONE = 0
+    EGO_STRUCK = 1
+    EGO_WAS_STRUCK = 2
+
+
+EPISODE = np.dtype(
     [
-        ("x", np.float64),  # centre, m; x to the east, y to the south
-        ("y", np.float64),
-        ("heading", np.float64),  # rad, clockwise as drawn, from east
-        ("along_x", np.float64),  # cosine and sine of the heading
-        ("along_y", np.float64),
-        ("speed", np.float64),  # m/s
-        ("steering", np.float64),  # held command: front wheel angle, rad
-        ("acceleration", np.float64),  # held command, m/s²
-        ("target_speed", np.float64),
-        ("time_headway", np.float64),  # s
-        ("jam_distance", np.float64),  # m
-        ("max_acceleration", np.float64),  # m/s²
-        ("comfort_deceleration", np.float64),  # m/s², positive
-        ("exponent", np.float64),  # of the free-road term
-        ("timer", np.float64),  # s since the driver last thought of changing lanes
-        ("push_x", np.float64),  # m; displacement by a collision in the next sub-step
-        ("push_y", np.float64),
-        ("identity", np.int32),  # its entry; obstacles follow
-        ("lane", np.int16),  # closest lane
-        ("target_lane", np.int16),  # lane it steers along
-        ("route", np.int16),  # road at which its way began, -1 without a way
-        ("destination", np.int16),
-        ("leg", np.int16),  # completed roads of its way
-        ("obstacle", np.bool_),
-        ("crashed", np.bool_),
-        ("pushed", np.bool_),  # push_x and push_y are pending
+        ("state_high", np.uint64),  # PCG64: 128 bits of state and of increment
+        ("state_low", np.uint64),
+        ("increment_high", np.uint64),
+        ("increment_low", np.uint64),
+        ("half_word", np.uint64),  # the 32 bits that a bounded draw left over
+        ("has_half_word", np.bool_),
+        ("time", np.float64),  # s since the reset
+        ("sub_steps", np.int64),  # of the road, warm-up included; schedules the rules
+        ("vehicles", np.int64),  # slots in use
+        ("ego", np.int64),  # the ego's slot
+        ("start", np.float64),  # route coordinate at which the ego began, m
+        ("next_identity", np.int32),
+        ("contact", np.int8),  # last Contact of the ego: which vehicle struck
+        ("touched", np.int32),  # identity of the vehicle that it touched, -1 if none
     ],
     align=True,
 )
-"""Record of a vehicle or of an obstacle, which stands and drives nowhere."""
+"""Episode record."""
+
+
+RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
+"""Commands for an episode. ANNOTATE computes a decision's results from given snapshots."""
 
 
 class Buffers(NamedTuple):
-    """Arrays that the core reads and writes, each with one row for an episode.
+    """Arrays that an engine reads and writes, each with one row for an episode.
 
     Attributes:
-        episodes: EPISODE records of the intersection; vehicles are never removed.
-        cars: CAR records, vehicles in the order of their entry, then obstacles.
-        before: `cars` at the last decision.
+        episodes: EPISODE records, shape (batch,).
+        vehicles: Current records of vehicles, (batch, capacity).
+        before: Vehicles at the last decision, (batch, capacity).
+        after: Vehicles after the sub-steps of that decision, (batch, capacity).
+        present: Number of vehicles in `before` and `after`, and the ego's slot, (batch, 2).
         reached: Observation of the state that the decision led to, float32.
         observation: Observation of the current state, which differs after a reset.
         signals: In the order of `SIGNALS`, unweighted.
         rewards: r_env and r_social, (batch, 2).
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
         speed: The ego's, m/s.
         ending: Values of `Ending`, int8.
-        braking: Whether a vehicle's braking was charged to the ego, (batch, vehicles).
+        contact: Values of `Contact`, int8: which vehicle struck, if the ego collided.
+        neighbours_collided: Number of other vehicles that collided with each other.
+        braking: Whether a vehicle's braking was charged to the ego, (batch, capacity).
+        trace: Vehicles after each sub-step, (batch, frames, capacity); empty if not traced.
     """
 
     episodes: np.ndarray
-    cars: np.ndarray
+    vehicles: np.ndarray
     before: np.ndarray
+    after: np.ndarray
+    present: np.ndarray
     reached: np.ndarray
     observation: np.ndarray
     signals: np.ndarray
     rewards: np.ndarray
+    classical: np.ndarray
     speed: np.ndarray
     ending: np.ndarray
+    contact: np.ndarray
+    neighbours_collided: np.ndarray
     braking: np.ndarray
+    trace: np.ndarray
 
     @staticmethod
-    def of(road: Road, options: Options, size: int) -> Buffers:
-        """Return empty buffers for `size` episodes."""
-        vehicles = len(road.entries)
-        cars = size, vehicles + len(road.obstacles)
-        seen = size, options.observed_vehicles, len(FEATURES)
+    def of(
+        options: RoadOptions, kind: np.dtype, most: int, size: int, traced: bool = False
+    ) -> Buffers:
+        """Return empty buffers.
+
+        Args:
+            options: Options of the road.
+            kind: Record of one vehicle.
+            most: Largest number of vehicles of an episode.
+            size: Number of episodes.
+            traced: Whether there is space for every sub-step.
+        """
+        rows, capacity = (size,), (size, most)
+        seen = (size, options.observed_vehicles, len(FEATURES))
+        frames = (size if traced else 0, options.frames, most)
         return Buffers(
-            episodes=np.zeros(size, EPISODE),
-            cars=np.zeros(cars, CAR),
-            before=np.zeros(cars, CAR),
+            episodes=np.zeros(rows, EPISODE),
+            vehicles=np.zeros(capacity, kind),
+            before=np.zeros(capacity, kind),
+            after=np.zeros(capacity, kind),
+            present=np.zeros((size, 2), np.int64),
             reached=np.zeros(seen, np.float32),
             observation=np.zeros(seen, np.float32),
             signals=np.zeros((size, len(SIGNALS))),
             rewards=np.zeros((size, 2)),
-            speed=np.zeros(size),
-            ending=np.zeros(size, np.int8),
-            braking=np.zeros((size, vehicles), np.bool_),
+            classical=np.zeros((size, 2)),
+            speed=np.zeros(rows),
+            ending=np.zeros(rows, np.int8),
+            contact=np.zeros(rows, np.int8),
+            neighbours_collided=np.zeros(rows, np.int64),
+            braking=np.zeros(capacity, np.bool_),
+            trace=np.zeros(frames, kind),
         )

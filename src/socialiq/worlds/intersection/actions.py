@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 
 from socialiq.errors import UserError
+from socialiq.worlds.highway.episodes import checked_numbers
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.state import ACTIONS
 
@@ -56,16 +57,7 @@ def checked(actions: Any, size: int, options: Options) -> Any:
     """
     if options.continuous:
         return _checked_values(actions, (size, width(options)))
-    return _checked_numbers(actions, size)
-
-
-def _checked_numbers(actions: Any, size: int) -> Int64[np.ndarray, " batch"]:
-    chosen = np.asarray(actions)
-    if chosen.shape != (size,) or chosen.dtype.kind not in "iu":
-        raise UserError(f"actions must be {size} whole numbers, got {actions!r}")
-    if chosen.min() < 0 or chosen.max() >= len(ACTIONS):
-        raise UserError(f"actions must be 0, 1 or 2, got {sorted({*chosen.tolist()})}")
-    return chosen.astype(np.int64)
+    return checked_numbers(actions, size, len(ACTIONS))
 
 
 def _checked_values(actions: Any, shape: tuple[int, int]) -> Float[np.ndarray, "batch value"]:

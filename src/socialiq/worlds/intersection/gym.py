@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 
-from socialiq.errors import UserError
-from socialiq.social.angle import check_angle, score, weights
-from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import BackEnd, Batch, Decisions
+from socialiq.worlds.highway.gym import RoadEnv, RoadVectorEnv
+from socialiq.worlds.intersection.batch import BackEnd, Batch
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
-from socialiq.worlds.intersection.state import Contact
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import parse_options
-
-_TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION))
 
 
 def _made(options: dict[str, Any]) -> Intersection:
@@ -27,14 +19,7 @@ def _made(options: dict[str, Any]) -> Intersection:
     return Intersection(parse_options("intersection", kind, options))
 
 
-def _spaces(world: Intersection, clock: bool) -> tuple[spaces.Box, spaces.Discrete | spaces.Box]:
-    low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
-    if clock:
-        low[-1], high[-1] = 0.0, world.options.decisions
-    return spaces.Box(low, high, dtype=np.float32), world.action_space
-
-
-class IntersectionEnv(gymnasium.Env):
+class IntersectionEnv(RoadEnv):
     """Intersection with the Gymnasium interface.
 
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
@@ -63,44 +48,11 @@ class IntersectionEnv(gymnasium.Env):
         clock: bool = False,
         **options: Any,
     ) -> None:
-        self.world = _made(options)
-        self.render_mode = render_mode
-        self._weights = weights(check_angle(angle))
-        self.observation_space, self.action_space = _spaces(self.world, clock)
-        self._clock = clock
-        self.batch: Batch = self.world.batch(1, back_end=back_end)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the episode that highway-env starts with this seed, or continue the stream."""
-        super().reset(seed=seed, options=options)
-        if seed is None and not self.batch.begun.all():
-            seed = int(self.np_random.integers(2**31))
-        seen = self.batch.reset(None if seed is None else [seed])
-        return self._with_time(seen, self.batch.time)[0], {}
-
-    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Take one decision. A timeout truncates; every other ending terminates."""
-        chosen = action if self.world.options.continuous else int(action)
-        made = self.batch.step(np.asarray([chosen]), auto_reset=False)
-        ending = int(made.ending[0])
-        info = {
-            "reward_pair": np.array([made.rewards.env[0], made.rewards.social[0]]),
-            "signals": {name: float(values[0]) for name, values in made.signals.items()},
-            "ending": Ending(ending).name.lower(),
-            "speed": float(made.speed[0]),
-            "contact": Contact(int(made.contact[0])).name.lower(),
-            "neighbours_collided": int(made.neighbours_collided[0]),
-            "classical": np.array([made.classical.env[0], made.classical.social[0]]),
-        }
-        reward = float(score(self._weights, made.rewards)[0])
-        terminated, truncated = ending in _TERMINAL, ending == int(Ending.TIMEOUT)
-        seen = self._with_time(made.observation, self.batch.time)
-        return seen[0], reward, terminated, truncated, info
-
-    def _with_time(self, observation: np.ndarray, time: np.ndarray) -> np.ndarray:
-        return np.column_stack([observation, time]) if self._clock else observation
+        world = _made(options)
+        batch = world.batch(1, back_end=back_end)
+        super().__init__(world, batch, angle, render_mode, clock)
+        self.world: Intersection = world
+        self.batch: Batch = batch
 
     def render(self) -> np.ndarray | None:
         """Return a picture of the current state, uint8 (height, width, 3)."""
@@ -113,7 +65,7 @@ class IntersectionEnv(gymnasium.Env):
         return pixels(picture(present_scene(self.batch)))
 
 
-class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
+class IntersectionVectorEnv(RoadVectorEnv):
     """Many episodes with Gymnasium's vector interface, on several threads.
 
     `info` has the quantities of `IntersectionEnv` as arrays, `ending` and `contact` as the numbers
@@ -143,81 +95,8 @@ class IntersectionVectorEnv(gymnasium.vector.VectorEnv):
         clock: bool = False,
         **options: Any,
     ) -> None:
-        self.world = _made(options)
-        self.num_envs = num_envs
-        self.metadata = {"autoreset_mode": autoreset_mode}
-        self.autoreset_mode = autoreset_mode
-        self._weights = weights(check_angle(angle))
-        self.batch: Batch = self.world.batch(num_envs, threads, back_end)
-        self.single_observation_space, self.single_action_space = _spaces(self.world, clock)
-        self._clock = clock
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._ended = np.zeros(num_envs, bool)
-
-    def reset(
-        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start episodes: row i with seed + i, or with its own seed from a list.
-
-        Args:
-            seed: One number, a list with a seed for each row, or None to continue the streams.
-            options: `reset_mask`, a Boolean for each row, selects the rows.
-        """
-        mask = np.ones(self.num_envs, bool)
-        if options and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"], bool)
-        if isinstance(seed, int):
-            seed = [seed + row for row in range(self.num_envs)]
-        if seed is None and not self.batch.begun[mask].all():
-            seed = self.np_random.integers(2**31, size=self.num_envs).tolist()
-        self._ended[mask] = False
-        chosen = None if seed is None else np.asarray(seed)[mask]
-        return self._with_time(self.batch.reset(chosen, rows=mask), self.batch.time), {}
-
-    def _with_time(self, observation: np.ndarray, time: np.ndarray) -> np.ndarray:
-        return np.column_stack([observation, time]) if self._clock else observation
-
-    def step(
-        self, actions: Any
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Take one decision in every episode, with resets by the autoreset mode."""
-        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
-        resetting = self._ended.copy()
-        if resetting.any():
-            if self.autoreset_mode == AutoresetMode.DISABLED:
-                raise UserError("an episode has ended: reset it first, with options reset_mask")
-            self.batch.reset(rows=resetting)
-        before = self.batch.time
-        made = self.batch.step(np.asarray(actions), auto_reset=same_step, rows=~resetting)
-        terminated = np.isin(made.ending, _TERMINAL) & ~resetting
-        truncated = (made.ending == int(Ending.TIMEOUT)) & ~resetting
-        reward = np.where(resetting, 0.0, score(self._weights, made.rewards))
-        if not same_step:
-            self._ended = terminated | truncated
-        info = _masked(made, ~resetting)
-        if same_step and (terminated | truncated).any():
-            reached = self._with_time(made.observation, before + 1.0)
-            info |= _final(reached, terminated | truncated)
-        seen = self._with_time(self.batch.observation, self.batch.time)
-        return seen, reward, terminated, truncated, info
-
-
-def _masked(made: Decisions, mask: np.ndarray) -> dict[str, Any]:
-    info: dict[str, Any] = {
-        "reward_pair": np.stack(made.rewards, axis=1),
-        "signals": dict(made.signals),
-        "ending": made.ending,
-        "speed": made.speed,
-        "contact": made.contact,
-        "neighbours_collided": made.neighbours_collided,
-        "classical": np.stack(made.classical, axis=1),
-    }
-    return info | {f"_{name}": mask.copy() for name in info}
-
-
-def _final(observation: np.ndarray, ended: np.ndarray) -> dict[str, Any]:
-    final = np.full(len(ended), None, object)
-    for row in np.flatnonzero(ended):
-        final[row] = observation[row]
-    return {"final_obs": final, "_final_obs": ended}
+        world = _made(options)
+        batch = world.batch(num_envs, threads, back_end)
+        super().__init__(world, batch, angle, autoreset_mode, clock)
+        self.world: Intersection = world
+        self.batch: Batch = batch

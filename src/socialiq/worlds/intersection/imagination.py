@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, UInt64
 
-from socialiq.worlds.intersection.batch import State
+from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.highway.state import EPISODE, FEATURES
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import settings_of
-from socialiq.worlds.intersection.state import EPISODE, FEATURES, VEHICLE
+from socialiq.worlds.intersection.state import VEHICLE
 
 
 def imagined(
@@ -29,8 +30,8 @@ def imagined(
         entropy: Seed of each draw. The same seed and observation give the same state.
     """
     # Numba is imported only when it is needed.
+    from socialiq.worlds.highway.core.compile import run_in_parts
     from socialiq.worlds.intersection.core import imagine
-    from socialiq.worlds.intersection.core.compile import run_in_parts
 
     rows = len(observations)
     seen = np.ascontiguousarray(observations.reshape(rows, -1, len(FEATURES)))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args, get_type_hints
-
-import numpy as np
+from typing import Literal, NamedTuple, get_args
 
 from socialiq.errors import UserError, one_of
+from socialiq.worlds.highway.options import ClockOptions, EgoOptions, RewardOptions, RoadOptions
 
 
 class Normal(NamedTuple):
@@ -69,20 +67,48 @@ spreads of the size that calibrations of the model report, and clipped to physic
 """
 
 
-Zone = Literal["last_20_m", "last_8_m", "beyond_8_m", "travelled_8_m"]
-Counted = Literal["all", "cross", "approaching"]
-Disruption = Literal["dead_zone", "literal"]
-Crash = Literal["override", "add"]
 Destination = Literal["right", "left", "straight", "random"]
-
-MOST_SPEEDS = 8
-
 ContinuousActions = Literal["continuous", "continuous_steering"]
 
 
 @dataclass(frozen=True)
-class Options:
+class _SpawnOptions:
+    """Entry of vehicles.
+
+    Attributes:
+        initial_vehicle_count: highway-env's number: one spawn less than this is tried at the
+            start, each with probability 0.6.
+        spawn_probability: Probability of a spawn attempt after each decision.
+        destination: Destination of the ego; "left" is highway-env's o1. "random" draws one of the
+            three.
+    """
+
+    initial_vehicle_count: int = 5
+    spawn_probability: float = 0.3
+    destination: Destination = "left"
+
+
+@dataclass(frozen=True)
+class _TrafficOptions:
+    """The other drivers.
+
+    Attributes:
+        connected_lanes: Whether drivers search for leaders beyond the end of their lane, as
+            in intersection-v2.
+        population: Distribution of the other drivers' parameters; a name of `POPULATIONS`.
+        canonical: Break exact ties by the order of vehicles and lanes, not by rounding.
+    """
+
+    connected_lanes: bool = False
+    population: str = "highway_env"
+    canonical: bool = False
+
+
+@dataclass(frozen=True)
+class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOptions, ClockOptions):
     """Scenario as configured in thesis 5.1.3, and options of its reward (4.1).
+
+    Fields stand in the order of the bases from last to first, which names of scenarios have.
 
     Attributes:
         simulation_frequency: Sub-steps of the physics per second.
@@ -124,68 +150,16 @@ class Options:
         UserError: If a value is not supported.
     """
 
-    simulation_frequency: int = 10
-    policy_frequency: int = 1
-    duration: float = 20.0
-    initial_vehicle_count: int = 5
-    spawn_probability: float = 0.3
-    destination: Destination = "left"
-    target_speeds: tuple[float, ...] = (0.0, 4.5, 9.0)
-    observed_vehicles: int = 10
-    connected_lanes: bool = False
-    population: str = "highway_env"
-    canonical: bool = False
-    progress_unit: float = 28.0
-    zone: Zone = "last_20_m"
-    counted: Counted = "all"
-    disruption: Disruption = "dead_zone"
-    crash: Crash = "override"
-    conflict_distance: float = 20.0
-    progress_weight: float = 2.0
-    speed_weight: float = 0.5
-    collision_weight: float = -2.0
-    arrival_weight: float = 1.0
-    step_weight: float = -0.15
-    timeout_weight: float = -0.5
-    yielding_weight: float = 0.2
-    disruption_weight: float = -1.0
-    neighbour_collision_weight: float = -5.0
-    speed_threshold: float = 1.0
-    speed_cap: float = 5.0
-
     def __post_init__(self) -> None:
-        for name, kind in get_type_hints(Options).items():
-            if get_args(kind) and isinstance(getattr(self, name), str):
-                one_of(name, getattr(self, name), get_args(kind))
+        self._check_spawns()
+        super().__post_init__()
         one_of("population", self.population, tuple(POPULATIONS))
-        self._check_clock()
-        self._check_traffic()
-        self._check_ego()
-        for name, kind in get_type_hints(Options).items():
-            if kind is float and not math.isfinite(getattr(self, name)):
-                raise UserError(f"{name} must be a finite number, got {getattr(self, name)}")
-        for name in ("progress_unit", "conflict_distance", "speed_cap"):
-            if not getattr(self, name) > 0:
-                raise UserError(f"{name} must be positive, got {getattr(self, name)}")
-
-    def _check_clock(self) -> None:
-        for name in ("simulation_frequency", "policy_frequency"):
-            value = getattr(self, name)
-            if not (isinstance(value, int) and value >= 1):
-                raise UserError(f"{name} must be a whole number of at least 1, got {value}")
-        if self.simulation_frequency % self.policy_frequency:
-            raise UserError(
-                f"simulation_frequency {self.simulation_frequency} is not a multiple of "
-                f"policy_frequency {self.policy_frequency}: choose one that is"
-            )
         if self.simulation_frequency < 2:
             raise UserError(
                 "simulation_frequency must be at least 2: road rules apply twice a second"
             )
-        if not (self.duration > 0 and math.isfinite(self.duration)):
-            raise UserError(f"duration must be a positive number of seconds, got {self.duration}")
 
-    def _check_traffic(self) -> None:
+    def _check_spawns(self) -> None:
         if not (isinstance(self.initial_vehicle_count, int) and self.initial_vehicle_count >= 1):
             raise UserError(
                 "initial_vehicle_count must be a whole number of at least 1, "
@@ -195,42 +169,6 @@ class Options:
             raise UserError(
                 f"spawn_probability must lie between 0 and 1, got {self.spawn_probability}"
             )
-
-    def _check_ego(self) -> None:
-        speeds = np.array(self.target_speeds, np.float64)
-        rising = bool((np.diff(speeds) > 0).all() and np.isfinite(speeds).all())
-        if not (2 <= len(speeds) <= MOST_SPEEDS and rising and speeds[-1] > 0):
-            raise UserError(
-                f"target_speeds must be 2 to {MOST_SPEEDS} rising speeds, the last above 0, "
-                f"got {self.target_speeds}"
-            )
-        if not np.allclose(np.diff(speeds), speeds[1] - speeds[0]):
-            raise UserError(f"target_speeds must be equally spaced, got {self.target_speeds}")
-        if not (isinstance(self.observed_vehicles, int) and self.observed_vehicles >= 2):
-            raise UserError(
-                "observed_vehicles must be a whole number of at least 2, "
-                f"got {self.observed_vehicles}"
-            )
-
-    @property
-    def continuous(self) -> bool:
-        """Whether the ego's actions are continuous."""
-        return False
-
-    @property
-    def max_speed(self) -> float:
-        """Fastest target speed v_max, m/s."""
-        return float(self.target_speeds[-1])
-
-    @property
-    def frames(self) -> int:
-        """Sub-steps of a decision."""
-        return self.simulation_frequency // self.policy_frequency
-
-    @property
-    def decisions(self) -> int:
-        """Number of decisions after which an episode times out."""
-        return math.ceil(self.duration * self.policy_frequency)
 
     @property
     def capacity(self) -> int:

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.errors import one_of
-from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
+from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.state import (
     ACTIONS,
     FASTER,
-    FEATURES,
     IDLE,
     POSITION_RANGE,
     SLOWER,

@@ -1,96 +1,28 @@
-"""Options as the compiled core reads them: one record of numbers."""
+"""The intersection's options as the compiled core reads them."""
 
 from __future__ import annotations
 
-from typing import get_args
-
 import numpy as np
 
-from socialiq.worlds.intersection.options import (
-    MOST_SPEEDS,
-    POPULATIONS,
-    Counted,
-    Crash,
-    Destination,
-    Disruption,
-    Options,
-    Zone,
-)
+from socialiq.worlds.highway import settings
+from socialiq.worlds.intersection.options import POPULATIONS, Destination, Options
 
 TIE = 1e-9
 """Largest difference that counts as equal in canonical mode, m."""
 
-SIGNALS = (
-    "progress",
-    "speed",
-    "step",
-    "collision",
-    "arrival",
-    "timeout",
-    "yielding",
-    "disruption",
-    "neighbour_collision",
-)
-"""All signals, those of r_env first; a signal's weight is the option of that name."""
-
-ENV_SIGNALS = SIGNALS[:6]
-SOCIAL_SIGNALS = SIGNALS[6:]
-
-SETTINGS = np.dtype(
-    [
-        ("dt", np.float64),  # s of a sub-step
-        ("decision", np.float64),  # s between decisions
-        ("duration", np.float64),
-        ("frames", np.int64),  # sub-steps of a decision
-        ("warm_up", np.int64),  # sub-steps before the ego enters
-        ("rule_period", np.int64),  # sub-steps between applications of the road rules
-        ("tie", np.float64),
-        ("initial_vehicle_count", np.int64),
-        ("spawn_probability", np.float64),
-        ("destination", np.int64),  # arm; 0 draws one
-        ("n_speeds", np.int64),
-        ("target_speeds", np.float64, (MOST_SPEEDS,)),
-        ("connected_lanes", np.bool_),
-        ("population", np.float64, (5, 4)),
-        ("progress_unit", np.float64),
-        ("zone", np.int64),  # place in the option's list of names
-        ("counted", np.int64),
-        ("disruption", np.int64),
-        ("crash", np.int64),
-        ("conflict_distance", np.float64),
-        ("max_speed", np.float64),
-        ("speed_threshold", np.float64),
-        ("speed_cap", np.float64),
-        ("weights", np.float64, (len(SIGNALS),)),
-        ("continuous", np.bool_),  # the ego's record holds its commands
-    ],
-    align=True,
-)
-"""Record of one set of options."""
-
 
 def settings_of(options: Options) -> np.ndarray:
-    """Return the record as an array of one element."""
-    record = np.zeros(1, SETTINGS)
-    for name in SETTINGS.names or ():
-        if hasattr(options, name):
-            value = getattr(options, name)
-            if name not in ("target_speeds", "destination", *_NAMED):
-                record[name] = POPULATIONS[value] if name == "population" else value
-    for name, kind in _NAMED.items():
-        record[name] = get_args(kind).index(getattr(options, name))
-    # highway-env divides in this order, and its rounding decides how many sub-steps fit.
-    record["dt"] = 1 / options.simulation_frequency
-    record["decision"] = 1 / options.policy_frequency
+    """Return the SETTINGS record as an array of one element."""
+    record = settings.settings_of(options)
     record["warm_up"] = 3 * options.simulation_frequency
     record["rule_period"] = int(1 / (1 / options.simulation_frequency) / 2)
     record["tie"] = TIE if options.canonical else 0.0
+    record["initial_vehicle_count"] = options.initial_vehicle_count
+    record["spawn_probability"] = options.spawn_probability
     record["destination"] = _ARMS[options.destination]
-    record["n_speeds"] = len(options.target_speeds)
-    record["target_speeds"][0, : len(options.target_speeds)] = options.target_speeds
-    record["weights"] = [getattr(options, f"{name}_weight") for name in SIGNALS]
+    record["connected_lanes"] = options.connected_lanes
+    record["population"] = POPULATIONS[options.population]
     return record
 
 
-_NAMED = {"zone": Zone, "counted": Counted, "disruption": Disruption, "crash": Crash}
 _ARMS: dict[Destination, int] = {"random": 0, "left": 1, "straight": 2, "right": 3}

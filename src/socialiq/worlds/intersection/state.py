@@ -1,39 +1,27 @@
-"""State of the intersection: records of vehicles and episodes, and the arrays that hold them.
+"""State of the intersection: records of its vehicles; `highway.state` has the arrays.
 
 The vehicles of an episode are one row in highway-env's list order: those that entered before the
-ego, the ego, those that entered later. A state is two arrays, so copying them saves it, and copying
-them back restores it to the last bit, random stream included.
+ego, the ego, those that entered later.
 """
 
 from __future__ import annotations
 
-import enum
-from typing import NamedTuple
-
 import numpy as np
 
+from socialiq.worlds.highway.scene import sight
+from socialiq.worlds.highway.state import Buffers
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS
 
 ACTIONS = ("slower", "idle", "faster")
 """Actions: one target speed down, keep, one up, counted from the present speed."""
 
 SLOWER, IDLE, FASTER = range(len(ACTIONS))
 
-FEATURES = ("presence", "x", "y", "vx", "vy", "cos_h", "sin_h")
-"""Numbers of one row of the observation."""
-
 POSITION_RANGE = 100.0  # m, seen as 1
 SPEED_RANGE = 20.0  # m/s, seen as 1
 
-
-class Contact(enum.IntEnum):
-    """Vehicle that struck the other, by whose motion closed the gap: the ego's or the other's."""
-
-    NONE = 0
-    EGO_STRUCK = 1
-    EGO_WAS_STRUCK = 2
-
+SIGHT = sight(POSITION_RANGE, POSITION_RANGE, SPEED_RANGE, SPEED_RANGE, relative=False)
+"""Scales of the observation; where the ego arrives, `core.ego` says."""
 
 VEHICLE = np.dtype(
     [
@@ -68,92 +56,7 @@ VEHICLE = np.dtype(
 )
 """Vehicle record."""
 
-EPISODE = np.dtype(
-    [
-        ("state_high", np.uint64),  # PCG64: 128 bits of state and of increment
-        ("state_low", np.uint64),
-        ("increment_high", np.uint64),
-        ("increment_low", np.uint64),
-        ("half_word", np.uint64),  # the 32 bits that a bounded draw left over
-        ("has_half_word", np.bool_),
-        ("time", np.float64),  # s since the reset
-        ("sub_steps", np.int64),  # of the road, warm-up included; schedules the rules
-        ("vehicles", np.int64),  # slots in use
-        ("ego", np.int64),  # the ego's slot
-        ("start", np.float64),  # route coordinate at which the ego began, m
-        ("next_identity", np.int32),
-        ("contact", np.int8),  # last Contact of the ego: which vehicle struck
-        ("touched", np.int32),  # identity of the vehicle that it touched, -1 if none
-    ],
-    align=True,
-)
-"""Episode record."""
 
-
-RESET, DECIDE, DECIDE_AND_RESET, ANNOTATE, SKIP = range(5)
-"""Commands for an episode. ANNOTATE computes a decision's results from given snapshots."""
-
-
-class Buffers(NamedTuple):
-    """Arrays that an engine reads and writes, each with one row for an episode.
-
-    Attributes:
-        episodes: EPISODE records, shape (batch,).
-        vehicles: Current VEHICLE records, (batch, capacity).
-        before: Vehicles at the last decision, (batch, capacity).
-        after: Vehicles after the sub-steps of that decision, (batch, capacity).
-        present: Number of vehicles in `before` and `after`, and the ego's slot, (batch, 2).
-        reached: Observation of the state that the decision led to, float32.
-        observation: Observation of the current state, which differs after a reset.
-        signals: In the order of `SIGNALS`, unweighted.
-        rewards: r_env and r_social, (batch, 2).
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), (batch, 2).
-        speed: The ego's, m/s.
-        ending: Values of `Ending`, int8.
-        contact: Values of `Contact`, int8: which vehicle struck, if the ego collided.
-        neighbours_collided: Number of other vehicles that collided with each other.
-        braking: Whether a vehicle's braking was charged to the ego, (batch, capacity).
-        trace: Vehicles after each sub-step, (batch, frames, capacity); empty if not traced.
-    """
-
-    episodes: np.ndarray
-    vehicles: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    present: np.ndarray
-    reached: np.ndarray
-    observation: np.ndarray
-    signals: np.ndarray
-    rewards: np.ndarray
-    classical: np.ndarray
-    speed: np.ndarray
-    ending: np.ndarray
-    contact: np.ndarray
-    neighbours_collided: np.ndarray
-    braking: np.ndarray
-    trace: np.ndarray
-
-    @staticmethod
-    def of(options: Options, size: int, traced: bool = False) -> Buffers:
-        """Return empty buffers for `size` episodes, with space for every sub-step if traced."""
-        rows, capacity = (size,), (size, options.capacity)
-        seen = (size, options.observed_vehicles, len(FEATURES))
-        frames = (size if traced else 0, options.frames, options.capacity)
-        return Buffers(
-            episodes=np.zeros(rows, EPISODE),
-            vehicles=np.zeros(capacity, VEHICLE),
-            before=np.zeros(capacity, VEHICLE),
-            after=np.zeros(capacity, VEHICLE),
-            present=np.zeros((size, 2), np.int64),
-            reached=np.zeros(seen, np.float32),
-            observation=np.zeros(seen, np.float32),
-            signals=np.zeros((size, len(SIGNALS))),
-            rewards=np.zeros((size, 2)),
-            classical=np.zeros((size, 2)),
-            speed=np.zeros(rows),
-            ending=np.zeros(rows, np.int8),
-            contact=np.zeros(rows, np.int8),
-            neighbours_collided=np.zeros(rows, np.int64),
-            braking=np.zeros(capacity, np.bool_),
-            trace=np.zeros(frames, VEHICLE),
-        )
+def buffers_of(options: Options, size: int, traced: bool = False) -> Buffers:
+    """Return empty buffers for `size` episodes, with space for every sub-step if traced."""
+    return Buffers.of(options, VEHICLE, options.capacity, size, traced)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from gymnasium import spaces
 
 from socialiq.errors import UserError
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection.actions import space_of
 from socialiq.worlds.intersection.batch import BackEnd, Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import ACTIONS, FEATURES
+from socialiq.worlds.intersection.state import ACTIONS
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.evidence.replay import GRID_PER_SECOND, PER_SECOND, replayer
 from socialiq.types import RewardPair
+from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.policies import policy as rule
-from socialiq.worlds.intersection.state import Contact
 
 
 class Driving:

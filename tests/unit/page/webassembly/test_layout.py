@@ -6,9 +6,10 @@ import json
 import numpy as np
 
 from socialiq.page.webassembly.layout import layout
+from socialiq.worlds.highway.settings import SETTINGS, SIGNALS
+from socialiq.worlds.highway.state import Buffers
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SETTINGS, SIGNALS
-from socialiq.worlds.intersection.state import VEHICLE, Buffers
+from socialiq.worlds.intersection.state import VEHICLE, buffers_of
 
 
 def test_it_is_json_and_names_every_buffer_first():
@@ -19,7 +20,7 @@ def test_it_is_json_and_names_every_buffer_first():
 
 
 def test_rows_have_the_bytes_of_numpys_arrays():
-    buffers = Buffers.of(Options(), 3, traced=True)
+    buffers = buffers_of(Options(), 3, traced=True)
     for one in layout(Options())["arrays"][: len(Buffers._fields)]:
         array = getattr(buffers, one["name"])
         assert one["bytes"] * int(np.prod(one["shape"])) * 3 == array.nbytes, one["name"]

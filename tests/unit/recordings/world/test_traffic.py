@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.recordings.conflicts import idm as reference
 from socialiq.recordings.world import chance, traffic
-from socialiq.worlds.intersection.core.compile import for_python
+from socialiq.worlds.highway.core.compile import for_python
 
 DRIVER = reference.Idm(desired_speed=12.0)
 

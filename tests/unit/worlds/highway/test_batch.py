@@ -9,9 +9,9 @@ from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import SCENE_IDS
 from socialiq.worlds.environment import make_environment, sizes
-from socialiq.worlds.highway.batch import Batch
+from socialiq.worlds.highway.scene import FASTER, IDLE, LANE_LEFT, SLOWER
 from socialiq.worlds.highway.scenes import SCENES
-from socialiq.worlds.highway.state import FASTER, IDLE, LANE_LEFT, SLOWER
+from socialiq.worlds.highway.world import world_of
 
 NAMES = list(SCENES)
 
@@ -22,7 +22,7 @@ def actions_of(size, steps, seed=0):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_episodes_do_not_depend_on_their_neighbours(name):
-    many, alone = Batch(name, 6), Batch(name, 1)
+    many, alone = world_of(name).batch(6), world_of(name).batch(1)
     many.reset(10)
     alone.reset(14)
     for row in actions_of(6, 30):
@@ -34,7 +34,7 @@ def test_episodes_do_not_depend_on_their_neighbours(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_two_threads_drive_the_same_episodes(name):
-    one, two = Batch(name, 9), Batch(name, 9, threads=2)
+    one, two = world_of(name).batch(9), world_of(name).batch(9, threads=2)
     np.testing.assert_array_equal(one.reset(3), two.reset(3))
     for row in actions_of(9, 15):
         np.testing.assert_array_equal(one.step(row).rewards, two.step(row).rewards)
@@ -42,7 +42,7 @@ def test_two_threads_drive_the_same_episodes(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rewards_are_the_weighted_signals(name):
-    batch = Batch(name, 50)
+    batch = world_of(name).batch(50)
     batch.reset(0)
     endings = set()
     for row in actions_of(50, 20):
@@ -58,9 +58,9 @@ def test_rewards_are_the_weighted_signals(name):
 
 
 def test_progress_of_the_merge_is_the_way_along_the_motorway():
-    batch = Batch("merge", 1)
+    batch = world_of("merge").batch(1)
     batch.reset(3)
-    begun = batch.buffers.cars[0, 0]["x"].copy()
+    begun = batch.buffers.vehicles[0, 0]["x"].copy()
     metres = 0.0
     while (made := batch.step(np.array([IDLE]), auto_reset=False)).ending[0] == Ending.NONE:
         metres += made.signals["progress"][0] * batch.options.progress_unit
@@ -69,16 +69,16 @@ def test_progress_of_the_merge_is_the_way_along_the_motorway():
 
 
 def test_a_lane_change_takes_the_other_lane():
-    batch = Batch("merge", 30)
+    batch = world_of("merge").batch(30)
     batch.reset(0)
-    assert (batch.buffers.cars[:, 0]["target_lane"] == 1).all()
+    assert (batch.buffers.vehicles[:, 0]["target_lane"] == 1).all()
     batch.step(np.full(30, LANE_LEFT), auto_reset=False)
-    assert (batch.buffers.cars[:, 0]["target_lane"] == 0).all()
-    assert (batch.buffers.cars[:, 0]["y"] < 4.0).all()
+    assert (batch.buffers.vehicles[:, 0]["target_lane"] == 0).all()
+    assert (batch.buffers.vehicles[:, 0]["y"] < 4.0).all()
 
 
 def test_who_waits_in_the_roundabout_times_out():
-    batch = Batch("roundabout", 20)
+    batch = world_of("roundabout").batch(20)
     batch.reset(0)
     running = np.ones(20, bool)
     for _ in range(11):
@@ -104,13 +104,13 @@ def test_gymnasium_accepts_it(name):
         (lambda batch: batch.step([0.0, 1.0]), "whole numbers"),
         (lambda batch: batch.step([1]), "2 whole numbers"),
         (lambda batch: batch.reset(-1), "at least 0"),
-        (lambda _: Batch("merge", 0), "size must be at least 1"),
-        (lambda _: Batch("merge", 1, population="thesis"), "unknown option of merge 'population'"),
-        (lambda _: Batch("merge", 1, duration=-1.0), "duration must be a positive number"),
+        (lambda _: world_of("merge").batch(0), "size must be at least 1"),
+        (lambda _: world_of("merge", population="thesis"), "unknown option of merge 'population'"),
+        (lambda _: world_of("merge", duration=-1.0), "duration must be a positive number"),
     ],
 )
 def test_bad_input_is_one_line(call, mend):
-    batch = Batch("merge", 2)
+    batch = world_of("merge").batch(2)
     batch.reset(0)
     with pytest.raises(UserError, match=mend) as caught:
         call(batch)
@@ -119,4 +119,4 @@ def test_bad_input_is_one_line(call, mend):
 
 def test_an_episode_begins_before_it_steps():
     with pytest.raises(UserError, match="reset it first"):
-        Batch("merge", 1).step([1])
+        world_of("merge").batch(1).step([1])

@@ -7,10 +7,12 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection.batch import Batch, Decisions
+from socialiq.worlds.highway.episodes import Decisions
+from socialiq.worlds.highway.state import ANNOTATE, Buffers, Contact
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import settings_of
-from socialiq.worlds.intersection.state import ANNOTATE, VEHICLE, Buffers, Contact
+from socialiq.worlds.intersection.state import VEHICLE, buffers_of
 
 
 @pytest.fixture
@@ -54,7 +56,7 @@ def annotated(
     from socialiq.worlds.intersection.core import step
 
     options = options or Options()
-    made = Buffers.of(options, 1)
+    made = buffers_of(options, 1)
     for column, cars in ((made.before, before), (made.after, after)):
         for slot, one in enumerate(cars):
             column[0, slot] = one

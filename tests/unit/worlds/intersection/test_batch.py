@@ -5,7 +5,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.types import Ending
-from socialiq.worlds.intersection.batch import Batch, State
+from socialiq.worlds.highway.episodes import State
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
 GO = np.array([2, 2])
@@ -100,8 +101,8 @@ def test_seeds_may_mix_small_and_large_ones():
         (2, "actions must be 2 whole numbers"),
         ([1.0, 2.0], "actions must be 2 whole numbers"),
         ([True, False], "actions must be 2 whole numbers"),
-        ([0, 3], r"actions must be 0, 1 or 2, got \[0, 3\]"),
-        ([-1, 1], r"actions must be 0, 1 or 2, got \[-1, 1\]"),
+        ([0, 3], r"actions must be 0 to 2, got \[0, 3\]"),
+        ([-1, 1], r"actions must be 0 to 2, got \[-1, 1\]"),
     ],
     ids=str,
 )

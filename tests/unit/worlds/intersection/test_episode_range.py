@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from socialiq.worlds.highway.settings import SOCIAL_SIGNALS
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.episode_range import (
     Range,
@@ -12,7 +13,6 @@ from socialiq.worlds.intersection.episode_range import (
     social_range,
 )
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SOCIAL_SIGNALS
 
 
 def test_the_defaults_by_hand():

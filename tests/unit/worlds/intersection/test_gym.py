@@ -8,8 +8,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import IDS
+from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.gym import IntersectionEnv, IntersectionVectorEnv
-from socialiq.worlds.intersection.state import Contact
 
 SIZE, STEPS = 5, 200
 ANGLE = 30.0

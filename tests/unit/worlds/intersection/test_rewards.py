@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.core.geometry import APPROACH, EXIT, LEFT
+from socialiq.worlds.highway.network import APPROACH, EXIT
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.core.geometry import LEFT
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.settings import SIGNALS
-from socialiq.worlds.intersection.state import Contact
 
 EAST, NORTH, WEST = 0.0, -90.0, 180.0
 WEST_APPROACH, EAST_APPROACH, WEST_EXIT = 5, 15, 14

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from socialiq.types import Ending
+from socialiq.worlds.highway.network import EXIT
+from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.core.geometry import EXIT, LANES
+from socialiq.worlds.intersection.core.geometry import LANES
 from socialiq.worlds.intersection.options import POPULATIONS, Options
-from socialiq.worlds.intersection.state import Contact
 
 BUSY = {"spawn_probability": 1.0, "initial_vehicle_count": 9}
 SIZE, STEPS = 32, 40

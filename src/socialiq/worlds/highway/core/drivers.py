@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import math
 
-from socialiq.worlds.highway.core.lanes import (
-    following,
-    heading_at,
-    lateral,
-    on_lane,
-    reachable,
-)
-from socialiq.worlds.highway.state import FASTER, LANE_LEFT, LANE_RIGHT, SLOWER
-from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.ego import SPEED_GAIN, speed_index
-from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH, longitudinal
-from socialiq.worlds.intersection.core.traffic import (
-    LOOK_AHEAD,
+from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, longitudinal, on_lane
+from socialiq.worlds.highway.core.lanes import following, reachable
+from socialiq.worlds.highway.core.vehicle import (
     MAX_ACCELERATION,
+    SPEED_GAIN,
+    braking_for,
     clip,
     desired_gap,
-    not_zero,
-    wheels,
+    free_acceleration,
+    speed_index,
+    steering,
 )
+from socialiq.worlds.highway.scene import FASTER, LANE_LEFT, LANE_RIGHT, SLOWER
 
 CHANGE_EVERY = 1.0  # s
 LEAST_GAIN = 0.2  # m/s², of a lane change
@@ -35,14 +30,6 @@ def at_end(car, lanes):
     """Whether a vehicle is beyond 2.5 m before the end of its target lane."""
     lane = lanes[car.target_lane]
     return longitudinal(lane, car.x, car.y) > lane.length - VEHICLE_LENGTH / 2
-
-
-@kernel
-def steer(car, lanes):
-    """Set the front wheel angle that steers to the target lane's centre."""
-    lane = lanes[car.target_lane]
-    ahead = longitudinal(lane, car.x, car.y) + car.speed * LOOK_AHEAD
-    car.steering = wheels(car, heading_at(lane, ahead), lateral(lane, car.x, car.y))
 
 
 @kernel
@@ -65,7 +52,7 @@ def neighbours(cars, me, number, lanes):
 
 @kernel
 def acceleration(cars, slot, front, exponent, lanes):
-    """Return the acceleration in m/s² of the Intelligent Driver Model (Treiber et al. 2000).
+    """Return the acceleration in m/s² of the Intelligent Driver Model.
 
     Args:
         cars: CAR records.
@@ -78,15 +65,8 @@ def acceleration(cars, slot, front, exponent, lanes):
         return 0.0
     car = cars[slot]
     lane = lanes[car.lane]
-    target = abs(not_zero(clip(car.target_speed, 0.0, lane.speed_limit)))
-    strongest = car.max_acceleration
-    free = strongest * (1 - math.pow(max(car.speed, 0.0) / target, exponent))
-    if front < 0:
-        return free
-    other = cars[front]
-    gap = longitudinal(lane, other.x, other.y) - longitudinal(lane, car.x, car.y)
-    ratio = desired_gap(car, other) / not_zero(gap)
-    return free - strongest * (ratio * ratio)
+    free = free_acceleration(car, lane.speed_limit, exponent)
+    return free if front < 0 else free - braking_for(car, cars[front], lane)
 
 
 @kernel
@@ -99,7 +79,7 @@ def drive(cars, count, me, road):
     if at_end(car, lanes):
         car.target_lane = following(car, road)
     _change_lane(cars, count, me, lanes)
-    steer(car, lanes)
+    car.steering = steering(car, lanes[car.target_lane])
     front, _ = neighbours(cars, me, car.lane, lanes)
     wanted = acceleration(cars, me, front, car.exponent, lanes)
     if car.lane != car.target_lane:
@@ -184,5 +164,5 @@ def control(car, road):
     """Set the ego's steering and an unbounded proportional acceleration for a sub-step."""
     if at_end(car, road.lanes):
         car.target_lane = following(car, road)
-    steer(car, road.lanes)
+    car.steering = steering(car, road.lanes[car.target_lane])
     car.acceleration = SPEED_GAIN * (car.target_speed - car.speed)

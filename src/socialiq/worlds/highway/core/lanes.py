@@ -1,57 +1,19 @@
-"""Coordinates along straight, swinging and circular lanes, and the way from road to road."""
+"""Choice of a lane by place, and the way from road to road."""
 
 from __future__ import annotations
 
 import math
 
-from socialiq.worlds.intersection.core import geometry
-from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.geometry import (
+from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.geometry import (
     LANE_WIDTH,
     VEHICLE_LENGTH,
-    atan,
+    lateral,
     longitudinal,
-    wrap_to_pi,
+    misfit,
+    position,
+    turned_misfit,
 )
-
-
-@kernel
-def lateral(lane, x, y):
-    """Return the distance of a point to the right of a lane's centre line, m."""
-    offset = geometry.lateral(lane, x, y)
-    if lane.amplitude == 0.0:
-        return offset
-    along = longitudinal(lane, x, y)
-    return offset - lane.amplitude * math.sin(lane.pulsation * along + lane.shift)
-
-
-@kernel
-def heading_at(lane, along):
-    """Return the direction of a lane at a coordinate along it, rad."""
-    heading = geometry.heading_at(lane, along)
-    if lane.amplitude == 0.0:
-        return heading
-    turned = math.cos(lane.pulsation * along + lane.shift)
-    return heading + atan(lane.amplitude * lane.pulsation * turned)
-
-
-@kernel
-def position(lane, along):
-    """Return the point of a lane's centre line at a coordinate along it."""
-    x, y = geometry.position(lane, along)
-    if lane.amplitude == 0.0:
-        return x, y
-    offset = lane.amplitude * math.sin(lane.pulsation * along + lane.shift)
-    return x + offset * lane.across_x, y + offset * lane.across_y
-
-
-@kernel
-def on_lane(lane, x, y, margin):
-    """Whether a point lies on a lane, widened on both sides, lengthened by a vehicle's length."""
-    if abs(lateral(lane, x, y)) > LANE_WIDTH / 2 + margin:
-        return False
-    along = longitudinal(lane, x, y)
-    return -VEHICLE_LENGTH <= along < lane.length + VEHICLE_LENGTH
 
 
 @kernel
@@ -63,32 +25,25 @@ def reachable(lane, x, y):
 
 
 @kernel
-def misfit(lane, x, y):
-    """Return the metres sideways and beyond the ends of a lane."""
-    along = longitudinal(lane, x, y)
-    return abs(lateral(lane, x, y)) + max(along - lane.length, 0.0) + max(0.0 - along, 0.0)
-
-
-@kernel
 def closest_lane(lanes, x, y, heading, guess):
     """Return the lane of least misfit plus heading in rad; the first of equals.
 
     The guess only saves time: lanes that are too far sideways are not examined further.
     """
     best = guess
-    least = _turned_misfit(lanes[guess], x, y, heading, math.inf)
+    least = _boxed_misfit(lanes[guess], x, y, heading, math.inf)
     for number in range(len(lanes)):
         if number == guess:
             continue
-        found = _turned_misfit(lanes[number], x, y, heading, least)
+        found = _boxed_misfit(lanes[number], x, y, heading, least)
         if found < least or (found == least and number < best):
             best, least = number, found
     return best
 
 
 @kernel
-def _turned_misfit(lane, x, y, heading, enough):
-    """Return the misfit in place and heading; infinity as soon as it exceeds `enough`.
+def _boxed_misfit(lane, x, y, heading, enough):
+    """Return `turned_misfit`, and infinity where the lane's box is too far.
 
     The misfit in place is the length of a way to the lane, so at least the distance to its box.
     """
@@ -97,14 +52,7 @@ def _turned_misfit(lane, x, y, heading, enough):
         or max(lane.low_y - y, y - lane.high_y) > enough
     ):
         return math.inf
-    found = abs(lateral(lane, x, y))
-    if found > enough:
-        return math.inf
-    along = longitudinal(lane, x, y)
-    found = found + max(along - lane.length, 0.0) + max(0.0 - along, 0.0)
-    if found > enough:
-        return math.inf
-    return found + abs(wrap_to_pi(heading - heading_at(lane, along)))
+    return turned_misfit(lane, x, y, heading, enough)
 
 
 @kernel

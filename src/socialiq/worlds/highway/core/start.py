@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 
+from socialiq.worlds.highway.core import stream
+from socialiq.worlds.highway.core.compile import kernel
 from socialiq.worlds.highway.core.drivers import CHANGE_EVERY
-from socialiq.worlds.highway.core.lanes import closest_lane, heading_at, position
+from socialiq.worlds.highway.core.geometry import heading_at, position
+from socialiq.worlds.highway.core.lanes import closest_lane
+from socialiq.worlds.highway.core.vehicle import speed_index
 from socialiq.worlds.highway.scene import NORMAL, UNIFORM
-from socialiq.worlds.intersection.core import stream
-from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.ego import speed_index
+from socialiq.worlds.highway.state import Contact
+
+_NO_CONTACT = int(Contact.NONE)
 
 TIME_HEADWAY = 1.5  # s
 JAM_DISTANCE = 10.0  # m
@@ -24,6 +28,8 @@ def reset(episode, cars, road, settings):
     episode.time = 0.0
     episode.sub_steps = 0
     episode.ego = 0
+    episode.contact = _NO_CONTACT
+    episode.touched = -1
     episode.vehicles = len(road.entries)
     for slot in range(len(road.entries)):
         cars[slot].identity = slot

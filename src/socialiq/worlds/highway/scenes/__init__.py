@@ -1,14 +1,14 @@
-"""Scenes by name; a further one is a further file."""
+"""Scenes by name: every file of this folder is one, with a function `scene`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+import pkgutil
 
 from socialiq.errors import one_of
 from socialiq.worlds.highway.scene import Scene
-from socialiq.worlds.highway.scenes import merge, roundabout
 
-SCENES: dict[str, Callable[[], Scene]] = {"merge": merge.scene, "roundabout": roundabout.scene}
+SCENES = tuple(sorted(module.name for module in pkgutil.iter_modules(__path__)))
 
 
 def scene_of(name: str) -> Scene:
@@ -17,5 +17,5 @@ def scene_of(name: str) -> Scene:
     Raises:
         UserError: If the name is unknown.
     """
-    one_of("scene", name, tuple(SCENES))
-    return SCENES[name]()
+    one_of("scene", name, SCENES)
+    return importlib.import_module(f"{__name__}.{name}").scene()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.core import rewards
-from socialiq.worlds.intersection.core.compile import entry_point, fingerprint
-from socialiq.worlds.intersection.core.geometry import distance
-from socialiq.worlds.intersection.core.observation import observe
+from socialiq.worlds.highway.core import rewards
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint
+from socialiq.worlds.highway.core.geometry import distance
+from socialiq.worlds.highway.core.observation import observe
+from socialiq.worlds.intersection.state import SIGHT
 
 SEEN = np.dtype(
     [
@@ -56,7 +57,7 @@ def _entry(sources: int):
                 known = rewards.counts(apart, other.same_origin, other.kind, chosen)
                 counted[slot] = slot != ego and known
                 along[slot], lost[slot] = other.along, other.lost
-            observe(seen, count, ego, along, chosen.tie, observation[row])
+            observe(seen, count, ego, along, chosen.tie, SIGHT[0], observation[row])
             speed, written = seen[ego].speed, signals[row]
             within = rewards.in_zone(here.kind, here.along, here.length, here.travelled, chosen)
             rewards.env_signals(here.advance, here.on_road, speed, here.ending, chosen, written)
@@ -69,7 +70,7 @@ def _entry(sources: int):
     return run
 
 
-run = _entry(fingerprint())
+run = _entry(fingerprint(__file__))
 """Write observation, signals and rewards of every snapshot.
 
 Args:

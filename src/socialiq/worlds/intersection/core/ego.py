@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
-from socialiq.worlds.intersection.core.geometry import EXIT, LANES, ROUTES, longitudinal
-from socialiq.worlds.intersection.core.traffic import clip, follow_road, steering
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.geometry import longitudinal
+from socialiq.worlds.highway.core.vehicle import SPEED_GAIN, clip, speed_index, steering
+from socialiq.worlds.highway.network import EXIT
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES
+from socialiq.worlds.intersection.core.traffic import follow_road
 from socialiq.worlds.intersection.state import FASTER, IDLE
 
-SPEED_GAIN = 1 / 0.6  # 1/s
 EXIT_DISTANCE = 25.0  # m along an exit at which the ego has arrived
-
-
-@kernel
-def speed_index(speed, settings):
-    """Return the index of the target speed nearest to a speed."""
-    last = settings.n_speeds - 1
-    lowest = settings.target_speeds[0]
-    share = (speed - lowest) / (settings.target_speeds[last] - lowest)
-    return np.int64(clip(np.rint(share * last), 0, last))
 
 
 @inlined_kernel
@@ -36,7 +27,7 @@ def choose(vehicle, action, settings):
 def control(vehicle):
     """Set steering and an unbounded proportional acceleration for a sub-step."""
     follow_road(vehicle)
-    vehicle.steering = steering(vehicle)
+    vehicle.steering = steering(vehicle, LANES[vehicle.target_lane])
     vehicle.acceleration = SPEED_GAIN * (vehicle.target_speed - vehicle.speed)
 
 

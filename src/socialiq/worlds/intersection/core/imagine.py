@@ -7,25 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.worlds.intersection.core import stream
-from socialiq.worlds.intersection.core.compile import entry_point, fingerprint, kernel
-from socialiq.worlds.intersection.core.ego import route_coordinate, speed_index
-from socialiq.worlds.intersection.core.geometry import (
-    APPROACH,
-    EXIT,
-    LANES,
-    ROUTES,
-    SPEED_LIMIT,
-    closest_lane,
-    heading_at,
-    lateral,
-    longitudinal,
-    wrap_to_pi,
-)
+from socialiq.worlds.highway.core import stream
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, kernel
+from socialiq.worlds.highway.core.geometry import heading_at, lateral, longitudinal, wrap_to_pi
+from socialiq.worlds.highway.core.vehicle import clip, speed_index
+from socialiq.worlds.highway.network import APPROACH, EXIT
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.core.ego import route_coordinate
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT, closest_lane
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.spawn import ENTRY_SPEED, draw_driver
-from socialiq.worlds.intersection.core.traffic import clip, follow_road
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, Contact
+from socialiq.worlds.intersection.core.traffic import follow_road
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 HELD_BELOW = 5.0  # m/s; drivers get to their target speed within about a second
 ROUTE_SCALE = 0.2  # m or rad of misfit by which one way across becomes e times less likely
@@ -155,7 +148,7 @@ def _entry(sources: int):
     return run
 
 
-run: Any = _entry(fingerprint())
+run: Any = _entry(fingerprint(__file__))
 """Write a state for each observation.
 
 Args:

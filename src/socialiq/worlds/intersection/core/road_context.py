@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.core import rewards
-from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core import rewards
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.geometry import distance, longitudinal, on_lane
+from socialiq.worlds.highway.core.observation import observe
 from socialiq.worlds.intersection.core.ego import arrived, route_coordinate
-from socialiq.worlds.intersection.core.geometry import LANES, distance, longitudinal, on_lane
-from socialiq.worlds.intersection.core.observation import observe
+from socialiq.worlds.intersection.core.geometry import LANES
+from socialiq.worlds.intersection.state import SIGHT
 
 
 @kernel
@@ -18,7 +20,7 @@ def see(vehicles, count, ego, tie, observation):
     along = np.empty(count)
     for slot in range(count):
         along[slot] = longitudinal(lane, vehicles[slot].x, vehicles[slot].y)
-    observe(vehicles, count, ego, along, tie, observation)
+    observe(vehicles, count, ego, along, tie, SIGHT[0], observation)
 
 
 @kernel

@@ -6,18 +6,17 @@ import math
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.geometry import (
-    LANES,
-    ROUTES,
-    SPEED_LIMIT,
+from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
     VEHICLE_WIDTH,
     heading_at,
     longitudinal,
     position,
 )
-from socialiq.worlds.intersection.core.traffic import LEG_COUNT, advance
+from socialiq.worlds.highway.core.vehicle import advance
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, SPEED_LIMIT
+from socialiq.worlds.intersection.core.traffic import LEG_COUNT
 from socialiq.worlds.intersection.state import VEHICLE
 
 N_PREDICTIONS = 11  # every quarter of a second up to 2.75 s

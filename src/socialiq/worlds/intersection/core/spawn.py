@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 
-from socialiq.worlds.intersection.core import stream
-from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
-from socialiq.worlds.intersection.core.ego import speed_index
-from socialiq.worlds.intersection.core.geometry import (
-    EXIT,
-    LANES,
-    SPEED_LIMIT,
+from socialiq.worlds.highway.core import stream
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.geometry import (
     VEHICLE_LENGTH,
-    closest_lane,
     distance,
     heading_at,
     longitudinal,
     position,
 )
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.core.vehicle import speed_index
+from socialiq.worlds.highway.network import EXIT
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.core.geometry import LANES, SPEED_LIMIT, closest_lane
 
 INITIAL_PROBABILITY = 0.6  # of each spawn before the episode, whatever spawn_probability is
 ENTRY_SPEED = 8.0  # m/s, mean

@@ -5,26 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.core import rewards, road_context, spawn, stream
-from socialiq.worlds.intersection.core.collisions import collide
-from socialiq.worlds.intersection.core.compile import (
+from socialiq.worlds.highway.core import rewards, stream
+from socialiq.worlds.highway.core.collisions import collide
+from socialiq.worlds.highway.core.compile import (
     entry_point,
     fingerprint,
     inlined_kernel,
     kernel,
     run_in_parts,
 )
+from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers, Contact
+from socialiq.worlds.intersection.core import road_context, spawn
 from socialiq.worlds.intersection.core.ego import choose, control, route_coordinate
 from socialiq.worlds.intersection.core.rules import enforce
 from socialiq.worlds.intersection.core.traffic import drive, move
-from socialiq.worlds.intersection.state import (
-    DECIDE,
-    DECIDE_AND_RESET,
-    RESET,
-    SKIP,
-    Buffers,
-    Contact,
-)
 
 _NOTHING = int(Ending.NONE)
 _NO_CONTACT = int(Contact.NONE)
@@ -150,7 +144,7 @@ def _entry(sources: int):
     return run
 
 
-run = _entry(fingerprint())
+run = _entry(fingerprint(__file__))
 """Carry out a command for every episode of a batch.
 
 Args:

@@ -11,9 +11,10 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.storage import write_atomically
 from socialiq.types import RewardPair
-from socialiq.worlds.intersection.core.geometry import ROUTES, VEHICLE_LENGTH
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
+from socialiq.worlds.highway.settings import SOCIAL_SIGNALS
+from socialiq.worlds.intersection.core.geometry import ROUTES
 from socialiq.worlds.intersection.pictures import encoding, shapes
-from socialiq.worlds.intersection.settings import SOCIAL_SIGNALS
 from socialiq.worlds.pictures import EGO, OTHER
 
 if TYPE_CHECKING:

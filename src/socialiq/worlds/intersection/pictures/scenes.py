@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds.highway.settings import SIGNALS
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.pictures.render import Scene
-from socialiq.worlds.intersection.settings import SIGNALS
 
 
 def present_scene(batch: Batch, row: int = 0) -> Scene:

@@ -11,14 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
-from socialiq.worlds.intersection.core.geometry import (
-    LANE_WIDTH,
-    LANES,
-    STRAIGHT,
-    VEHICLE_LENGTH,
-    VEHICLE_WIDTH,
-)
+from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
 from socialiq.worlds.pictures import EGO, OTHER
 
 GRASS = "#dde6d5"

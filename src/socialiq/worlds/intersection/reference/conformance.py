@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, Policy
+from socialiq.worlds.highway.conformance import Compared
 from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.state import VEHICLE
-
-PORTABLE = {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL", "OPENBLAS_CORETYPE": "Haswell"}
-"""Environment variables with which NumPy, and so highway-env, computes as the core does.
-
-They matter on processors with AVX-512. The first selects the C library's functions, the second the
-order of summation of the AVX2 kernels in products of small matrices. They must be set before the
-process starts.
-"""
 
 POLICIES = ("go", "idle", "wait", "random")  # in turn, by episode
 
@@ -29,27 +22,6 @@ DISCRETE = tuple(
     name for name in VEHICLE.names or () if not np.issubdtype(VEHICLE[name], np.floating)
 )
 CONTINUOUS = tuple(name for name in VEHICLE.names or () if name not in DISCRETE)
-
-
-class Compared(NamedTuple):
-    """Differences of one episode between core and highway-env.
-
-    Attributes:
-        seed: Seed of the episode.
-        steps: Decisions compared; the comparison stops at the first discrete difference.
-        discrete_differences: 1 if vehicles, their order, lanes, flags, ending or contact differ
-            anywhere, else 0.
-        max_deviation: Greatest difference of any continuous field: m, rad, m/s, m/s².
-        max_observation_deviation: Greatest difference of any number of the observation.
-        max_reward_deviation: Greatest difference of r_env or r_social.
-    """
-
-    seed: int
-    steps: int
-    discrete_differences: int
-    max_deviation: float
-    max_observation_deviation: float
-    max_reward_deviation: float
 
 
 def compare(

@@ -11,19 +11,12 @@ from typing import Any
 import numpy as np
 
 from socialiq.types import Ending
+from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.state import ANNOTATE, DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.intersection.core import ego, step
-from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.reference.highway import HighwayIntersection
 from socialiq.worlds.intersection.settings import settings_of
-from socialiq.worlds.intersection.state import (
-    ANNOTATE,
-    DECIDE,
-    DECIDE_AND_RESET,
-    RESET,
-    SKIP,
-    Buffers,
-)
 
 route_coordinate = for_python(ego.route_coordinate)
 

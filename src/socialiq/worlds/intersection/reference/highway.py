@@ -18,18 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.worlds.highway.core import collisions
+from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.state import FEATURES, Contact
 from socialiq.worlds.intersection.actions import width
-from socialiq.worlds.intersection.core import collisions
-from socialiq.worlds.intersection.core.compile import for_python
 from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import (
-    FEATURES,
-    POSITION_RANGE,
-    SPEED_RANGE,
-    VEHICLE,
-    Contact,
-)
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
 
 try:
     # Type checks also run where the extra is not installed.

@@ -6,12 +6,12 @@ import numba
 import numpy as np
 import pytest
 
+from socialiq.worlds.highway.core import geometry as shared
+from socialiq.worlds.highway.network import APPROACH, EXIT
 from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.core.geometry import (
-    APPROACH,
     CONNECTED,
     CONNECTED_OFFSETS,
-    EXIT,
     LANES,
     LEFT,
     N_LANES,
@@ -32,15 +32,15 @@ def projected(along, aside):
         lane = LANES[number]
         for place in range(len(along)):
             distance = along[place] * lane.length
-            x, y = geometry.position(lane, distance)
-            heading = geometry.heading_at(lane, distance)
+            x, y = shared.position(lane, distance)
+            heading = shared.heading_at(lane, distance)
             x -= aside[place] * math.sin(heading)
             y += aside[place] * math.cos(heading)
             found[number, place, 0], found[number, place, 1] = x, y
             found[number, place, 2] = heading
-            found[number, place, 3] = geometry.longitudinal(lane, x, y)
-            found[number, place, 4] = geometry.lateral(lane, x, y)
-            found[number, place, 5] = geometry.on_lane(lane, x, y, 0.0)
+            found[number, place, 3] = shared.longitudinal(lane, x, y)
+            found[number, place, 4] = shared.lateral(lane, x, y)
+            found[number, place, 5] = shared.on_lane(lane, x, y, 0.0)
     return found
 
 

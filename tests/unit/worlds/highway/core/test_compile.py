@@ -9,8 +9,9 @@ import pytest
 from rich.console import Console
 
 from socialiq.cli.progress import Display
-from socialiq.worlds.intersection.core import compile as compiling
-from socialiq.worlds.intersection.core import geometry
+from socialiq.worlds.highway.core import compile as compiling
+from socialiq.worlds.highway.core.geometry import longitudinal
+from socialiq.worlds.intersection.core.geometry import LANES
 
 
 class Slow:
@@ -97,8 +98,8 @@ def test_the_notice_stays_above_a_progress_bar(monkeypatch):
 
 
 def test_python_can_call_a_kernel_compiled_for_it():
-    approach = compiling.for_python(geometry.longitudinal)
-    lane = geometry.LANES[0]
+    approach = compiling.for_python(longitudinal)
+    lane = LANES[0]
     start = approach(lane, lane["x"], lane["y"])
     assert start == 0.0
     assert approach(lane, lane["x"], lane["y"] - 7.0) == pytest.approx(7.0)

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from socialiq.worlds.intersection.core import collisions
-from socialiq.worlds.intersection.core.compile import for_python
-from socialiq.worlds.intersection.state import VEHICLE, Contact
+from socialiq.worlds.highway.core import collisions
+from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.state import VEHICLE
 
 DT = 0.1
 NORTH, EAST = -90.0, 0.0

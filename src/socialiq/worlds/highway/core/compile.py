@@ -21,9 +21,10 @@ from numba.core import config
 
 from socialiq.errors import UserError
 
-NOTICE = "compiling the intersection for this machine, once"
+NOTICE = "compiling the roads for this machine, once"
 
 _MOMENT = 2.0  # s; the cache loads in less
+_TABLES = ("network", "options", "scene", "settings", "state")  # that kernels read
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -118,16 +119,19 @@ def _announced() -> Iterator[None]:
             sys.stderr.write(f"compiled in {time.monotonic() - begun:.0f} s\n")
 
 
-def fingerprint() -> int:
-    """Return a number that changes with any source file that the compiled code depends on.
+def fingerprint(*files: str) -> int:
+    """Return a number that changes with any source file that an entry point depends on.
 
     Numba's cache checks the file of the entry point only; it would miss an edit to a kernel that
     the entry point calls. The entry point therefore closes over this number.
+
+    Args:
+        files: Of the entry point and what it calls beyond the shared kernels: all files of their
+            folders count, and the tables above.
     """
     digest = hashlib.sha256()
-    here = Path(__file__).parent
-    names = ("options", "settings", "state")
-    around = (here.parent / f"{name}.py" for name in names)
-    for path in (*sorted(here.glob("*.py")), *around):
-        digest.update(path.read_bytes())
+    for folder in sorted({Path(name).parent for name in (__file__, *files)}):
+        tables = (folder.parent / f"{name}.py" for name in _TABLES)
+        for path in (*sorted(folder.glob("*.py")), *filter(Path.exists, tables)):
+            digest.update(path.read_bytes())
     return int.from_bytes(digest.digest()[:7], "big")

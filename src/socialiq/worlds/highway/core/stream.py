@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.compile import kernel
+from socialiq.worlds.highway.core.compile import kernel
 
 _TABLES = np.load(Path(__file__).with_name("ziggurat.npy"), allow_pickle=False)
 _INSIDE = _TABLES[0].copy()  # thresholds below which a draw lies inside its layer

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH, distance
-from socialiq.worlds.intersection.core.traffic import clip
-from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
+from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, distance
+from socialiq.worlds.highway.core.vehicle import clip
 
 PERCEPTION = 200.0  # m
 
 
 @kernel
-def observe(vehicles, count, ego, along, tie, observation):
+def observe(vehicles, count, ego, along, tie, sight, observation):
     """Write the ego's row, then those of the others by distance along the ego's lane.
 
     Vehicles more than 10 m behind are not observed. Vehicles on a crossing lane share a coordinate
@@ -21,21 +20,23 @@ def observe(vehicles, count, ego, along, tie, observation):
     decide.
 
     Args:
-        vehicles: VEHICLE records.
-        count: Number of vehicles.
+        vehicles: Records of vehicles, and of obstacles.
+        count: Number of these.
         ego: The ego's slot.
         along: By slot, the coordinate along the ego's lane, m.
         tie: Distances closer than this are equal, m.
+        sight: SIGHT record.
         observation: Rows of seven, float32, overwritten.
     """
     observation[:] = 0.0
-    _write(vehicles[ego], observation[0])
+    me = vehicles[ego]
+    _write(me, 0.0, 0.0, 0.0, 0.0, sight, observation[0])
     slots, distances, seen = np.empty(count, np.int64), np.empty(count), 0
     for slot in range(count):
         if slot == ego:
             continue
         other = vehicles[slot]
-        if not distance(other.x, other.y, vehicles[ego].x, vehicles[ego].y) < PERCEPTION:
+        if not distance(other.x, other.y, me.x, me.y) < PERCEPTION:
             continue
         ahead = along[slot] - along[ego]
         if not ahead > -2 * VEHICLE_LENGTH:
@@ -46,17 +47,20 @@ def observe(vehicles, count, ego, along, tie, observation):
             place -= 1
         slots[place], distances[place] = slot, abs(ahead)
         seen += 1
+    x, y, vx, vy = 0.0, 0.0, 0.0, 0.0
+    if sight.relative:
+        x, y, vx, vy = me.x, me.y, me.speed * me.along_x, me.speed * me.along_y
     for row in range(min(seen, len(observation) - 1)):
-        _write(vehicles[slots[row]], observation[row + 1])
+        _write(vehicles[slots[row]], x, y, vx, vy, sight, observation[row + 1])
 
 
 @kernel
-def _write(vehicle, row):
+def _write(vehicle, x, y, vx, vy, sight, row):
     row[0] = 1.0
-    row[1] = _scaled(vehicle.x, POSITION_RANGE)
-    row[2] = _scaled(vehicle.y, POSITION_RANGE)
-    row[3] = _scaled(vehicle.speed * vehicle.along_x, SPEED_RANGE)
-    row[4] = _scaled(vehicle.speed * vehicle.along_y, SPEED_RANGE)
+    row[1] = _scaled(vehicle.x - x, sight.x)
+    row[2] = _scaled(vehicle.y - y, sight.y)
+    row[3] = _scaled(vehicle.speed * vehicle.along_x - vx, sight.vx)
+    row[4] = _scaled(vehicle.speed * vehicle.along_y - vy, sight.vy)
     row[5] = vehicle.along_x
     row[6] = vehicle.along_y
 

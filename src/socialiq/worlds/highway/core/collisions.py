@@ -6,19 +6,15 @@ import math
 
 import numpy as np
 
-from socialiq.worlds.intersection.core.compile import kernel
-from socialiq.worlds.intersection.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH, distance
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.core.compile import kernel
+from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH, VEHICLE_WIDTH, distance
+from socialiq.worlds.highway.state import Contact
 
 DIAGONAL = math.sqrt(VEHICLE_LENGTH**2 + VEHICLE_WIDTH**2)
 
 _NONE = int(Contact.NONE)
 _EGO_STRUCK = int(Contact.EGO_STRUCK)
 _EGO_WAS_STRUCK = int(Contact.EGO_WAS_STRUCK)
-_ALONG = np.array(
-    [-VEHICLE_LENGTH / 2, -VEHICLE_LENGTH / 2, VEHICLE_LENGTH / 2, VEHICLE_LENGTH / 2]
-)
-_ACROSS = np.array([-VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, VEHICLE_WIDTH / 2, -VEHICLE_WIDTH / 2])
 
 
 @kernel
@@ -85,8 +81,8 @@ def separate(one, other, dt, tie):
         displacement (x, y) of the first that would separate them then.
     """
     mine, theirs = np.empty((4, 2)), np.empty((4, 2))
-    _corners(one, mine)
-    _corners(other, theirs)
+    corners_of(one, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, mine)
+    corners_of(other, VEHICLE_LENGTH / 2, VEHICLE_WIDTH / 2, theirs)
     relative_x = one.speed * one.along_x * dt - other.speed * other.along_x * dt
     relative_y = one.speed * one.along_y * dt - other.speed * other.along_y * dt
     return apart(mine, theirs, relative_x, relative_y, tie)
@@ -138,12 +134,13 @@ def apart(mine, theirs, relative_x, relative_y, tie):
 
 
 @kernel
-def _corners(vehicle, corners):
-    cos, sin = vehicle.along_x, vehicle.along_y
+def corners_of(one, long, wide, corners):
+    """Write the corners of a rectangle, (4, 2), by its half length and half width, m."""
     for corner in range(4):
-        along, across = _ALONG[corner], _ACROSS[corner]
-        corners[corner, 0] = cos * along - sin * across + vehicle.x
-        corners[corner, 1] = sin * along + cos * across + vehicle.y
+        along = -long if corner < 2 else long
+        across = wide if corner == 1 or corner == 2 else -wide
+        corners[corner, 0] = one.along_x * along - one.along_y * across + one.x
+        corners[corner, 1] = one.along_y * along + one.along_x * across + one.y
 
 
 @kernel

@@ -1,8 +1,8 @@
 """Reward pair of thesis 4.1: influence zone, and named signals of a decision, weighted and summed.
 
 Nothing here depends on a road. Road-dependent quantities (the advance along the route, the zone,
-which neighbours count) are arguments: `road_context` computes them for the simulator, `recordings`
-for recorded traffic. The same code therefore rewards both.
+which neighbours count) are arguments: `intersection.core.road_context` and `seen` compute them for
+simulated roads, `recordings` for recorded traffic. The same code therefore rewards all.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ from __future__ import annotations
 from typing import get_args
 
 from socialiq.types import Ending
-from socialiq.worlds.intersection.core.compile import inlined_kernel, kernel
-from socialiq.worlds.intersection.core.geometry import APPROACH, EXIT, distance
-from socialiq.worlds.intersection.core.traffic import clip
-from socialiq.worlds.intersection.options import Counted, Crash, Disruption, Zone
-from socialiq.worlds.intersection.settings import ENV_SIGNALS, SIGNALS
+from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
+from socialiq.worlds.highway.core.geometry import distance
+from socialiq.worlds.highway.core.vehicle import clip
+from socialiq.worlds.highway.network import APPROACH, EXIT
+from socialiq.worlds.highway.options import Counted, Crash, Disruption, Zone
+from socialiq.worlds.highway.settings import ENV_SIGNALS, SIGNALS
 
 _LAST_20_M, _LAST_8_M, _BEYOND_8_M, _TRAVELLED_8_M = range(len(get_args(Zone)))
 _ALL, _CROSS, _APPROACHING = range(len(get_args(Counted)))

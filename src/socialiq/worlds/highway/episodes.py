@@ -1,0 +1,280 @@
+"""Episodes of a road side by side, as NumPy arrays: what the batches of all roads share."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int8, Int64
+
+from socialiq.errors import UserError
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
+
+
+class Decisions(NamedTuple):
+    """Results of one decision in every episode.
+
+    Attributes:
+        observation: Of the state reached, before any reset, (batch, features).
+        rewards: The reward pair, each (batch,).
+        ending: Values of `types.Ending`, (batch,).
+        signals: Every named signal, unweighted, each (batch,).
+        speed: The ego's speed, m/s, (batch,).
+        contact: Values of `Contact`: which vehicle struck, if the ego collided, (batch,).
+        neighbours_collided: Number of other vehicles that collided with each other, (batch,).
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
+    """
+
+    observation: Float32[np.ndarray, "batch feature"]
+    rewards: RewardPair
+    ending: Int8[np.ndarray, " batch"]
+    signals: Mapping[str, Float[np.ndarray, " batch"]]
+    speed: Float[np.ndarray, " batch"]
+    contact: Int8[np.ndarray, " batch"]
+    neighbours_collided: Int64[np.ndarray, " batch"]
+    classical: RewardPair
+
+
+class State(NamedTuple):
+    """Complete state of some episodes, as plain arrays.
+
+    Attributes:
+        episodes: EPISODE records, (rows,).
+        vehicles: Records of vehicles, (rows, capacity).
+        observation: (rows, vehicles seen, 7).
+        waiting: Whether the episodes have ended and need a reset, (rows,).
+    """
+
+    episodes: np.ndarray
+    vehicles: np.ndarray
+    observation: np.ndarray
+    waiting: np.ndarray
+
+    def rows(self, chosen: Sequence[int] | np.ndarray) -> State:
+        """Return the state of the chosen episodes; indices may repeat."""
+        return State(*(column[np.asarray(chosen)] for column in self))
+
+
+class RoadBatch(abc.ABC):
+    """Episodes of one road side by side.
+
+    Every episode has its own random stream, so results don't depend on the batch's size or the
+    number of threads. By default `step` resets an episode that ends. The new episode continues the
+    stream, as in highway-env after a `reset()` without seed. A road's own batch says how a command
+    runs (`_run`) and which actions there are (`_checked`).
+
+    Args:
+        options: Options of the road.
+        buffers: Arrays that the road's core reads and writes, with a row for each episode.
+
+    Attributes:
+        options: As given.
+        buffers: As given.
+        size: Number of episodes.
+        begun: Rows whose random stream has begun, bool (batch,).
+    """
+
+    def __init__(self, options: RoadOptions, buffers: Buffers) -> None:
+        self.options, self.buffers = options, buffers
+        self.size = size = len(buffers.episodes)
+        self._waiting = np.ones(size, bool)  # for a reset
+        self.begun = np.zeros(size, bool)
+        self._everyone, self._unseeded = np.ones(size, bool), np.zeros(size, bool)
+        self._no_seeds = np.zeros(size, np.uint64)
+
+    @abc.abstractmethod
+    def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
+        """Carry out one command for each episode.
+
+        Args:
+            commands: RESET, DECIDE, DECIDE_AND_RESET or SKIP, int8.
+            seeds: Seed of each episode's stream, uint64.
+            seeded: Whether to begin the stream from that seed, bool.
+            actions: As `_checked` returned them; int64 zeros for a reset.
+        """
+
+    @abc.abstractmethod
+    def _checked(self, actions: Any) -> np.ndarray:
+        """Return one action for each episode.
+
+        Raises:
+            UserError: If they are not actions of the road.
+        """
+
+    @property
+    def observation(self) -> Float32[np.ndarray, "batch feature"]:
+        """Current observation of every episode, (batch, features)."""
+        return self.buffers.observation.reshape(self.size, -1).copy()
+
+    @property
+    def time(self) -> Float32[np.ndarray, " batch"]:
+        """Number of decisions since the last reset of every episode, the clock's feature."""
+        seconds = self.buffers.episodes["time"] * self.options.policy_frequency
+        return np.rint(seconds).astype(np.float32)
+
+    def seen_by(self, policy: Any) -> Float32[np.ndarray, "batch feature"]:
+        """Return what a policy observes: with the time at the end if it has one feature more."""
+        seen = self.observation
+        if getattr(policy, "n_features", None) != seen.shape[1] + 1:
+            return seen
+        return np.column_stack([seen, self.time])
+
+    def reset(
+        self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None
+    ) -> Float32[np.ndarray, "batch feature"]:
+        """Start new episodes.
+
+        Args:
+            seeds: A seed for each row, or one number: row i gets seed + i. None continues the
+                rows' streams.
+            rows: Rows to reset, as an index or a mask; all by default.
+
+        Returns:
+            The observation of all rows.
+
+        Raises:
+            UserError: If a seed is negative, or a stream to continue was never seeded.
+        """
+        chosen = self._chosen(rows)
+        seeded = chosen & (seeds is not None)
+        if seeds is None and not self.begun[chosen].all():
+            raise UserError("the first reset needs a seed")
+        entropy = np.zeros(self.size, np.uint64)
+        if seeds is not None:
+            entropy[chosen] = seeds_of(seeds, int(chosen.sum()))
+        commands = np.where(chosen, RESET, SKIP).astype(np.int8)
+        self._run(commands, entropy, seeded, np.zeros(self.size, np.int64))
+        self._waiting[chosen] = False
+        self.begun[chosen] = True
+        return self.observation
+
+    def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Decisions:
+        """Take one decision in every episode, or in some.
+
+        Args:
+            actions: An action for each episode.
+            auto_reset: Start a new episode where one ended; `observation` then belongs to it.
+                Otherwise episodes that ended must be reset before the next step.
+            rows: Episodes to advance, as an index or a mask; all by default. The results of the
+                others are those of their last decision.
+
+        Raises:
+            UserError: If an action is not one of the road, or an episode has not begun or has
+                ended.
+        """
+        chosen = self._checked(actions)
+        deciding = self._chosen(rows)
+        if (self._waiting & deciding).any():
+            raise UserError("an episode has not begun, or has ended: reset it first")
+        command = DECIDE_AND_RESET if auto_reset else DECIDE
+        commands = np.where(deciding, command, SKIP).astype(np.int8)
+        self._run(commands, self._no_seeds, self._unseeded, chosen)
+        if not auto_reset:
+            self._waiting |= deciding & (self.buffers.ending != int(Ending.NONE))
+        return self._decisions()
+
+    def _chosen(self, rows: Any) -> Bool[np.ndarray, " batch"]:
+        if rows is None:
+            return self._everyone
+        chosen = np.zeros(self.size, bool)
+        chosen[rows] = True
+        return chosen
+
+    def _decisions(self) -> Decisions:
+        made = self.buffers
+        return Decisions(
+            observation=made.reached.reshape(self.size, -1).copy(),
+            rewards=RewardPair(*made.rewards.T.copy()),
+            ending=made.ending.copy(),
+            signals=dict(zip(SIGNALS, made.signals.T.copy(), strict=True)),
+            speed=made.speed.copy(),
+            contact=made.contact.copy(),
+            neighbours_collided=made.neighbours_collided.copy(),
+            classical=RewardPair(*made.classical.T.copy()),
+        )
+
+    def save(self) -> State:
+        """Return a copy of the state of every episode."""
+        made = self.buffers
+        kept = (made.episodes, made.vehicles, made.observation, self._waiting)
+        return State(*(column.copy() for column in kept))
+
+    def restore(self, state: State) -> None:
+        """Restore a saved state. Episodes continue from it with identical bits.
+
+        Args:
+            state: State with as many rows as the batch, saved with the same options;
+                `State.rows` repeats or picks rows, for branching.
+
+        Raises:
+            UserError: If the shapes differ.
+        """
+        made = self.buffers
+        kept = (made.episodes, made.vehicles, made.observation, self._waiting)
+        for column, saved in zip(kept, state, strict=True):
+            if column.shape != saved.shape or column.dtype != saved.dtype:
+                raise UserError(
+                    f"the saved state has the shape {saved.shape}, this batch {column.shape}: "
+                    "restore it under the options and the size it was saved with"
+                )
+        for column, saved in zip(kept, state, strict=True):
+            column[:] = saved
+        self.begun[:] = made.episodes["increment_low"] != 0  # odd in every stream
+
+
+def check_sizes(size: int, threads: int) -> None:
+    """Refuse numbers of episodes and of threads that are not positive.
+
+    Raises:
+        UserError: If one isn't.
+    """
+    for name, value in (("size", size), ("threads", threads)):
+        if value < 1:
+            raise UserError(f"{name} must be at least 1, got {value}")
+
+
+def checked_numbers(actions: Any, size: int, count: int) -> Int64[np.ndarray, " batch"]:
+    """Return the discrete actions of a batch.
+
+    Args:
+        actions: A whole number for each episode.
+        size: Number of episodes.
+        count: Number of actions.
+
+    Raises:
+        UserError: If they have another shape or type, or one is out of range.
+    """
+    chosen = np.asarray(actions)
+    if chosen.shape != (size,) or chosen.dtype.kind not in "iu":
+        raise UserError(f"actions must be {size} whole numbers, got {actions!r}")
+    if chosen.min() < 0 or chosen.max() >= count:
+        raise UserError(f"actions must be 0 to {count - 1}, got {sorted({*chosen.tolist()})}")
+    return chosen.astype(np.int64)
+
+
+def seeds_of(seeds: int | Sequence[int] | np.ndarray, count: int) -> np.ndarray:
+    """Return a seed for each of `count` rows, uint64.
+
+    Args:
+        seeds: A seed for each, or the first of consecutive ones.
+        count: Number of rows.
+
+    Raises:
+        UserError: If one isn't a whole number of at least 0 below 2**64, or there are not so many.
+    """
+    wanted = np.asarray(seeds)
+    if wanted.dtype.kind == "O" or wanted.dtype.kind == "f":
+        wanted = np.array(seeds, object)  # numpy mixes large whole numbers into floats
+    given = wanted.ravel().tolist()
+    if not all(type(seed) is int and 0 <= seed < 2**64 for seed in given):
+        raise UserError(f"seeds must be whole numbers of at least 0, below 2**64, got {seeds!r}")
+    if wanted.ndim == 0:
+        return np.uint64(given[0]) + np.arange(count, dtype=np.uint64)
+    if wanted.shape != (count,):
+        raise UserError(f"{count} seeds are needed, one for each row, got {wanted.size}")
+    return np.array(given, np.uint64)

@@ -1,0 +1,88 @@
+"""Scene as a world of the registry."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from gymnasium import spaces
+
+from socialiq.errors import one_of
+from socialiq.worlds.highway.batch import Batch
+from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.scene import ACTIONS, Scene
+from socialiq.worlds.highway.scenes import scene_of
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import FEATURES
+
+_CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's on these roads
+
+
+@dataclass(frozen=True)
+class SceneWorld:
+    """Road of highway-env with the thesis' reward pair.
+
+    Attributes:
+        scene: The scene.
+        options: Its options.
+    """
+
+    scene: Scene
+    options: RoadOptions
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.scene.name
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions, in the order of their numbers."""
+        return ACTIONS
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions."""
+        return len(ACTIONS)
+
+    @property
+    def action_space(self) -> spaces.Discrete:
+        """Space of one action."""
+        return spaces.Discrete(len(ACTIONS))
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        return self.options.observed_vehicles * len(FEATURES)
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of all signals, those of r_env first."""
+        return SIGNALS
+
+    @property
+    def description(self) -> str:
+        """Name of the world and its options."""
+        return f"{self.name} {self.options}"
+
+    def batch(self, size: int, threads: int = 1, traced: bool = False) -> Batch:
+        """Return episodes side by side; see `Batch`."""
+        return Batch(self.scene, self.options, size, threads, traced)
+
+
+def world_of(scene: Scene | str, **options: Any) -> SceneWorld:
+    """Return a scene as a world.
+
+    Args:
+        scene: A scene, or the name of one of `scenes.SCENES`.
+        options: Fields of `RoadOptions`; the others are the scene's own.
+
+    Raises:
+        UserError: If the scene, an option or a value is unknown.
+    """
+    chosen = scene_of(scene) if isinstance(scene, str) else scene
+    names = tuple(field.name for field in dataclasses.fields(RoadOptions))
+    for option in options:
+        one_of(f"option of {chosen.name}", option, names)
+    return SceneWorld(chosen, RoadOptions(**{**_CLOCK, **chosen.defaults, **options}))
