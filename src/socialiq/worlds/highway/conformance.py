@@ -1,4 +1,4 @@
-"""What a comparison of a road's core with the real highway-env finds, and what it needs."""
+"""Result of a comparison of a road's core with the real highway-env, and its environment variables."""
 
 from __future__ import annotations
 

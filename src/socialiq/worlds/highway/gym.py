@@ -24,7 +24,7 @@ _TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION))
 
 @runtime_checkable
 class RoadWorld(Protocol):
-    """What an environment needs of a world; `SceneWorld` and `Intersection` have it."""
+    """World as an environment needs it; `SceneWorld` and `Intersection` have it."""
 
     @property
     def options(self) -> RoadOptions:

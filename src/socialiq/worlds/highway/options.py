@@ -58,7 +58,7 @@ class ClockOptions:
 
 @dataclass(frozen=True)
 class EgoOptions:
-    """What the ego can choose, and sees.
+    """Choices and sight of the ego.
 
     Attributes:
         target_speeds: Speeds in m/s, equally spaced, that the ego's speed control steps through.
