@@ -1,4 +1,4 @@
-"""Result of a comparison of a road's core with the real highway-env, and its environment variables."""
+"""Result of a comparison with the real highway-env, and its environment variables."""
 
 from __future__ import annotations
 
