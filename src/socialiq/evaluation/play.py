@@ -182,13 +182,23 @@ def episodes_of(
     Raises:
         UserError: If there are no seeds.
     """
+    return summed(play(batch, policy, seeds, deterministic), len(seeds))
+
+
+def summed(steps: Iterator[Step], count: int) -> Episodes:
+    """Return the sums of episodes of the intersection from their decisions.
+
+    Args:
+        steps: Result of `play`.
+        count: Number of episodes.
+    """
     sums: dict[str, np.ndarray] = {}
-    last = {name: np.zeros(len(seeds), np.int64) for name in ("ending", "contact")}
-    for played in play(batch, policy, seeds, deterministic):
+    last = {name: np.zeros(count, np.int64) for name in ("ending", "contact")}
+    for played in steps:
         which = played.episode[played.running]
         for name, column in _quantities(played).items():
             if name not in sums:
-                sums[name] = np.zeros((len(seeds), *column.shape[1:]))
+                sums[name] = np.zeros((count, *column.shape[1:]))
             sums[name][which] += column
         for name, column in last.items():
             column[which] = getattr(played.made, name)[played.running]

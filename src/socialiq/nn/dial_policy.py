@@ -9,13 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from socialiq.errors import UserError
-from socialiq.nn.dial_network import DialNetwork, hats
+from socialiq.nn import perceptron
+from socialiq.nn.dial_network import DialNetwork, angle_columns, hats
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.value_policy import checked_batch
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
+from socialiq.types import RewardPair
 
 SCHEMA_VERSION = 1
 SECOND_VERSION = 2
@@ -117,6 +121,39 @@ class DialPolicy:
             rng=np.random.default_rng(0),
         )
 
+    def q_values_at(
+        self,
+        observations: Float[np.ndarray, "batch feature"],
+        angles: Float[np.ndarray, " batch"],
+    ) -> Float[np.ndarray, "batch action"]:
+        """Return Q of each observation and action, each observation at an angle of its own.
+
+        Up to rounding the values of `at` of each row's angle.
+
+        Args:
+            observations: The observations.
+            angles: Social angle of each, in degrees.
+
+        Raises:
+            UserError: If an observation has another length or is not finite, or an angle is
+                outside the trained range.
+        """
+        for end in (angles.min(), angles.max()) if len(angles) else ():
+            check_in_range(float(end), self.low, self.high)
+        value = checked_batch(observations, self.n_features)
+        value = self.turned.view(value) if self.turned.view else value
+        settings = np.array([self.setting(one) for one in angles.tolist()], np.float64)
+        radians = np.deg2rad(settings)
+        direction = RewardPair(np.cos(radians), np.sin(radians))
+        columns = np.concatenate(angle_columns(direction, self.knots), axis=1)
+        inputs = np.concatenate([value, columns.astype(value.dtype)], axis=1)
+        turned = self.turned
+        found = perceptron.perceptron(turned.weights, turned.biases, turned.activation, inputs)
+        if not self.pairs:
+            return found
+        env, social = np.split(found, 2, axis=1)
+        return np.asarray(direction.env[:, None] * env + direction.social[:, None] * social)
+
     def setting(self, angle: float) -> float:
         """Return the network's angle for an angle that is asked for, in degrees."""
         own = angle
@@ -137,15 +174,19 @@ class DialPolicy:
         Raises:
             UserError: If the file can't be written.
         """
+        plain = not (self.pairs or self.settings or self.knots)
+        version = SCHEMA_VERSION if plain else SECOND_VERSION
+        return save_arrays(path, "dial", version, *self.content(), replace)
+
+    def content(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return the named arrays and the header of the dial's file."""
         arrays, header = self.turned.content()
         header |= {"low": self.low, "high": self.high}
-        version = SCHEMA_VERSION
         if self.pairs or self.settings or self.knots:
-            version = SECOND_VERSION
             header |= {"pairs": self.pairs, "settings": [list(row) for row in self.settings]}
         if self.knots:
             header |= {"knots": list(self.knots)}
-        return save_arrays(path, "dial", version, arrays, header, replace)
+        return arrays, header
 
     @staticmethod
     def load(path: Path) -> DialPolicy:

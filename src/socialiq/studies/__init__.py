@@ -40,6 +40,7 @@ STUDIES = {
     "classic-control": "classic_control.study",
     "compare-priors": "compare_priors.study",
     "compare-methods": "compare_methods.study",
+    "context": "context.study",
 }
 """Name on the command line, and the study's module."""
 

@@ -1,0 +1,211 @@
+"""Angle that depends on the situation, exactly: what a policy that follows a rule may mean.
+
+With an angle α(s) for each state there are three policies, which agree for a constant angle:
+
+- by turning: each decision is that of the best policy of the angle α(s), as if the angle stayed;
+- consistent: each decision is best by α(s), given that later ones follow the rule too;
+- planned: the optimum of the reward cos α(s) r_env + sin α(s) r_social.
+
+The first two are the naive and the sophisticated planner of Strotz (1955, "Myopia and inconsistency
+in dynamic utility maximization"); the third has a consequence weighed by the angle of the state in
+which it falls, not of the decision that caused it. A declared rule means the first. A policy's
+*decision loss* is E Σ_t [V*(s_t; α) - Q*(s_t, a_t; α)] with α = α(s_t). For a constant angle this
+is the regret J* - J (performance difference: Kakade and Langford 2002, Lemma 6.1).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64, Int64
+
+from socialiq.mdp.horizon import horizon_optimum
+from socialiq.mdp.solve import best_action
+from socialiq.mdp.tabular import TabularMDP
+from socialiq.social.angle import exact_weights, score
+from socialiq.social.angle_rule import AngleRule
+from socialiq.types import RewardPair
+from socialiq.worlds.enumerate import Table
+from socialiq.worlds.situation import angles_of, check_rule
+
+TimedPolicy = Float[np.ndarray, "time state action"]
+
+
+class StateAngles(NamedTuple):
+    """A rule in the states of a world.
+
+    Attributes:
+        degrees: Angle in each state.
+        context: Number of the context of each state (`AngleRule.contexts`).
+    """
+
+    degrees: Float64[np.ndarray, " state"]
+    context: Int64[np.ndarray, " state"]
+
+
+def state_angles(table: Table, rule: AngleRule) -> StateAngles:
+    """Return the angle and the context of each state of an enumerated world.
+
+    Args:
+        table: The world or its reachable part.
+        rule: A rule of this world.
+
+    Raises:
+        UserError: If the rule is of another world, or reads an unknown feature.
+    """
+    check_rule(rule, table.world.name, clock=False)
+    return StateAngles(*angles_of(rule, table.states))
+
+
+def rule_reward(table: Table, angles: StateAngles) -> Float64[np.ndarray, "state action"]:
+    """Return cos α(s) r_env + sin α(s) r_social of each state and action."""
+    env, social = _weights(angles.degrees)
+    rewards = table.mdp.rewards
+    return env[:, None] * rewards.env + social[:, None] * rewards.social
+
+
+def by_turning(table: Table, angles: StateAngles) -> TimedPolicy:
+    """Return the exact dial turned by a rule: in each state the optimum of its own angle."""
+    actions = np.zeros((table.world.horizon, table.mdp.n_states), np.int64)
+    for angle in np.unique(angles.degrees).tolist():
+        rows = angles.degrees == angle
+        actions[:, rows] = _optimum(table, angle)[0][:, rows]
+    return np.eye(table.mdp.n_actions)[actions]
+
+
+def planned(table: Table, angles: StateAngles) -> TimedPolicy:
+    """Return the optimum of the reward that weighs each step by the angle of its state."""
+    mdp, horizon = table.mdp, table.world.horizon
+    best = horizon_optimum(mdp, rule_reward(table, angles), horizon)
+    return best.probabilities(mdp.n_actions)
+
+
+def consistent(table: Table, angles: StateAngles) -> TimedPolicy:
+    """Return the policy whose every decision is best by its own angle, given the later ones.
+
+    By backward induction over pairs of values, as in a game of one player for each state and time.
+    """
+    mdp, rows = table.mdp, np.arange(table.mdp.n_states)
+    env, social = _weights(angles.degrees)
+    after = RewardPair(np.zeros(mdp.n_states), np.zeros(mdp.n_states))
+    actions = np.zeros((table.world.horizon, mdp.n_states), np.int64)
+    for time in reversed(range(table.world.horizon)):
+        q = _pair_values(mdp, after)
+        actions[time] = best_action(env[:, None] * q.env + social[:, None] * q.social, 1e-12)
+        after = RewardPair(*(side[rows, actions[time]] for side in q))
+    return np.eye(mdp.n_actions)[actions]
+
+
+def decision_loss(
+    table: Table, degrees: float | Float64[np.ndarray, " state"]
+) -> Float64[np.ndarray, "time state action"]:
+    """Return V*(s; α) - Q*(s, a; α) >= 0 at each time, at one angle or at that of each state.
+
+    Args:
+        table: The world or its reachable part.
+        degrees: Angle α, or one for each state.
+    """
+    mdp, horizon = table.mdp, table.world.horizon
+    each = np.broadcast_to(degrees, mdp.n_states)
+    found = np.empty((horizon, mdp.n_states, mdp.n_actions))
+    for angle in np.unique(each).tolist():
+        rows = each == angle
+        found[:, rows] = _optimum(table, angle)[1][:, rows]
+    return found
+
+
+class RuleMetrics(NamedTuple):
+    """Exact results of a policy under a rule, means over episodes.
+
+    Attributes:
+        totals: Sums of r_env and r_social.
+        weighed: Sum of the reward that weighs each step by the angle of its state.
+        loss: Decision loss in each context; its sum is the regret at the declared rule.
+        decisions: Number of decisions in each context.
+    """
+
+    totals: RewardPair
+    weighed: float
+    loss: Float64[np.ndarray, " context"]
+    decisions: Float64[np.ndarray, " context"]
+
+
+def evaluate_by_rule(table: Table, policy: np.ndarray, rule: AngleRule) -> RuleMetrics:
+    """Evaluate a policy exactly at a rule.
+
+    Args:
+        table: The world or its reachable part.
+        policy: Action probabilities by state, or by time and state.
+        rule: A rule of this world.
+    """
+    angles = state_angles(table, rule)
+    visits = _visits(table, policy)
+    lost = (visits * decision_loss(table, angles.degrees)).sum(axis=(0, 2))
+    taken, rewards = visits.sum(axis=0), table.mdp.rewards
+    contexts = len(rule.contexts)
+    return RuleMetrics(
+        totals=RewardPair(*(float((taken * one).sum()) for one in rewards)),
+        weighed=float((taken * rule_reward(table, angles)).sum()),
+        loss=np.bincount(angles.context, lost, contexts),
+        decisions=np.bincount(angles.context, taken.sum(axis=1), contexts),
+    )
+
+
+def loss_by_angle(
+    table: Table, policy: np.ndarray, rule: AngleRule, candidates: tuple[float, ...]
+) -> Float64[np.ndarray, "context angle"]:
+    """Return the decision loss in each context at other angles than the declared one.
+
+    The angle of the smallest loss is the one that the policy follows there.
+
+    Args:
+        table: The world or its reachable part.
+        policy: As for `evaluate_by_rule`.
+        rule: The rule, whose contexts count.
+        candidates: Angles in degrees.
+    """
+    context, visits = state_angles(table, rule).context, _visits(table, policy)
+    columns = [
+        np.bincount(
+            context,
+            (visits * decision_loss(table, angle)).sum(axis=(0, 2)),
+            len(rule.contexts),
+        )
+        for angle in candidates
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _optimum(table: Table, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return actions, (time, state), and losses, (time, state, action), of an angle's optimum."""
+    mdp, horizon = table.mdp, table.world.horizon
+    reward = np.asarray(score(exact_weights(angle), mdp.rewards))
+    best = horizon_optimum(mdp, reward, horizon)
+    after = np.vstack([best.values[1:], np.zeros(mdp.n_states)])
+    q = np.stack([reward + mdp.expected_next(one) for one in after])
+    return best.actions, best.values[..., None] - q
+
+
+def _pair_values(mdp: TabularMDP, after: RewardPair) -> RewardPair:
+    """Return both Q of each state and action, given both values of the next state."""
+    return RewardPair(
+        *(reward + mdp.expected_next(v) for reward, v in zip(mdp.rewards, after, strict=True))
+    )
+
+
+def _visits(table: Table, policy: np.ndarray) -> Float64[np.ndarray, "time state action"]:
+    """Return the chance of each state and action at each time of an episode."""
+    mdp, running = table.mdp, table.mdp.initial
+    found = np.empty((table.world.horizon, mdp.n_states, mdp.n_actions))
+    for time in range(table.world.horizon):
+        chosen = policy[time] if policy.ndim == 3 else policy
+        found[time] = running[:, None] * chosen
+        running = mdp.arrivals(found[time])
+    return found
+
+
+def _weights(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return cos α and sin α of each angle, exact at multiples of 90 degrees."""
+    pairs = np.array([exact_weights(one) for one in degrees.tolist()])
+    return pairs[:, 0], pairs[:, 1]

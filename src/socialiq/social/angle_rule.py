@@ -1,0 +1,331 @@
+"""Angle that depends on the situation: a short list of rules over named features.
+
+A rule is data, never code: the first case whose conditions all hold gives the angle, and a default
+where none does. An angle is a number, or linear between given values of one feature. The features
+of each world are in `worlds.situation`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.reading import read_bytes
+
+FORMAT = 1
+
+MOST_CASES = 8
+"""Cases of a rule, the default not counted."""
+
+MOST_CONDITIONS = 8
+"""Conditions of a case."""
+
+MOST_POINTS = 16
+"""Points of an interpolated angle."""
+
+LARGEST = 1e6
+"""Largest number of a condition, either sign."""
+
+_LARGEST_FILE = 16 * 1024  # bytes; a rule is a short text
+
+_NAME = re.compile("[a-z][a-z0-9_]{0,39}")
+
+_TOP = ("format", "world", "default", "when")
+
+
+class Interpolated(NamedTuple):
+    """Angle that is linear between given values of a feature, and constant beyond them.
+
+    Attributes:
+        by: Name of the feature.
+        at: Values of the feature, rising.
+        degrees: Angle at each of them, in degrees.
+    """
+
+    by: str
+    at: tuple[float, ...]
+    degrees: tuple[float, ...]
+
+
+Angle = float | Interpolated
+
+
+class Condition(NamedTuple):
+    """Limits of a feature, both included; infinite where there is none."""
+
+    feature: str
+    at_least: float
+    at_most: float
+
+
+class Case(NamedTuple):
+    """Angle where all conditions hold."""
+
+    angle: Angle
+    conditions: tuple[Condition, ...]
+
+
+Features = Mapping[str, Float64[np.ndarray, " row"]]
+
+
+@dataclass(frozen=True)
+class AngleRule:
+    """Angle as a function of the observation.
+
+    Attributes:
+        world: Name of the world whose features it reads.
+        default: Angle where no case holds, in degrees.
+        cases: Cases in their order: the first that holds counts.
+    """
+
+    world: str
+    default: Angle
+    cases: tuple[Case, ...] = ()
+
+    @property
+    def angles(self) -> tuple[Angle, ...]:
+        """Angle of each context: the cases, then the default."""
+        return (*(one.angle for one in self.cases), self.default)
+
+    @property
+    def contexts(self) -> tuple[str, ...]:
+        """Each context in words: the cases, then the default."""
+        last = "otherwise" if self.cases else "always"
+        return (*(" and ".join(map(_words, one.conditions)) for one in self.cases), last)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of the features that it reads, each once."""
+        named = [one.feature for case in self.cases for one in case.conditions]
+        named += [one.by for one in self.angles if isinstance(one, Interpolated)]
+        return tuple(dict.fromkeys(named))
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Smallest and largest angle, in degrees."""
+        every = [
+            value
+            for one in self.angles
+            for value in (one.degrees if isinstance(one, Interpolated) else (one,))
+        ]
+        return min(every), max(every)
+
+    def context(self, features: Features, rows: int) -> Int64[np.ndarray, " row"]:
+        """Return the number of the context in each situation, that of the default last.
+
+        Args:
+            features: Values of the named features.
+            rows: Number of situations.
+        """
+        found = np.full(rows, len(self.cases))
+        for number, case in reversed(list(enumerate(self.cases))):
+            holds = np.ones(rows, bool)
+            for one in case.conditions:
+                value = features[one.feature]
+                holds &= (value >= one.at_least) & (value <= one.at_most)
+            found[holds] = number
+        return found
+
+    def degrees(self, features: Features, rows: int) -> Float64[np.ndarray, " row"]:
+        """Return the angle in each situation, in degrees.
+
+        Args:
+            features: Values of the named features.
+            rows: Number of situations.
+        """
+        context, found = self.context(features, rows), np.empty(rows)
+        for number, angle in enumerate(self.angles):
+            where = context == number
+            if isinstance(angle, Interpolated):
+                found[where] = np.interp(features[angle.by][where], angle.at, angle.degrees)
+            else:
+                found[where] = angle
+        return found
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the rule as TOML holds it: `of` reads it back."""
+        when = [
+            {"angle": _angle_as_json(case.angle)}
+            | {one.feature: _limits_as_json(one) for one in case.conditions}
+            for case in self.cases
+        ]
+        found = {"format": FORMAT, "world": self.world, "default": _angle_as_json(self.default)}
+        return found | ({"when": when} if when else {})
+
+    def as_toml(self, table: str = "") -> str:
+        """Return the rule as TOML, below a table of this name or on the top level."""
+        content = self.as_json()
+        when = content.pop("when", [])
+        prefix = f"{table}." if table else ""
+        lines = [f"[{table}]"] if table else []
+        lines += [f"{name} = {_toml(value)}" for name, value in content.items()]
+        for case in when:
+            lines += ["", f"[[{prefix}when]]"]
+            lines += [f"{name} = {_toml(value)}" for name, value in case.items()]
+        return "\n".join(lines) + "\n"
+
+    @staticmethod
+    def of(content: Any) -> AngleRule:
+        """Read a rule from the content of a TOML file or of a header.
+
+        Raises:
+            UserError: If a part is missing, unknown or out of range.
+        """
+        if not isinstance(content, Mapping):
+            raise UserError("a rule is a table with format, world, default and [[when]]")
+        for name in content:
+            if name not in _TOP:
+                raise UserError(
+                    f"unknown field {_shown(name)} of a rule: choose one of {', '.join(_TOP)}"
+                )
+        if type(content.get("format")) is not int or content["format"] != FORMAT:
+            raise UserError(f"a rule needs format = {FORMAT}")
+        world = content.get("world")
+        if not isinstance(world, str) or not _NAME.fullmatch(world):
+            raise UserError('a rule needs the name of its world, as world = "intersection"')
+        if "default" not in content:
+            raise UserError("a rule needs a default: the angle where no [[when]] holds, in degrees")
+        when = content.get("when", [])
+        if not isinstance(when, list) or len(when) > MOST_CASES:
+            raise UserError(f"[[when]] must be a list of at most {MOST_CASES} cases")
+        cases = tuple(_case(one, number) for number, one in enumerate(when, 1))
+        return AngleRule(world, _angle(content["default"], "default"), cases)
+
+
+def load_rule(path: Path) -> AngleRule:
+    """Read a rule from a TOML file of at most 16 KiB.
+
+    Raises:
+        UserError: If the file is missing, not TOML or not a rule; the message names the file.
+    """
+    content = read_bytes(path, _LARGEST_FILE)
+    try:
+        found = tomllib.loads(content.decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise UserError(f"{path} is not TOML: {one_line(str(error))}") from error
+    try:
+        return AngleRule.of(found)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+
+
+def _case(content: Any, number: int) -> Case:
+    what = f"case {number} of [[when]]"
+    if not isinstance(content, Mapping):
+        raise UserError(f"{what} must be a table")
+    if "angle" not in content:
+        raise UserError(f"{what} needs an angle, in degrees")
+    named = {name: given for name, given in content.items() if name != "angle"}
+    if not 1 <= len(named) <= MOST_CONDITIONS:
+        raise UserError(
+            f"{what} needs 1 to {MOST_CONDITIONS} conditions, as waiting = {{at_least = 1}}"
+        )
+    conditions = tuple(_condition(name, given, what) for name, given in named.items())
+    return Case(_angle(content["angle"], f"angle of {what}"), conditions)
+
+
+def _condition(name: Any, given: Any, what: str) -> Condition:
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise UserError(f"{_shown(name)} in {what} is not the name of a feature")
+    known = ("at_least", "at_most")
+    if not isinstance(given, Mapping) or not given or not set(given) <= set(known):
+        raise UserError(f"{name} in {what} must be a table with at_least, at_most or both")
+    limits = [
+        _number(given[side], f"{side} of {name} in {what}") if side in given else sign * math.inf
+        for side, sign in zip(known, (-1, 1), strict=True)
+    ]
+    if limits[0] > limits[1]:
+        raise UserError(f"{name} in {what} never holds: at_least is above at_most")
+    return Condition(name, *limits)
+
+
+def _angle(given: Any, what: str) -> Angle:
+    """Read a number of degrees, or an interpolated angle."""
+    if not isinstance(given, Mapping):
+        return _degrees(given, what)
+    if set(given) != {"by", "at", "degrees"}:
+        raise UserError(
+            f"{what} must be a number of degrees, or a table with by (a feature), at and degrees"
+        )
+    by, lists = given["by"], (given["at"], given["degrees"])
+    if not isinstance(by, str) or not _NAME.fullmatch(by):
+        raise UserError(f"by of {what} is not the name of a feature")
+    sizes = [len(one) if isinstance(one, list | tuple) else 0 for one in lists]
+    if sizes[0] != sizes[1] or not 2 <= sizes[0] <= MOST_POINTS:
+        raise UserError(f"at and degrees of {what} must be lists of 2 to {MOST_POINTS}, as long")
+    at = tuple(_number(one, f"at of {what}") for one in lists[0])
+    if any(after <= before for before, after in itertools.pairwise(at)):
+        raise UserError(f"at of {what} must rise")
+    return Interpolated(by, at, tuple(_degrees(one, f"degrees of {what}") for one in lists[1]))
+
+
+def _degrees(given: Any, what: str) -> float:
+    if isinstance(given, bool) or not isinstance(given, int | float) or not 0 <= given < 360:
+        raise UserError(f"{what} must be a number of degrees in [0, 360), got {_shown(given)}")
+    return float(given)
+
+
+def _number(given: Any, what: str) -> float:
+    plain = not isinstance(given, bool) and isinstance(given, int | float)
+    if not plain or not -LARGEST <= given <= LARGEST:  # NaN compares false
+        raise UserError(
+            f"{what} must be a number within plus or minus {LARGEST:g}, got {_shown(given)}"
+        )
+    return float(given)
+
+
+def _shown(given: Any) -> str:
+    if isinstance(given, Mapping | Sequence) and not isinstance(given, str):
+        return "a table" if isinstance(given, Mapping) else "a list"
+    if isinstance(given, int) and abs(given) > 10**15:
+        return "a huge number"
+    return one_line(str(given), 60)
+
+
+def _words(one: Condition) -> str:
+    if one.at_least == one.at_most:
+        return f"{one.feature} = {one.at_least:g}"
+    parts = [f"{one.at_least:g} <="] if math.isfinite(one.at_least) else []
+    parts += [one.feature]
+    parts += [f"<= {one.at_most:g}"] if math.isfinite(one.at_most) else []
+    return " ".join(parts)
+
+
+def angle_words(angle: Angle) -> str:
+    """Return an angle in words, in degrees."""
+    if not isinstance(angle, Interpolated):
+        return f"{angle:g}"
+    points = ", ".join(f"{d:g} at {a:g}" for a, d in zip(angle.at, angle.degrees, strict=True))
+    return f"by {angle.by}: {points}"
+
+
+def _angle_as_json(angle: Angle) -> Any:
+    if isinstance(angle, Interpolated):
+        return {"by": angle.by, "at": list(angle.at), "degrees": list(angle.degrees)}
+    return angle
+
+
+def _limits_as_json(one: Condition) -> dict[str, float]:
+    limits = {"at_least": one.at_least, "at_most": one.at_most}
+    return {name: value for name, value in limits.items() if math.isfinite(value)}
+
+
+def _toml(value: Any) -> str:
+    """Return a value of `as_json` on one line of TOML."""
+    if isinstance(value, dict):
+        inside = ", ".join(f"{name} = {_toml(one)}" for name, one in value.items())
+        return f"{{{inside}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)

@@ -1,0 +1,1 @@
+"""Angles that depend on the situation, beside constant ones."""

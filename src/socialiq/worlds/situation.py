@@ -1,0 +1,228 @@
+"""Named features of the situation, computed from an observation: what a rule of the angle reads.
+
+One registry for all worlds. Every feature is a function of the observation alone, so a policy, its
+owner and an auditor compute the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64, Shaped
+
+from socialiq.errors import UserError, one_of
+from socialiq.social.angle_rule import AngleRule
+from socialiq.worlds import crossing5, crossing7
+from socialiq.worlds.intersection import policies
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import FEATURES
+from socialiq.worlds.registry import GRIDWORLDS, make_grid
+
+Column = Float64[np.ndarray, " row"]
+Seen = Shaped[np.ndarray, "row feature"]
+
+TIME = "decisions"
+"""Feature of worlds whose policies may have a clock: decisions since the start."""
+
+_NEAR = 30.0  # m
+_STANDING = 1.0  # m/s
+_SOON = 3.0  # s, as `evaluation.conflicts.CONFLICT_SECONDS`
+_PERCEPTION = 200.0  # m; nothing farther is observed
+
+
+@dataclass(frozen=True)
+class Feature:
+    """Named feature of a situation.
+
+    Attributes:
+        meaning: Description with its unit.
+        of: Function from the observed values to a number for each row.
+    """
+
+    meaning: str
+    of: Callable[[np.ndarray], np.ndarray]
+
+
+def _before(seen: np.ndarray) -> np.ndarray:
+    """Whether each slot of the 7x7 world has a vehicle south of the conflict cell."""
+    places = seen[:, [2, 4]]
+    return (places >= 0) & (places < crossing7.CONFLICT)
+
+
+def _nearest_cells(seen: np.ndarray) -> np.ndarray:
+    cells = np.where(_before(seen), crossing7.CONFLICT - seen[:, [2, 4]], crossing7.SIZE)
+    return cells.min(axis=1)
+
+
+_CROSSING5 = {
+    "approaching": Feature(
+        "1 while the other road user is before the conflict cell, else 0",
+        lambda seen: seen[:, 3] < crossing5.CONFLICT,
+    ),
+    "cells_to_conflict": Feature(
+        "cells from the ego to the conflict cell; negative beyond it",
+        lambda seen: crossing5.CONFLICT - seen[:, 0],
+    ),
+}
+
+_CROSSING7 = {
+    "approaching": Feature(
+        "vehicles before the conflict cell", lambda seen: _before(seen).sum(axis=1)
+    ),
+    "waiting": Feature(
+        "vehicles before the conflict cell that stand",
+        lambda seen: (_before(seen) & (seen[:, [3, 5]] == crossing7.STOP)).sum(axis=1),
+    ),
+    "vehicles": Feature(
+        "vehicles on the road", lambda seen: (seen[:, [2, 4]] != crossing7.ABSENT).sum(axis=1)
+    ),
+    "nearest_cells": Feature(
+        "cells from the nearest approaching vehicle to the conflict cell; 7 if there is none",
+        _nearest_cells,
+    ),
+    "cells_to_conflict": Feature(
+        "cells from the ego to the conflict cell; negative beyond it",
+        lambda seen: crossing7.CONFLICT - seen[:, 0],
+    ),
+    "ego_speed": Feature("the ego's speed in cells a step", lambda seen: seen[:, 1]),
+}
+
+
+def _others(seen: np.ndarray) -> np.ndarray:
+    """Whether each row after the ego's is a vehicle in view."""
+    return seen[:, 1:, 0] > 0
+
+
+def _distance(seen: np.ndarray) -> np.ndarray:
+    """Metres from the ego to each other vehicle; the range of perception where there is none."""
+    away = np.hypot(seen[:, 1:, 1] - seen[:, :1, 1], seen[:, 1:, 2] - seen[:, :1, 2])
+    return np.where(_others(seen), away, _PERCEPTION)
+
+
+def _waiting(seen: np.ndarray) -> np.ndarray:
+    slow = np.hypot(seen[:, 1:, 3], seen[:, 1:, 4]) < _STANDING
+    return (_others(seen) & slow & (_distance(seen) <= _NEAR)).sum(axis=1)
+
+
+def _crossing(seen: np.ndarray) -> np.ndarray:
+    return policies.conflict(seen, _SOON)
+
+
+def _with_priority(seen: np.ndarray) -> np.ndarray:
+    other_road = np.abs(seen[:, 1:, 5]) > np.abs(seen[:, 1:, 6])
+    return (_crossing(seen) & other_road).sum(axis=1)
+
+
+_INTERSECTION = {
+    "vehicles": Feature("other vehicles in view", lambda seen: _others(seen).sum(axis=1)),
+    "vehicles_within_30m": Feature(
+        "other vehicles within 30 m of the ego",
+        lambda seen: (_others(seen) & (_distance(seen) <= _NEAR)).sum(axis=1),
+    ),
+    "waiting": Feature("other vehicles within 30 m of the ego, slower than 1 m/s", _waiting),
+    "crossing": Feature(
+        "crossing vehicles in the junction, or there within 3 s",
+        lambda seen: _crossing(seen).sum(axis=1),
+    ),
+    "crossing_with_priority": Feature(
+        "those of them on the other road, which has priority over the ego's", _with_priority
+    ),
+    "nearest_metres": Feature(
+        "metres to the nearest vehicle in view; 200 if there is none",
+        lambda seen: _distance(seen).min(axis=1),
+    ),
+    "metres_to_stop_line": Feature(
+        "metres from the ego to its stop line; negative beyond it",
+        lambda seen: seen[:, 0, 2] - policies.STOP_LINE,
+    ),
+    "ego_speed": Feature(
+        "the ego's speed in m/s", lambda seen: np.hypot(seen[:, 0, 3], seen[:, 0, 4])
+    ),
+}
+
+SITUATIONS: dict[str, dict[str, Feature]] = {
+    "crossing5": _CROSSING5,
+    "crossing7": _CROSSING7,
+    "intersection": _INTERSECTION,
+}
+"""Features by world and name. The intersection has `TIME` besides, for policies with a clock."""
+
+TIMED = ("intersection",)
+"""Worlds in which `TIME` is a feature. The exact optima of a gridworld need rewards without it."""
+
+
+def known_features(world: str) -> tuple[str, ...]:
+    """Return the names of a world's features.
+
+    Raises:
+        UserError: If the world has none.
+    """
+    one_of("world of a rule", world, tuple(SITUATIONS))
+    return (*SITUATIONS[world], *((TIME,) if world in TIMED else ()))
+
+
+def check_rule(rule: AngleRule, world: str = "", clock: bool = True) -> None:
+    """Check that a rule reads features of its world, and that this is the wanted one.
+
+    Args:
+        rule: The rule.
+        world: World of the policy or declaration; "" for the rule's own.
+        clock: Whether the time is known.
+
+    Raises:
+        UserError: If a feature is unknown, or the rule is of another world.
+    """
+    known = known_features(rule.world)
+    for name in rule.features:
+        one_of(f"feature of {rule.world}", name, known)
+    if world and rule.world != world:
+        raise UserError(f"the rule is for {rule.world}, not for {world}: change its world")
+    if TIME in rule.features and not clock:
+        raise UserError(f"the rule reads {TIME}, and this policy has no clock: leave it out")
+
+
+def plain_features(world: str) -> int:
+    """Return the length of an observation of a world without the time."""
+    if world in GRIDWORLDS:
+        return make_grid(world).n_features
+    return Options().observed_vehicles * len(FEATURES)
+
+
+def features_of(
+    rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
+) -> dict[str, Column]:
+    """Return the features that a rule reads.
+
+    Args:
+        rule: The rule.
+        observation: Observations of its world, without the time.
+        time: Decisions since the start of each row, if the rule reads it.
+    """
+    seen = np.asarray(observation, np.float64)
+    if rule.world == "intersection":
+        seen = policies.in_metres(np.asarray(observation))
+    found = {}
+    for name in rule.features:
+        if name == TIME:
+            assert time is not None  # `check_rule` refuses the feature without a clock
+            value = time
+        else:
+            value = SITUATIONS[rule.world][name].of(seen)
+        found[name] = np.asarray(value, np.float64)
+    return found
+
+
+def angles_of(
+    rule: AngleRule, observation: Seen, time: Shaped[np.ndarray, " row"] | None = None
+) -> tuple[Float64[np.ndarray, " row"], Int64[np.ndarray, " row"]]:
+    """Return a rule's angle in degrees, and the number of the context, of each observation.
+
+    Args:
+        rule: The rule.
+        observation: Observations of its world, without the time.
+        time: Decisions since the start of each row, if the rule reads it.
+    """
+    features, rows = features_of(rule, observation, time), len(observation)
+    return rule.degrees(features, rows), rule.context(features, rows)
