@@ -7,9 +7,9 @@ from pathlib import Path
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.play import sees_time
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.ensemble import load_values
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.types import Policy
+from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.options import Options
@@ -33,7 +33,7 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     name, shipped = name.removeprefix("atlas:"), atlas.names()
     if name not in shipped and not Path(name).exists():
         one_of("driver", name, (*policies.NAMES, *shipped, "a policy file"))
-    policy = atlas.load(name) if name in shipped else load_values(Path(name))
+    policy = atlas.load(name) if name in shipped else load_driver(Path(name))
     refuse_misfit(name, policy, options or Options())
     return policy
 

@@ -20,18 +20,20 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
+from socialiq.evaluation.context import evaluate_by_rule
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
 from socialiq.evaluation.play import Episodes, episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.experiments.engine import Engine, work_folder
 from socialiq.experiments.intersection.rows import policy_row
 from socialiq.learners.config import check_seed
-from socialiq.nn.ensemble import load_values
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.policies.load import load_policy
 from socialiq.recordings.recording import refuse_recording
 from socialiq.social.angle import check_angle
-from socialiq.worlds.enumerate import tabulate
+from socialiq.social.angle_rule import AngleRule, load_rule
+from socialiq.worlds.context_policy import load_driver
+from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -72,6 +74,8 @@ class Evaluate:
     """Demonstrations file with both rewards, in the place of a world."""
     angle: float = 0.0
     """Angle in degrees at which regret is measured."""
+    angle_rule: Path | None = None
+    """TOML file of a rule of the angle: the decision loss at it is measured, in a gridworld."""
     soft: bool = False
     """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
     episodes: int = 0
@@ -90,6 +94,13 @@ class Evaluate:
     def run(self) -> int:
         """Evaluate and print."""
         check_angle(self.angle)
+        if self.angle_rule is not None and (
+            self.data or self.world not in GRIDWORLDS or self.episodes
+        ):
+            raise UserError(
+                "--angle-rule is exact, in a gridworld without --episodes: at the intersection "
+                "`socialiq audit` measures it"
+            )
         if not self.policies:
             raise UserError("no policy: name at least one file that `socialiq train` wrote")
         if self.data is not None:
@@ -157,7 +168,7 @@ class Evaluate:
                     " them; `socialiq audit` drives other kinds too"
                 )
         measure = self.gridworld()
-        return [measure(load_values(path)) for path in self.policies]
+        return [measure(load_driver(path)) for path in self.policies]
 
     def intersection(self, name: str) -> dict[str, Any]:
         """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
@@ -202,6 +213,7 @@ class Evaluate:
         """Return exact or sampled metrics, with regret against the exact optimum."""
         optimum = Optimum(tabulate(make_grid(self.world)).reachable_part())
         readout = "soft" if self.soft else "greedy"
+        rule = None if self.angle_rule is None else load_rule(self.angle_rule)
 
         def measure(policy: ValuePolicy) -> dict[str, Any]:
             table = gridworld_of(self.world, policy)
@@ -211,8 +223,10 @@ class Evaluate:
                 rollout = rollout_table(table, whole, self.episodes, self.seed)
                 metrics, found = rollout.metrics(), self.sampled(rollout)
             else:
-                metrics = evaluate_exactly(part, action_table(policy, part, readout))
+                chances = action_table(policy, part, readout)
+                metrics = evaluate_exactly(part, chances)
                 found = {"method": "exact", **metrics._asdict()}
+                found |= {} if rule is None else _at_rule(part, chances, rule)
             regret = optimum.regret(metrics, self.angle)
             return {**found, "readout": readout, "target_angle": self.angle, "regret": regret}
 
@@ -253,3 +267,11 @@ class Evaluate:
             "angle_low": estimate.low,
             "angle_high": estimate.high,
         }
+
+
+def _at_rule(part: Table, chances: np.ndarray, rule: AngleRule) -> dict[str, Any]:
+    """Return the decision loss at a rule of the angle, the whole and in each context."""
+    lost = evaluate_by_rule(part, chances, rule).loss
+    by_context = dict(zip(rule.contexts, lost.tolist(), strict=True))
+    found = {"decision_loss": float(lost.sum())}
+    return found | {f"decision_loss where {name}": value for name, value in by_context.items()}

@@ -20,14 +20,23 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.outputs import refuse_existing
 from socialiq.policies.card import card_materials, model_card
 from socialiq.policies.export_torch import to_safetensors
-from socialiq.policies.native import read_actor, read_dial, read_ensemble, read_policy
+from socialiq.policies.native import (
+    read_actor,
+    read_context,
+    read_dial,
+    read_ensemble,
+    read_policy,
+)
 from socialiq.policies.onnx.export import to_onnx
 from socialiq.reading import sha256_of_file
+from socialiq.social.angle_rule import load_rule
 from socialiq.storage import kind_of, read_json, write_atomically
 from socialiq.types import Row
+from socialiq.worlds.context_policy import KIND as CONTEXT_KIND
+from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.intersection import atlas
 
-Exported = QPolicy | EnsemblePolicy | ActorPolicy
+Exported = QPolicy | EnsemblePolicy | ActorPolicy | ContextPolicy
 FORMATS = ("onnx", "torch", "card", "bom")
 
 
@@ -84,6 +93,8 @@ class Export:
             read = read_dial if kind == "dial" else read_actor
             return read(path, self.angle, None)[0], {}
         self._check_no_angle()
+        if kind == CONTEXT_KIND:
+            return read_context(path, None)[0], {}
         if kind == ACTOR_KIND:
             actor, _ = read_actor(path, None, None)
             return actor, _run_of(path, actor)
@@ -96,6 +107,12 @@ class Export:
 
     def made(self, policy: Exported, training: dict[str, Any]) -> bytes:
         """Return the file's bytes."""
+        if isinstance(policy, ContextPolicy) and self.format in ("onnx", "torch"):
+            raise UserError(
+                "a policy with an angle rule is a network and a rule: export the dial at one "
+                "angle, or give --format card or bom"
+            )
+        assert not isinstance(policy, ContextPolicy) or self.format in ("card", "bom")
         if self.format == "onnx":
             return to_onnx(policy)
         if self.format == "torch":
@@ -146,27 +163,49 @@ def _run_of(path: Path, policy: Exported) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Turn:
-    """Write a dial's policy at one angle, as an ordinary policy file.
+    """Write a dial's policy at one angle, or at an angle that follows a rule, as a policy file.
 
     Example: socialiq turn run/dial_0.safetensors --angle 30 --out prosocial.safetensors
     """
 
     dial: Annotated[Path, tyro.conf.Positional]
     """Dial file, of `socialiq train-dial`."""
-    angle: float
-    """Social angle in degrees."""
     out: Path
     """Policy file to write."""
+    angle: float | None = None
+    """Social angle in degrees."""
+    angle_rule: Path | None = None
+    """TOML file of a rule that gives the angle by the situation, in the place of --angle."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
         """Turn and write."""
         refuse_existing(self.out)
-        dial = ActorDial if kind_of(self.dial) == DIAL_KIND else DialPolicy
-        sha256 = dial.load(self.dial).at(self.angle).save(self.out, replace=False)
-        found = {"out": str(self.out), "angle": self.angle, "sha256": sha256}
-        return _print_written(found, self.json)
+        if (self.angle is None) == (self.angle_rule is None):
+            raise UserError(
+                "a dial is turned to one angle or by one rule: give --angle DEGREES, "
+                "or --angle-rule FILE"
+            )
+        policy, turned = self.turned()
+        sha256 = policy.save(self.out, replace=False)
+        return _print_written({"out": str(self.out), **turned, "sha256": sha256}, self.json)
+
+    def turned(self) -> tuple[QPolicy | ActorPolicy | ContextPolicy, Row]:
+        """Return the policy, and what the dial was turned to."""
+        continuous = kind_of(self.dial) == DIAL_KIND
+        if self.angle_rule is not None:
+            if continuous:
+                raise UserError(
+                    f"{self.dial} has continuous actions: a rule turns a dial of "
+                    "discrete ones; give --angle"
+                )
+            rule = load_rule(self.angle_rule)
+            policy = ContextPolicy.of(DialPolicy.load(self.dial), rule)
+            return policy, {"angle": "by rule", "contexts": "; ".join(rule.contexts)}
+        assert self.angle is not None
+        dial = ActorDial if continuous else DialPolicy
+        return dial.load(self.dial).at(self.angle), {"angle": self.angle}
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.nn.ensemble import load_values
 from socialiq.policies.card import trained_angle
 from socialiq.social.angle import angle_of
+from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.intersection import atlas
 
 
@@ -47,7 +47,7 @@ def target_of(name: str) -> float | None:
     """
     name = name.removeprefix("atlas:")
     try:
-        policy = atlas.load(name) if name in atlas.names() else load_values(Path(name))
+        policy = atlas.load(name) if name in atlas.names() else load_driver(Path(name))
     except UserError:
         return None
     return trained_angle(policy.provenance)

@@ -19,8 +19,9 @@ from socialiq.nn.ensemble import EnsemblePolicy, members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import OneHot
 from socialiq.policies.bill_of_materials import Metric, bill_of_materials
+from socialiq.worlds.context_policy import ContextPolicy
 
-Exported = QPolicy | EnsemblePolicy | ActorPolicy
+Exported = QPolicy | EnsemblePolicy | ActorPolicy | ContextPolicy
 """Policies that are exported."""
 
 BLANK = "**[ blank ]**"
@@ -161,7 +162,7 @@ def _network(policy: Exported) -> str:
         widths = [network.weights[0].shape[1], *(len(bias) for bias in network.biases)]
         return f"{'-'.join(map(str, widths))}, {network.activation}"
 
-    members = members_of(policy)
+    members = _networks(policy)
     listed = _each(policy, one)
     return listed if len(members) == 1 else f"mean of the values of {len(members)}: {listed}"
 
@@ -177,7 +178,12 @@ def _view(network: QPolicy | ActorPolicy) -> str:
 
 def _each(policy: Exported, describe: Callable[[Any], str]) -> str:
     """Return the descriptions of a policy's networks, each once."""
-    return "; ".join(dict.fromkeys(describe(one) for one in members_of(policy)))
+    return "; ".join(dict.fromkeys(describe(one) for one in _networks(policy)))
+
+
+def _networks(policy: Exported) -> tuple[Any, ...]:
+    """Return the networks of a policy; of a dial with a rule, the dial's, which reads the angle."""
+    return (policy.dial.turned,) if isinstance(policy, ContextPolicy) else members_of(policy)
 
 
 def _rows(value: Any, name: str) -> Iterator[tuple[str, str]]:

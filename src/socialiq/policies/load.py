@@ -16,6 +16,7 @@ from socialiq.policies.callable import read_callable
 from socialiq.policies.interface import Interface
 from socialiq.policies.native import (
     read_actor,
+    read_context,
     read_dial,
     read_ensemble,
     read_policy,
@@ -34,6 +35,7 @@ from socialiq.policies.record import Loaded, Record, read_content, sha256_of
 from socialiq.policies.sb3.load import read_sb3
 from socialiq.storage import kind_of
 from socialiq.types import Policy
+from socialiq.worlds import context_policy
 
 KINDS = (
     "FILE.safetensors",
@@ -129,6 +131,8 @@ def _native(
         return kind, read_dial(path, angle, world)
     if kind == ensemble.KIND:
         return kind, read_ensemble(path, world)
+    if kind == context_policy.KIND:
+        return kind, read_context(path, world)
     if kind in (actor_policy.KIND, actor_policy.DIAL_KIND):
         return kind, read_actor(path, angle, world)
     return kind, (read_table if kind == "table" else read_policy)(path, world)

@@ -20,6 +20,8 @@ from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
 from socialiq.storage import kind_of, load_arrays, save_arrays
+from socialiq.worlds import context_policy
+from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy
 
@@ -144,6 +146,28 @@ def read_actor(
     }
     of_dial = {"angle": angle, "low": header["low"], "high": header["high"]} if is_dial else {}
     return policy, details | of_dial
+
+
+def read_context(path: Path, world: Interface | None) -> tuple[ContextPolicy, dict[str, Any]]:
+    """Read a dial with a rule of its angle, that `ContextPolicy.save` wrote.
+
+    Args:
+        path: The file.
+        world: The interface that it must have, if any.
+
+    Returns:
+        The policy, and details from the file.
+
+    Raises:
+        UserError: If the file is missing, damaged, holds something else, or doesn't fit the world.
+    """
+    arrays, header = load_arrays(path, context_policy.KIND, context_policy.SCHEMA_VERSION)
+    _check_size(path, header)
+    policy = ContextPolicy.checked(path, arrays, header)
+    if world is not None:
+        Interface(policy.n_features, policy.n_actions).check(str(path), world)
+    found = _details(policy.dial.turned, header) | {"rule": policy.rule.as_json()}
+    return policy, found | {"low": policy.dial.low, "high": policy.dial.high}
 
 
 def _details(policy: QPolicy, header: dict[str, Any]) -> dict[str, Any]:

@@ -105,6 +105,14 @@ class AngleRule:
         return (*(" and ".join(map(_words, one.conditions)) for one in self.cases), last)
 
     @property
+    def words(self) -> str:
+        """The rule in one line, angles in degrees."""
+        pairs = zip(self.angles, self.contexts, strict=True)
+        return "; ".join(f"{angle_words(angle)} where {where}" for angle, where in pairs).replace(
+            "where otherwise", "otherwise"
+        )
+
+    @property
     def features(self) -> tuple[str, ...]:
         """Names of the features that it reads, each once."""
         named = [one.feature for case in self.cases for one in case.conditions]

@@ -51,6 +51,16 @@ def test_the_policy_of_an_angle_is_the_network_asked_at_it(
     np.testing.assert_allclose(fixed, expected, atol=1e-5)
 
 
+def test_each_observation_may_have_an_angle_of_its_own(dial: DialPolicy) -> None:
+    angles = np.linspace(0.0, 90.0, len(OBSERVATIONS))
+    found = dial.q_values_at(OBSERVATIONS, angles)
+    for row, angle in enumerate(angles.tolist()):
+        alone = dial.at(angle).q_values(OBSERVATIONS)[row]
+        np.testing.assert_allclose(found[row], alone, atol=2e-6)
+    with pytest.raises(UserError, match="outside this dial's range"):
+        dial.q_values_at(OBSERVATIONS, angles + 1.0)
+
+
 def test_the_value_of_pairs_is_their_score() -> None:
     network = DialNetwork.initialise(jax.random.key(0), 2, (8,), 3, pairs=True)
     direction = RewardPair(*map(jnp.asarray, exact_weights(30.0)))

@@ -83,6 +83,7 @@ TINY = {
         "worlds": ("crossing7",),
     },
     "audit-power": {"episodes": 60, "replications": 4, "resamples": 100, "owners": 2},
+    "context": {"episodes": 12, "every": 45.0, "loss_episodes": 4},
     "classic-control": {
         "seeds": (0,),
         "tasks": ("CartPole",),
@@ -252,6 +253,15 @@ def check_audit_power(tables, _summary):
     for row in tables["verdicts"]:
         assert row["passed"] + row["failed"] + row["inconclusive"] == pytest.approx(1, abs=1e-5)
     assert all(row["low"] <= row["covered"] <= row["high"] for row in tables["coverage"])
+
+
+def check_context(tables, _summary):
+    for row in matching(tables["exact"], driver="turning"):
+        assert row["decision_loss"] == 0.0
+    assert min(row["below_front"] for row in tables["exact"]) >= 0.0
+    for row in matching(tables["losses"], driver="crossing-60"):
+        assert row["loss"] == 0.0
+    assert {row["verdict"] for row in tables["against_constants"]} <= {"above", "tie", "below"}
 
 
 def check_classic_control(tables, summary):

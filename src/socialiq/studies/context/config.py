@@ -18,7 +18,7 @@ def _rule(world: str, default: Any, **when: Any) -> AngleRule:
 _ONE = {"at_least": 1}
 
 MAIN = "crossing-60"
-"""Rule of the example: yield when somebody crosses, press on when the junction is free."""
+"""Rule of the example: yield when a vehicle crosses, press on when the junction is free."""
 
 RULES = {
     MAIN: _rule("intersection", 0, angle=60, crossing=_ONE),
