@@ -41,8 +41,10 @@ from socialiq.recordings.readers.column_map import read_map
 from socialiq.recordings.readers.commonroad_road import road_of
 from socialiq.recordings.readers.import_file import import_file
 from socialiq.recordings.world.recorded_world import RecordedWorld
+from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.storage import load_arrays, read_json
 from socialiq.worlds.registry import make_grid
+from socialiq.worlds.situation import check_rule
 
 GRID = make_grid(WORLD)
 
@@ -98,6 +100,12 @@ def _own_dial(path: Path) -> None:
     dial = DialPolicy.load(path)
     policy = dial.at((dial.low + dial.high) / 2)
     _act(policy, policy.n_features)
+
+
+def _rule(path: Path) -> None:
+    rule = load_rule(path)
+    assert AngleRule.of(rule.as_json()) == rule
+    check_rule(rule)
 
 
 def _steps(path: Path) -> None:
@@ -244,6 +252,8 @@ READERS = (
     Reader("ensemble", "ensemble.safetensors", _policy, resealed=True),
     Reader("dial", "dial.safetensors", _policy, resealed=True),
     Reader("dial, own", "dial.safetensors", _own_dial, resealed=True),
+    Reader("dial with a rule", "context.safetensors", _policy, resealed=True),
+    Reader("rule of the angle", "rule.toml", _rule),
     Reader("table", "table.safetensors", _policy, resealed=True),
     Reader("Stable-Baselines3", "dqn_intersection.zip", _foreign),
     Reader("ONNX", "dqn_intersection.onnx", _foreign),

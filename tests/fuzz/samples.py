@@ -33,7 +33,9 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.native import save_table
 from socialiq.recordings import files as recording_files
 from socialiq.recordings.export import write_csv
+from socialiq.social.angle_rule import load_rule
 from socialiq.storage import packaged_results
+from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
@@ -41,6 +43,15 @@ from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 WORLD = "crossing5"
+RULE = """
+format = 1
+world = "crossing5"
+default = {by = "cells_to_conflict", at = [0, 2], degrees = [10.5, 80]}
+
+[[when]]
+angle = 60
+approaching = {at_least = 1}
+"""
 
 ROUND_1000 = (
     "b44679b9a59af2ec876b1a6b1ad52ea9b1615fc3982b19576350f93447cb1125"
@@ -171,7 +182,11 @@ def _policies(folder: Path, features: int, actions: int) -> None:
     both = EnsemblePolicy.of([QPolicy(weights, biases, "relu", 1.0)] * 2)
     both.save(folder / "ensemble.safetensors")
     network = DialNetwork.initialise(jax.random.key(0), features, (4,), actions)
-    DialPolicy.of(network, 1.0, 0.0, 90.0, {}).save(folder / "dial.safetensors")
+    dial = DialPolicy.of(network, 1.0, 0.0, 90.0, {})
+    dial.save(folder / "dial.safetensors")
+    (folder / "rule.toml").write_text(RULE)
+    rule = load_rule(folder / "rule.toml")
+    ContextPolicy.of(dial, rule).save(folder / "context.safetensors")
     for name in ("dqn_intersection.zip", "dqn_intersection.onnx"):
         shutil.copy(EXAMPLES / "policies" / name, folder / name)
 

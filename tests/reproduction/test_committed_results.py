@@ -49,12 +49,15 @@ from socialiq.studies.compare_priors.config import (
 )
 from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
 from socialiq.studies.competence import bench, methods
+from socialiq.studies.context import config as context_config
+from socialiq.studies.context import study as context
 from socialiq.studies.grid import study as grid
 from socialiq.studies.intersection_offline import tables as offline
 from socialiq.studies.intersection_offline.config import Config as OfflineConfig
 from socialiq.studies.theory import cases
 from socialiq.studies.theory import small_strength as lines
 from socialiq.to_json import rounded
+from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -526,3 +529,26 @@ def test_the_improved_clone_is_beside_the_demonstrators_of_the_other_methods():
         assert again[angle] == pytest.approx(theirs[angle], abs=2e-6)
     for angle in (0.0, 15.0):
         assert again[angle] == pytest.approx(theirs[angle], abs=0.01)
+
+
+def test_what_a_rule_of_the_angle_means_is_found_again():
+    """The exact part of the study, and the choice of the best constant angle of each rule."""
+    committed = store.load(packaged_results() / "context")
+    again = [row for world in context_config.GRIDS for row in context.exact_rows(world)]
+    for ours, theirs in zip(again, committed.tables["exact"], strict=True):
+        for key, value in theirs.items():
+            expected = pytest.approx(value, abs=2e-6) if isinstance(value, float) else str(value)
+            assert (ours[key] if isinstance(value, float) else str(ours[key])) == expected, key
+    assert {row["verdict"] for row in committed.tables["against_constants"]} == {"below"}
+
+
+@pytest.mark.slow
+def test_a_dial_turned_by_a_rule_drives_the_committed_episodes():
+    committed = store.load(packaged_results() / "context")
+    config = context_config.Config()
+    seeds = np.arange(config.first_episode, config.first_episode + config.episodes)
+    policy = ContextPolicy.of(context.dial_of(), context_config.RULES[context_config.MAIN])
+    found = episodes_of(Batch(Options(), 512), policy, seeds).totals
+    (row,) = matching(committed.tables["drivers"], driver=context_config.MAIN)
+    assert row["r_env"] == pytest.approx(found.env.mean(), abs=2e-3)
+    assert row["r_social"] == pytest.approx(found.social.mean(), abs=2e-3)

@@ -26,6 +26,7 @@ from socialiq.policies.process.load import Limits
 from socialiq.policies.record import Loaded, Record
 from socialiq.provenance import package_sha256
 from socialiq.storage import kind_of
+from socialiq.worlds.context_policy import KIND as CONTEXT
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.world import Intersection
@@ -219,7 +220,12 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
         clocked = isinstance(world, GridWorld | Intersection | Junction) and spec.endswith(
             ".safetensors"
         )
-        if not clocked or kind_of(Path(spec)) not in ("policy", "ensemble", "dial"):
+        if not clocked or kind_of(Path(spec)) not in (
+            "policy",
+            "ensemble",
+            "dial",
+            CONTEXT,
+        ):
             raise
         try:
             return load_policy(spec, world.n_features + 1, world.n_actions, **more)
