@@ -30,8 +30,9 @@ def _tradeoff(results: Results) -> Figure:
             axes.annotate(f"{row['driver']}°", pair, (6, 4), textcoords="offset points", fontsize=8)
     for number, name in enumerate(RULES):
         (row,) = matching(results.tables["drivers"], driver=name)
-        look = {"marker": _MARKS[number], "color": _COLORS[number % len(_COLORS)]}
-        axes.plot(row["r_env"], row["r_social"], linestyle="none", **look, label=name)
+        color = _COLORS[number % len(_COLORS)]
+        point = ([row["r_env"]], [row["r_social"]])
+        axes.plot(*point, linestyle="none", marker=_MARKS[number], color=color, label=name)
     # Beyond 70 degrees the dial waits, and no rule of the study comes near.
     rows = [matching(results.tables["drivers"], driver=name)[0] for name in RULES]
     low = min(row["r_env"] for row in rows) - 0.5

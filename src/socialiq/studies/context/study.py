@@ -109,10 +109,10 @@ def measure_losses(
 
 
 def _driven(config: Config, what: float | str, losses: bool = False) -> Driven:
-    constant = isinstance(what, float)
+    rule = RULES[what] if isinstance(what, str) else None
     return Driven(
-        angle=what if constant else None,
-        rule={} if isinstance(what, float) else RULES[what].as_json(),
+        angle=None if isinstance(what, str) else what,
+        rule={} if rule is None else rule.as_json(),
         dial_sha256=dial_of().turned.sha256,
         episodes=config.loss_episodes if losses else config.episodes,
         first_seed=config.first_loss if losses else config.first_episode,
@@ -120,7 +120,7 @@ def _driven(config: Config, what: float | str, losses: bool = False) -> Driven:
 
 
 def _name(what: float | str) -> str:
-    return f"{what:g}" if isinstance(what, float) else what
+    return what if isinstance(what, str) else f"{what:g}"
 
 
 def plan(config: Config) -> list[Job]:
