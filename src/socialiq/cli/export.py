@@ -107,16 +107,13 @@ class Export:
 
     def made(self, policy: Exported, training: dict[str, Any]) -> bytes:
         """Return the file's bytes."""
-        if isinstance(policy, ContextPolicy) and self.format in ("onnx", "torch"):
-            raise UserError(
-                "a policy with an angle rule is a network and a rule: export the dial at one "
-                "angle, or give --format card or bom"
-            )
-        assert not isinstance(policy, ContextPolicy) or self.format in ("card", "bom")
-        if self.format == "onnx":
-            return to_onnx(policy)
-        if self.format == "torch":
-            return to_safetensors(policy)
+        if self.format in ("onnx", "torch"):
+            if isinstance(policy, ContextPolicy):
+                raise UserError(
+                    "a policy with an angle rule is a network and a rule: export the dial at one "
+                    "angle, or give --format card or bom"
+                )
+            return to_onnx(policy) if self.format == "onnx" else to_safetensors(policy)
         evaluation, words = training.get("greedy"), ""
         if evaluation is not None:
             words = "By the study that made it, taking the best action always."
