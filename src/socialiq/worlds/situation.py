@@ -15,9 +15,9 @@ from jaxtyping import Float64, Int64, Shaped
 from socialiq.errors import UserError, one_of
 from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds import crossing5, crossing7
+from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.state import FEATURES
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 Column = Float64[np.ndarray, " row"]
