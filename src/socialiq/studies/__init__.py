@@ -38,6 +38,7 @@ STUDIES = {
     "recorded-junction": "recorded_junction.study",
     "theory": "theory.study",
     "classic-control": "classic_control.study",
+    "mujoco-imitation": "mujoco_imitation.study",
     "compare-priors": "compare_priors.study",
     "compare-methods": "compare_methods.study",
     "context": "context.study",

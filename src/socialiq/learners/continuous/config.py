@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from socialiq.errors import UserError
 from socialiq.learners import config
@@ -108,6 +108,10 @@ class IQStaticConfig(Shared, iq_learn.StaticConfig):
 
     replay_capacity: int = 100_000
     """Size of the replay ring."""
+    critic: Literal["objective", "regression"] = "objective"
+    """Loss of the critics: terms 1 to 3 of Eq 2.7, or the regression of r̂ to 4 α_χ on
+    demonstrations and to -4 α_χ on own rows, which terms 1 to 3 are where own rows are drawn from
+    the policy (Al-Hafez et al. 2023, LS-IQ); with `bounded` its targets are bounded."""
     target_kind: Any = "instantaneous"
     """Kind of "cumulative returns" in R(α), of `social.returns`, or the advantage."""
 
@@ -117,10 +121,20 @@ class IQStaticConfig(Shared, iq_learn.StaticConfig):
         self.check_shared(self)
         if self.form != "plain":
             raise UserError(f"form {self.form} is of discrete actions: use the form plain")
+        if self.critic == "regression":
+            self._check_regression()
         if self.dial and self.prior in ("none", "reweighting"):
             raise UserError(
                 f"prior {self.prior} has no angle of a row: a dial needs reward, bellman_shift or "
                 "shifted_chi2"
+            )
+
+    def _check_regression(self) -> None:
+        derived = (self.prior, self.divergence, self.chi2_on) == ("none", "chi2", "mixture")
+        if not (derived and self.online and self.value_term == "value"):
+            raise UserError(
+                "the regression of r̂ follows from the objective online, with prior none, "
+                "divergence chi2, chi2 on the mixture and value term value: choose these"
             )
 
 

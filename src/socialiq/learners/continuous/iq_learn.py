@@ -122,18 +122,37 @@ class ContinuousIQLearn(ActorCritic):
         for critic in range(2):
             follows = after[:, critic]
             reward = losses.implicit_reward(taken[:, critic], follows, one.discount)
-            shown, wanted = reward[: rows.n_expert], target[: rows.n_expert]
-            terms = {"expert": objective.expert_term(shown, wanted, one, self.static, self.own)}
-            if start is not None:
-                terms["value"] = losses.initial_value_term(start[:, critic], one.discount)
+            shown = reward[: rows.n_expert]
+            if self.static.critic == "regression":
+                terms = regression_terms(shown, reward[rows.n_expert :], one.chi2_alpha)
             else:
-                counted = slice(None) if self.static.value_term == "value" else slice(rows.n_expert)
-                given = (value[counted, critic], follows[counted])
-                terms["value"] = losses.value_term(*given, one.discount)
-            terms |= objective.quadratic_terms(reward, target, one, self.static, self.own)
+                columns = (value[:, critic], follows, start if start is None else start[:, critic])
+                terms = self.objective_terms(reward, *columns, target, rows.n_expert, one)
             seen = {"max_q": jnp.max(jnp.abs(taken)), "expert_reward": jnp.mean(shown)}
             found.append(terms | seen)
         return found
+
+    def objective_terms(
+        self,
+        reward: Float[Array, " batch"],
+        value: Float[Array, " batch"],
+        follows: Float[Array, " batch"],
+        start: Float[Array, " first"] | None,
+        target: Float[Array, " batch"],
+        n_expert: int,
+        hyperparameters: HyperparameterArrays,
+    ) -> Terms:
+        """Return the terms of Eq 2.7 and 4.5 for one critic; arguments as `values` has them."""
+        one, static, own = hyperparameters, self.static, self.own
+        shown, wanted = reward[:n_expert], target[:n_expert]
+        terms = {"expert": objective.expert_term(shown, wanted, one, static, own)}
+        if start is not None:
+            terms["value"] = losses.initial_value_term(start, one.discount)
+        else:
+            counted = slice(None) if static.value_term == "value" else slice(n_expert)
+            given = (value[counted], follows[counted])
+            terms["value"] = losses.value_term(*given, one.discount)
+        return terms | objective.quadratic_terms(reward, target, one, static, own)
 
     def values(
         self,
@@ -196,5 +215,16 @@ class ContinuousIQLearn(ActorCritic):
         return jnp.stack(columns, axis=1)
 
 
-ADDED = ("expert", "value", "chi2", "prior")
+def regression_terms(
+    shown: Float[Array, " expert"], own: Float[Array, " own"], chi2_alpha: Scalar | float
+) -> Terms:
+    """Return the two terms of the regression of r̂ (`losses.regression_term`)."""
+    bound = losses.reward_bound(chi2_alpha)
+    return {
+        "expert": losses.regression_term(shown, bound, chi2_alpha),
+        "own": losses.regression_term(own, -bound, chi2_alpha),
+    }
+
+
+ADDED = ("expert", "value", "chi2", "prior", "own")
 """Terms of a critic's objective."""

@@ -1,0 +1,43 @@
+"""Figure of the study: the share of the expert's return of each run."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from socialiq.experiments.results import Results
+from socialiq.experiments.tables import column, groups, matching
+from socialiq.plotting.style import figure, plain
+from socialiq.studies.mujoco_imitation.methods import METHODS
+
+_COLORS = dict(zip(METHODS, ("#053061", "#4393c3", "#7f7f7f"), strict=True))
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw each run's share against the number of trajectories, in a panel for each task."""
+    panels = groups(results.tables.get("runs", []), "task")
+    if not panels:
+        return {}
+    drawn = figure(3.2 * len(panels) + 1.0, 3.2)
+    for place, ((task,), rows) in enumerate(panels.items(), start=1):
+        axes = drawn.add_subplot(1, len(panels), place)
+        counts = sorted(set(column(rows, "trajectories")))
+        for shift, (method, color) in enumerate(_COLORS.items()):
+            means = []
+            for number, count in enumerate(counts):
+                share = column(matching(rows, method=method, trajectories=count), "share")
+                x = number + 0.2 * (shift - 1)
+                axes.plot([x] * len(share), share, "o", color=color, alpha=0.4, markersize=4)
+                means += [(x, sum(share) / len(share))] if share else []
+            if means:
+                x, share = zip(*means, strict=True)
+                axes.plot(x, share, "_", color=color, markersize=16, label=method)
+        axes.axhline(1.0, color="0.7", linewidth=0.8, zorder=0)
+        axes.set_xticks(range(len(counts)), [str(count) for count in counts])
+        axes.set_xlabel("demonstrated trajectories")
+        axes.set_ylim(bottom=min(0.0, *column(rows, "share")))
+        axes.set_title(task, fontsize=9)
+        plain(axes)
+        if place == 1:
+            axes.set_ylabel("share of the expert's return")
+            axes.legend(frameon=False, fontsize=8)
+    return {"shares": drawn}

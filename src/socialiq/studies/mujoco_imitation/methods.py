@@ -1,0 +1,107 @@
+"""Learners of the study, each with its settings."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.continuous.config import IQHyperparameters, IQStaticConfig
+from socialiq.learners.iq_learn.config import Endings
+
+ROUND = 1000
+"""Updates, and steps in the environment, between two rounds of acting: the greatest length of an
+episode."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A learner with its settings.
+
+    Attributes:
+        static: Its static configuration; the type says which learner it is.
+        numbers: Its hyperparameters, but for seed and data set.
+        absorbing: Whether terminal states are absorbing ones that the observation shows.
+    """
+
+    static: Any
+    numbers: Any
+    absorbing: bool = False
+
+    @property
+    def online(self) -> bool:
+        """Whether it acts in the environment."""
+        return getattr(self.static, "online", False)
+
+
+ONLINE = IQStaticConfig(
+    prior="none",
+    chi2_on="mixture",
+    bounded=True,
+    endings=Endings(timeout="bootstrap", other="occupancy"),
+    hidden=(64, 64),
+    batch_size=128,
+    replay_capacity=200_000,
+    updates_per_round=ROUND,
+)
+OFFLINE = IQStaticConfig(
+    prior="none",
+    online=False,
+    value_term="value_expert",
+    endings=Endings(timeout="bootstrap"),
+    hidden=(64, 64),
+    batch_size=128,
+    updates=10_000,
+)
+NUMBERS = IQHyperparameters(temperature=0.01, learning_rate=1e-3)
+
+CLONING = bc.StaticConfig(hidden=(64, 64), batch_size=128, updates=10_000)
+CLONING_NUMBERS = bc.Hyperparameters(learning_rate=1e-3)
+
+METHODS = {
+    "online": Method(ONLINE, NUMBERS),
+    "offline": Method(OFFLINE, NUMBERS),
+    "cloning": Method(CLONING, CLONING_NUMBERS),
+}
+"""Methods by name in the tables: IQ-Learn online and offline, and cloning."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One change of online imitation: an ablation.
+
+    Attributes:
+        static: Changed fields of its static configuration.
+        numbers: Changed hyperparameters.
+        absorbing: As of `Method`.
+    """
+
+    static: Mapping[str, Any] = field(default_factory=dict)
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    absorbing: bool = False
+
+
+def _endings(other: str) -> dict[str, Any]:
+    return {"endings": Endings(timeout="bootstrap", other=other)}  # type: ignore[arg-type]
+
+
+VARIANTS = {
+    "values not bounded": Variant({"bounded": False}),
+    "endings worth 0": Variant(_endings("zero")),
+    "absorbing states": Variant(_endings("bootstrap"), absorbing=True),
+    "regression": Variant({"critic": "regression"}),
+    "V(s') with gradient": Variant({"next_value": "online"}),
+    "temperature 0.1": Variant(numbers={"temperature": 0.1}),
+}
+"""Ablations by name in the tables."""
+
+
+def method_of(name: str) -> Method:
+    """Return a method by its name in `METHODS` or `VARIANTS`."""
+    if name in METHODS:
+        return METHODS[name]
+    one, base = VARIANTS[name], METHODS["online"]
+    static = dataclasses.replace(base.static, **one.static)
+    return Method(static, dataclasses.replace(base.numbers, **one.numbers), one.absorbing)

@@ -1,0 +1,66 @@
+"""Tasks of MuJoCo: environments, budgets, and the published returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.errors import UserError
+from socialiq.evaluation.rollout import rollout_env
+from socialiq.types import Policy
+from socialiq.worlds.environment import make_environment
+
+
+@dataclass(frozen=True)
+class Task:
+    """An environment, and the updates that its policies take.
+
+    Attributes:
+        env: Gymnasium's id.
+        expert_updates: Of the expert's training, with a step in the environment for each.
+        online_updates: Of online imitation, with a step in the environment for each.
+        published: Mean return of IQ-Learn online from one trajectory (Garg et al. 2021), of
+            another expert and an earlier version of the environment.
+    """
+
+    env: str
+    expert_updates: int
+    online_updates: int
+    published: float
+
+
+TASKS = {
+    "Hopper": Task("Hopper-v5", 300_000, 60_000, 3546.4),
+    "HalfCheetah": Task("HalfCheetah-v5", 300_000, 60_000, 5076.6),
+    "Walker2d": Task("Walker2d-v5", 400_000, 100_000, 5134.0),
+    "Ant": Task("Ant-v5", 600_000, 100_000, 4362.9),
+}
+"""Tasks by name in the tables."""
+
+
+def make_env(task: Task) -> gymnasium.Env[Any, Any]:
+    """Make a task's environment, with actions in [-1, 1].
+
+    Raises:
+        UserError: If MuJoCo is not installed.
+    """
+    try:
+        return make_environment(task.env, continuous=True)
+    except UserError as error:
+        if isinstance(error.__cause__, gymnasium.error.DependencyNotInstalled):
+            raise UserError(f"{task.env} needs an extra: pip install 'socialiq[mujoco]'") from error
+        raise
+
+
+def played(task: Task, policy: Policy, episodes: int, seed: int) -> Demonstrations:
+    """Return episodes of a policy's mean actions; episode i is reset with seed + i."""
+    return rollout_env(make_env(task), policy, episodes, seed).transitions
+
+
+def returns(task: Task, policy: Policy, episodes: int, seed: int) -> np.ndarray:
+    """Return the undiscounted return of each of some episodes of a policy's mean actions."""
+    return np.asarray(played(task, policy, episodes, seed).totals().env, np.float64)
