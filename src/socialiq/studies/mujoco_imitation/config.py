@@ -26,6 +26,8 @@ class Config:
     """Names of `METHODS`."""
     variants: tuple[str, ...] = tuple(VARIANTS)
     """Names of `VARIANTS`, ablations of online imitation: on Hopper, from five trajectories."""
+    ablate: bool = True
+    """Whether the ablations belong to the plan."""
     trajectories: tuple[int, ...] = COUNTS
     """Trajectories of a set of demonstrations."""
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)

@@ -61,7 +61,7 @@ def cells(config: Config) -> Iterator[tuple[str, str, int]]:
             for method in config.methods:
                 yield task, method, count
     task, count = ABLATED
-    if task in config.tasks and count in config.trajectories:
+    if config.ablate and task in config.tasks and count in config.trajectories:
         for variant in config.variants:
             yield task, variant, count
 
@@ -71,9 +71,19 @@ def plan(config: Config) -> list[Job]:
     there = committed(config.pieces)
     if not config.new:
         return []
-    for task in config.tasks:
-        make_env(TASKS[task]).close()
     return [job for task in config.tasks for job in _of_task(config, task, there)]
+
+
+def checked_plan(config: Config) -> list[Job]:
+    """Return `plan`, once MuJoCo is known to be there.
+
+    Raises:
+        UserError: If it isn't.
+    """
+    jobs = plan(config)
+    if jobs:
+        make_env(TASKS[config.tasks[0]]).close()
+    return jobs
 
 
 def _of_task(config: Config, task: str, there: Pieces) -> Iterator[Job]:

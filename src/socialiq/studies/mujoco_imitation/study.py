@@ -16,7 +16,7 @@ from socialiq.studies.mujoco_imitation.expert import POLICY, RECORD
 from socialiq.studies.mujoco_imitation.figures import draw
 from socialiq.studies.mujoco_imitation.methods import METHODS, VARIANTS
 from socialiq.studies.mujoco_imitation.pieces import Pieces, committed, key_of
-from socialiq.studies.mujoco_imitation.plan import ABLATED, cells, plan
+from socialiq.studies.mujoco_imitation.plan import ABLATED, cells, checked_plan
 from socialiq.studies.mujoco_imitation.runs import row_of
 from socialiq.studies.mujoco_imitation.tasks import TASKS
 from socialiq.types import Row
@@ -156,5 +156,5 @@ STUDY = Study(
     tables=compute_tables,
     figures=draw,
     view=views,
-    jobs=plan,
+    jobs=checked_plan,
 )

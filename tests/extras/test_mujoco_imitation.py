@@ -1,0 +1,64 @@
+"""Study `mujoco-imitation` at a tiny size: from an expert to tables, and once more from pieces."""
+
+import pytest
+
+from socialiq.experiments.study import Context, run, save
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.studies.mujoco_imitation import pieces, plan
+from socialiq.studies.mujoco_imitation.config import Config
+from socialiq.studies.mujoco_imitation.study import STUDY, compute_tables
+from socialiq.studies.mujoco_imitation.tasks import TASKS, returns
+
+pytest.importorskip("mujoco")
+
+TINY = {
+    "tasks": ("Hopper",),
+    "trajectories": (5,),
+    "seeds": (100,),
+    "variants": ("absorbing states", "regression"),
+    "expert_updates": 40,
+    "updates": 30,
+    "every": 20,
+    "judged": 1,
+    "episodes": 1,
+    "expert_episodes": 2,
+    "data_seed": 50_000_000,
+    "judging_seed": 50_100_000,
+    "evaluation_seed": 50_200_000,
+}
+
+
+def played(config: Config, work) -> dict:
+    """Do the jobs of a plan in this process, and compute the tables."""
+    jobs = plan.checked_plan(config)
+    for job in jobs:
+        (work / job.name).mkdir(parents=True)
+        inputs = {name: work / name for name in job.inputs}
+        job.work(job.config, work / job.name, inputs, lambda _share: None)
+    return compute_tables(config, Context(jobs, work, lambda _stage: None))._asdict()
+
+
+def test_an_expert_is_imitated_and_pieces_are_taken_over(tmp_path) -> None:
+    found = played(Config(**TINY, ablate=False), tmp_path / "work")
+    (expert,) = found["tables"]["experts"]
+    assert expert["updates"] == 40 and expert["best_checkpoint"] in (20, 40)
+    rows = {row["method"]: row for row in found["tables"]["runs"]}
+    assert set(rows) == {"online", "offline", "cloning"}
+    policy = tmp_path / "work" / "expert" / "Hopper" / "expert.safetensors"
+    again = returns(TASKS["Hopper"], ActorPolicy.load(policy), 2, 50_200_000).mean()
+    assert expert["mean_return"] == pytest.approx(again)
+    for row in rows.values():
+        assert row["share"] == pytest.approx(row["mean_return"] / again)
+
+    place = tmp_path / "results" / "pieces"
+    place.mkdir(parents=True)
+    for name, content in found["files"].items():
+        (place.parent / name).write_bytes(content)
+    there = str(place.parent)
+    more = played(Config(**TINY, pieces=there), tmp_path / "more")
+    assert [row["method"] for row in more["tables"]["ablations"]] == ["online", *TINY["variants"]]
+    assert all(row in more["tables"]["runs"] for row in found["tables"]["runs"])
+    assert len(more["files"]) == len(pieces.committed(there).files()) + 2
+    results = run(STUDY, Config(**TINY, pieces=there, new=False))
+    save(STUDY, results, tmp_path / "shown", replace=False)
+    assert (tmp_path / "shown" / "shares.png").is_file()

@@ -1,0 +1,154 @@
+"""What is planned, what is taken over, and the tables; nothing here needs MuJoCo."""
+
+import json
+
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.experiments.study import Context
+from socialiq.studies.mujoco_imitation import pieces, plan, study
+from socialiq.studies.mujoco_imitation.config import Config
+from socialiq.studies.mujoco_imitation.methods import METHODS, VARIANTS, method_of
+from socialiq.studies.mujoco_imitation.runs import Imitation, settled
+from socialiq.studies.mujoco_imitation.tasks import TASKS
+
+SMALL = {"tasks": ("Hopper",), "trajectories": (1, 5), "seeds": (0, 1)}
+EXPERT = {
+    "recipe": {"seed": 7, "updates": 40},
+    "checkpoints": [{"updates": 20, "mean_return": 90.0}, {"updates": 40, "mean_return": 80.0}],
+    "returns": [100.0, 200.0, 300.0],
+}
+
+
+def run(method: str, seed: int, *returns: float, count: int = 5) -> dict:
+    return {
+        "task": "Hopper",
+        "method": method,
+        "trajectories": count,
+        "seed": seed,
+        "updates": 10,
+        "demonstrated_return": 199.0,
+        "returns": list(returns),
+    }
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Results with an expert, three runs and a run of the ablations."""
+    place = tmp_path / "results" / "pieces"
+    place.mkdir(parents=True)
+    (place / "Hopper_expert.json").write_text(json.dumps(EXPERT))
+    (place / "Hopper_expert.safetensors").write_bytes(b"weights")
+    for one in (
+        run("online", 0, 150.0, 190.0),
+        run("online", 1, 200.0, 200.0),
+        run("cloning", 0, 50.0, 70.0),
+        run("cloning", 1, 80.0, 40.0),
+        run("regression", 0, 20.0),
+    ):
+        (place / pieces.name_of(pieces.key_of(one))).write_text(json.dumps(one))
+    return str(tmp_path / "results")
+
+
+def test_the_whole_plan_has_every_cell_and_the_ablations() -> None:
+    found = list(plan.cells(Config()))
+    assert len(found) == len(set(found)) == len(TASKS) * len(METHODS) * 3 + len(VARIANTS)
+    assert len(list(plan.cells(Config(ablate=False)))) == len(found) - len(VARIANTS)
+
+
+def test_each_job_stands_after_its_inputs() -> None:
+    jobs = plan.plan(Config(**SMALL))
+    names = [job.name for job in jobs]
+    assert all(set(job.inputs) <= set(names[:place]) for place, job in enumerate(jobs))
+    assert sum(job.stage == "runs" for job in jobs) == 2 * len(METHODS) + len(VARIANTS)
+    assert sum(job.stage == "shown" for job in jobs) == 2
+
+
+def test_what_is_there_is_not_planned_again(folder) -> None:
+    jobs = plan.plan(Config(**SMALL, pieces=folder))
+    (expert,) = (job for job in jobs if job.stage == "expert")
+    assert isinstance(expert.config, plan.Kept)
+    seeds = {
+        (job.config.method, job.config.trajectories): job.config.seeds
+        for job in jobs
+        if job.stage == "runs"
+    }
+    assert ("online", 5) not in seeds and ("cloning", 5) not in seeds
+    assert seeds["online", 1] == seeds["offline", 5] == (0, 1) and seeds["regression", 5] == (1,)
+    only = Config(tasks=("Hopper",), trajectories=(5,), methods=("online",), seeds=(0, 1))
+    left = plan.plan(Config(**{**vars(only), "ablate": False, "pieces": folder}))
+    assert left == [] == plan.plan(Config(**SMALL, pieces=folder, new=False))
+
+
+def test_an_expert_is_kept_only_if_it_is_the_planned_one(folder, tmp_path) -> None:
+    jobs = plan.plan(Config(**SMALL, pieces=folder))
+    target = tmp_path / "job"
+    target.mkdir()
+    plan.keep(jobs[0].config, target, {}, lambda _share: None)
+    assert (target / "expert.safetensors").read_bytes() == b"weights"
+    place = tmp_path / "results" / "pieces" / "Hopper_expert.safetensors"
+    place.write_bytes(b"others")
+    with pytest.raises(UserError, match="has changed since the study began"):
+        plan.keep(jobs[0].config, target, {}, lambda _share: None)
+
+
+def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path) -> None:
+    config = Config(**SMALL, pieces=folder, new=False)
+    found = study.compute_tables(config, Context((), tmp_path, lambda _stage: None))
+    (expert,) = found.tables["experts"]
+    assert (expert["mean_return"], expert["best_checkpoint"], expert["episodes"]) == (200, 20, 3)
+    cells = {(row["method"], row["trajectories"]): row for row in found.tables["cells"]}
+    assert len(cells) == 2 * len(METHODS)
+    online = cells["online", 5]
+    assert (online["runs"], online["mean_return"], online["least_run"]) == (2, 185.0, 170.0)
+    assert online["share"] == pytest.approx(0.925) and online["published"] == ""
+    assert cells["online", 1]["runs"] == 0 and cells["online", 1]["share"] == ""
+    assert cells["online", 1]["published"] == TASKS["Hopper"].published
+    (test,) = found.tables["differences"]
+    assert (test["first"], test["mean"]) == ("online", pytest.approx(0.625))
+    assert [row["method"] for row in found.tables["ablations"]] == ["online", "regression"]
+    assert len(found.files) == 2 + 5
+    assert found.files["pieces/Hopper-regression-5-0.json"].startswith(b"{")
+
+
+def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
+    for broken in ({"task": "Hopper"}, []):
+        (tmp_path / "results" / "pieces" / "Hopper-online-5-0.json").write_text(json.dumps(broken))
+        with pytest.raises(UserError, match=r"Hopper-online-5-0\.json is damaged"):
+            pieces.committed(folder)
+    (tmp_path / "results" / "pieces" / "Hopper_expert.safetensors").unlink()
+    (tmp_path / "results" / "pieces" / "Hopper-online-5-0.json").unlink()
+    with pytest.raises(UserError, match=r"Hopper_expert\.safetensors is missing"):
+        pieces.committed(folder)
+    with pytest.raises(UserError, match="holds no pieces"):
+        pieces.committed(str(tmp_path / "nothing"))
+
+
+def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
+    def updates(method: str, given: int) -> int:
+        run = Imitation("Hopper", method, 1, (0,), given, 1, 0)
+        return settled(run, TASKS["Hopper"]).static.updates
+
+    assert updates("online", 0) == TASKS["Hopper"].online_updates
+    assert updates("cloning", 0) == METHODS["cloning"].static.updates
+    assert updates("online", 30) == updates("offline", 30) == 30
+
+
+def test_a_variant_changes_what_it_names_alone() -> None:
+    base, changed = METHODS["online"], method_of("temperature 0.1")
+    assert changed.static == base.static and changed.numbers.temperature == 0.1
+    assert method_of("absorbing states").absorbing and not base.absorbing
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"tasks": ("Humanoid",)}, "Humanoid"),
+        ({"methods": ("gail",)}, "gail"),
+        ({"trajectories": (26,)}, "trajectories must be 1 to 25, got 26"),
+        ({"judged": 0}, "judged must be at least 1"),
+    ],
+)
+def test_bad_settings_are_refused(change, line) -> None:
+    with pytest.raises(UserError, match=line):
+        Config(**change)
