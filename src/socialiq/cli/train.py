@@ -20,7 +20,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.evaluation.exact import exact_monitor
 from socialiq.learners.collect import acting_in
 from socialiq.learners.config import check_seeds
-from socialiq.learners.continuous.config import Shared, TowardsData, Tuning
+from socialiq.learners.continuous.config import CriticLoss, Shared, TowardsData, Tuning
 from socialiq.learners.extensions import (
     checked_divergence,
     checked_prior,
@@ -49,6 +49,7 @@ NumberOptions = tyro.conf.OmitArgPrefixes[
 SharedOptions = tyro.conf.OmitArgPrefixes[
     optional(Shared, "hidden", "batch_size", "updates", "endings")
 ]
+CriticOptions = tyro.conf.OmitArgPrefixes[optional(CriticLoss)]
 TuningOptions = tyro.conf.OmitArgPrefixes[optional(Tuning)]
 DataOptions = tyro.conf.OmitArgPrefixes[optional(TowardsData)]
 
@@ -109,6 +110,10 @@ class Train:
         default_factory=SharedOptions
     )
     """Choices of learners of continuous actions."""
+    critics: CriticOptions = field(  # pyright: ignore[reportInvalidTypeForm]
+        default_factory=CriticOptions
+    )
+    """Loss of IQ-Learn's critics."""
     tuning: TuningOptions = field(  # pyright: ignore[reportInvalidTypeForm]
         default_factory=TuningOptions
     )
@@ -124,7 +129,7 @@ class Train:
         if data is None or data.action_size:
             return train_continuous.run(self, data)
         assert self.data is not None
-        for options in (self.continuous, self.tuning, self.towards_data):
+        for options in (self.continuous, self.critics, self.tuning, self.towards_data):
             refuse_given(options, "continuous actions, and these are discrete")
         own = self.own_code()
         static, hyperparameters = self.settings(own)

@@ -56,7 +56,8 @@ def settings(command: Any, learner: type[Learner]) -> tuple[Any, list[Any]]:
     """Return the learner's config with the options laid over it, and the grid of runs."""
     own = {"online": bool(command.world)} if learner is LEARNERS["iq-learn"] else {}
     # Options of both kinds in one step: a config is checked as a whole.
-    static = overridden(learner.StaticConfig(), command.static, command.continuous, **own)
+    given = (command.static, command.continuous, command.critics)
+    static = overridden(learner.StaticConfig(), *given, **own)
     base = overridden(
         learner.Hyperparameters(),
         command.hyperparameters,

@@ -103,15 +103,22 @@ class OfflineStaticConfig(Shared, config.StaticConfig):
 
 
 @dataclass(frozen=True)
-class IQStaticConfig(Shared, iq_learn.StaticConfig):
-    """Choices that shape the program of continuous IQ-Learn."""
+class CriticLoss:
+    """Choice of the critics' loss in continuous IQ-Learn."""
 
-    replay_capacity: int = 100_000
-    """Size of the replay ring."""
+    _: KW_ONLY
     critic: Literal["objective", "regression"] = "objective"
     """Loss of the critics: terms 1 to 3 of Eq 2.7, or the regression of r̂ to 4 α_χ on
     demonstrations and to -4 α_χ on own rows, which terms 1 to 3 are where own rows are drawn from
     the policy (Al-Hafez et al. 2023, LS-IQ); with `bounded` its targets are bounded."""
+
+
+@dataclass(frozen=True)
+class IQStaticConfig(Shared, CriticLoss, iq_learn.StaticConfig):
+    """Choices that shape the program of continuous IQ-Learn."""
+
+    replay_capacity: int = 100_000
+    """Size of the replay ring."""
     target_kind: Any = "instantaneous"
     """Kind of "cumulative returns" in R(α), of `social.returns`, or the advantage."""
 
