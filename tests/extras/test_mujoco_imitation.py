@@ -4,6 +4,7 @@ import pytest
 
 from socialiq.experiments.study import Context, run, save
 from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.storage import packaged_results, read_json
 from socialiq.studies.mujoco_imitation import pieces, plan
 from socialiq.studies.mujoco_imitation.config import Config
 from socialiq.studies.mujoco_imitation.study import STUDY, compute_tables
@@ -62,3 +63,11 @@ def test_an_expert_is_imitated_and_pieces_are_taken_over(tmp_path) -> None:
     results = run(STUDY, Config(**TINY, pieces=there, new=False))
     save(STUDY, results, tmp_path / "shown", replace=False)
     assert (tmp_path / "shown" / "shares.png").is_file()
+
+
+def test_the_committed_expert_has_its_returns() -> None:
+    place = packaged_results() / "mujoco-imitation" / "pieces"
+    expert = ActorPolicy.load(place / "Hopper_expert.safetensors")
+    record = read_json(place / "Hopper_expert.json")
+    found = returns(TASKS["Hopper"], expert, 2, record["recipe"]["evaluation_seed"])
+    assert found.tolist() == pytest.approx(record["returns"][:2], rel=1e-3)

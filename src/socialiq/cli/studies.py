@@ -139,8 +139,8 @@ class Reproduce(_StudyCommand):
     (D); theory, its predictions against training; dial, competence, intersection-dial,
     intersection-offline, intersection-skill, intersection-networks, intersection-ahead and
     intersection-policy-iteration, which go beyond it; audits of its tables and of our policies,
-    audit-power, what an audit is worth; classic-control, an outside check; compare-priors;
-    compare-methods; recorded-junction, a dial of recordings; or FILE.py:NAME, a study of your
+    audit-power, what an audit is worth; classic-control and mujoco-imitation, outside checks;
+    compare-priors; compare-methods; recorded-junction, a dial of recordings; or FILE.py:NAME, a study of your
     own."""
     allow_code: bool = False
     """Run the code of FILE.py, with your rights."""

@@ -1,0 +1,49 @@
+"""The committed tables of `mujoco-imitation` are those of the committed pieces."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from socialiq.experiments import results as store
+from socialiq.experiments.study import Context
+from socialiq.storage import packaged_results
+from socialiq.studies.mujoco_imitation.config import Config
+from socialiq.studies.mujoco_imitation.pieces import FOLDER
+from socialiq.studies.mujoco_imitation.study import compute_tables
+from socialiq.to_json import rounded
+
+FOLDER_OF_STUDY = packaged_results() / "mujoco-imitation"
+
+
+def test_tables_follow_from_the_pieces() -> None:
+    committed = store.load(FOLDER_OF_STUDY)
+    config = Config(pieces=str(FOLDER_OF_STUDY), new=False)
+    found = compute_tables(config, Context((), Path(), lambda _stage: None))
+    assert {name for name, rows in found.tables.items() if rows} == set(committed.tables)
+    for name, rows in committed.tables.items():
+        wanted = rounded(found.tables[name])
+        assert len(rows) == len(wanted)
+        for row, one in zip(rows, wanted, strict=True):
+            numbers = {key: value for key, value in one.items() if isinstance(value, float)}
+            assert {key: row[key] for key in one.keys() - numbers} == {
+                key: one[key] for key in one.keys() - numbers
+            }
+            assert {key: row[key] for key in numbers} == pytest.approx(numbers)
+
+
+def test_pieces_have_the_seeds_and_settings_of_the_plan() -> None:
+    """No run is of a development seed, and runs of a method share their settings."""
+    settings: dict = {}
+    for path in (FOLDER_OF_STUDY / FOLDER).glob("*-*.json"):
+        piece = json.loads(path.read_text())
+        assert piece["seed"] in Config.seeds and piece["evaluation_seed"] == Config.evaluation_seed
+        assert len(piece["returns"]) == Config.episodes
+        record = piece["record"]
+        key = (piece["task"], piece["method"])
+        numbers = {k: v for k, v in record["numbers"].items() if k not in ("seed", "dataset")}
+        assert settings.setdefault(key, (record["structure"], numbers)) == (
+            record["structure"],
+            numbers,
+        )
+    assert settings
