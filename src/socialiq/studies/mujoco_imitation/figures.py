@@ -33,6 +33,7 @@ def draw(results: Results) -> dict[str, Figure]:
                 axes.plot(x, share, "_", color=color, markersize=16, label=method)
         axes.axhline(1.0, color="0.7", linewidth=0.8, zorder=0)
         axes.set_xticks(range(len(counts)), [str(count) for count in counts])
+        axes.set_xlim(-0.5, len(counts) - 0.5)
         axes.set_xlabel("demonstrated trajectories")
         axes.set_ylim(bottom=min(0.0, *column(rows, "share")))
         axes.set_title(task, fontsize=9)
