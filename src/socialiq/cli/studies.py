@@ -140,8 +140,8 @@ class Reproduce(_StudyCommand):
     intersection-offline, intersection-skill, intersection-networks, intersection-ahead and
     intersection-policy-iteration, which go beyond it; audits of its tables and of our policies,
     audit-power, what an audit is worth; classic-control and mujoco-imitation, outside checks;
-    compare-priors; compare-methods; recorded-junction, a dial of recordings; or FILE.py:NAME, a study of your
-    own."""
+    compare-priors; compare-methods; recorded-junction, a dial of recordings; or
+    FILE.py:NAME, a study of your own."""
     allow_code: bool = False
     """Run the code of FILE.py, with your rights."""
 
