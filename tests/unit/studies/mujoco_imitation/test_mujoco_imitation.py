@@ -1,4 +1,4 @@
-"""What is planned, what is taken over, and the tables; nothing here needs MuJoCo."""
+"""Plan, pieces that are taken over, and tables; nothing here needs MuJoCo."""
 
 import json
 
