@@ -29,7 +29,7 @@ core: .venv/installed-dev
 	$(BIN)/python -c "from socialiq.worlds import registry; registry.make('intersection').batch(1).reset(0)"
 
 docs: .venv/installed-docs  ## the documentation's site, in build/site; a warning is an error
-	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/site
+	$(BIN)/sphinx-build --jobs auto --fail-on-warning --keep-going --quiet docs build/site
 
 install: .venv/installed
 

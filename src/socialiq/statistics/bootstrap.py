@@ -90,23 +90,33 @@ class Moments(NamedTuple):
         drawn = np.concatenate(found).reshape(resamples, references, 5)
         return Moments(episodes, mean, columns[:, 2:].mean(axis=2), drawn[..., :2], drawn[..., 2:])
 
-    def at(self, weights: tuple[float, float]) -> Studentised:
-        """Return the weighted sum of both gains as one scalar.
+    def at(self, weights: tuple[float, float], rows: np.ndarray) -> Studentised:
+        """Return the weighted sum of both gains of some references as one scalar.
 
         Args:
             weights: Weights of env and social, (cos α, sin α) of an angle α.
+            rows: Indices of the references.
         """
         env, social = weights
-        line = np.array([env, social])
-        square = np.array([env**2, 2 * env * social, social**2])
         freedom = self.episodes - 1
-        error = np.sqrt(np.maximum(self.second @ square, 0.0) / freedom)
-        shift = self.resampled_mean @ line
-        spread = np.maximum(self.resampled_second @ square - shift**2, 0.0)
+        error = np.sqrt(np.maximum(_variance(self.second[rows], env, social), 0.0) / freedom)
+        shift = _mean(self.resampled_mean[:, rows], env, social)
+        spread = np.maximum(_variance(self.resampled_second[:, rows], env, social) - shift**2, 0.0)
         errors = np.sqrt(spread / freedom)
         # A resample without spread has no information; `regret` bounds such rare events otherwise.
         ratio = np.divide(shift, errors, out=np.zeros_like(shift), where=errors > 0.0)
-        return Studentised(self.mean @ line, error, ratio)
+        return Studentised(_mean(self.mean[rows], env, social), error, ratio)
+
+
+def _mean(gains: Float[np.ndarray, "*shape 2"], env: float, social: float) -> np.ndarray:
+    """Return the mean of the weighted sum."""
+    return env * gains[..., 0] + social * gains[..., 1]
+
+
+def _variance(moments: Float[np.ndarray, "*shape 3"], env: float, social: float) -> np.ndarray:
+    """Return the mean square of the weighted sum of the centred gains."""
+    of_env, product, of_social = np.moveaxis(moments, -1, 0)
+    return env**2 * of_env + 2 * env * social * product + social**2 * of_social
 
 
 def resampled_means(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -89,6 +90,7 @@ def episodes_needed(
     return math.ceil(most * (reach + abs(common)) / abs(distance))
 
 
+@cache  # an audit asks for few different ones at hundreds of angles
 def _share(count: int, trials: int, error: float) -> float:
     """Return the upper bound of a share (`binomtest` gives the same by a slower search)."""
     from scipy.stats import beta

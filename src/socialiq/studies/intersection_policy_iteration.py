@@ -56,6 +56,10 @@ TARGETS = {
 """Aims, set before the study: at least so many arrivals, at most so much of the others."""
 NUMBERS = Hyperparameters(learning_rate=4e-4, regression=0.0, exploration_fall=1e-6)
 """Settings of every run but angle and seed."""
+STATES = 40
+"""States of which an update compares all decisions by rollouts."""
+FIRST_ROUNDS = 10
+"""Updates' worth of states before the first update."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +99,8 @@ def run_of(config: Config, mode: str, seed: int) -> IterationRun:
         hidden=(128, 128),
         batch_size=512,
         updates=config.updates,
-        states_per_update=40,
-        first_rounds=10,
+        states_per_update=STATES,
+        first_rounds=FIRST_ROUNDS,
         replay_capacity=400_000,
     )
     numbers = dataclasses.replace(NUMBERS, angle=TRAINED[mode], seed=seed)

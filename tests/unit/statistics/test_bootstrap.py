@@ -16,7 +16,8 @@ from socialiq.statistics.bootstrap import (
 
 
 def studentised(gains, angle=0.0, seed=0, resamples=4000):
-    return Moments.of(np.asarray(gains, np.float64), seed, resamples).at(exact_weights(angle))
+    moments = Moments.of(np.asarray(gains, np.float64), seed, resamples)
+    return moments.at(exact_weights(angle), np.arange(len(gains)))
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,11 @@
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
 import pytest
+
+from socialiq.experiments import study
+from socialiq.experiments.jobs import Job, do, fingerprints, open_jobs
+from socialiq.learners.callbacks import Report
 
 WHOLE_RUNS = {"results", "work"}
 """Fixtures that run a whole study, at a tiny size."""
@@ -9,3 +16,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         here = "unit/studies" in item.path.as_posix()
         if here and WHOLE_RUNS & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
+
+
+def run_here(
+    jobs: Sequence[Job],
+    work: Path,
+    on_stage: Callable[[str], Callable[[Report], None] | None],
+    *_engine: object,
+) -> None:
+    """Run the open jobs one by one in this process, which has its programs compiled already."""
+    known = fingerprints(jobs)
+    for job in open_jobs(jobs, work):
+        on_stage(job.stage)
+        do(job, work, known[job.name], lambda _: None)
+
+
+@pytest.fixture(autouse=True, scope="package")
+def without_processes() -> Iterator[None]:
+    """Run the jobs here: two new processes for each study take most of a tiny one's time.
+
+    The processes themselves are tested in `tests/unit/experiments`.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "run_jobs", run_here)
+        yield

@@ -22,7 +22,9 @@ def work_folder(tmp_path_factory):
 
 @pytest.fixture(name="results", scope="module")
 def tiny_results(work):
-    return run(iteration.STUDY, TINY, work=work)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(iteration, "STATES", 4)
+        return run(iteration.STUDY, TINY, work=work)
 
 
 def test_networks_and_ensemble_drive_beside_the_atlas(results):

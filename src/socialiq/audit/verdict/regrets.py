@@ -133,7 +133,7 @@ class Regrets:
         values = np.asarray(score(weights, RewardPair(*gains)))
         reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
         seldom = [rare.seldom(one, reach) for one in values]
-        return _Gains(self.moments.at(weights).of(rows), values, reach, np.array(seldom))
+        return _Gains(self.moments.at(weights, rows), values, reach, np.array(seldom))
 
 
 class _Gains(NamedTuple):

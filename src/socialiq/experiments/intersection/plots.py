@@ -63,9 +63,9 @@ def dots(runs: Runs, height: float, target: Mapping[str, float] | None = None) -
         plain(axes)
     panels[0].set_yticks(range(len(names)), names)
     panels[0].set_ylim(len(names) - 0.5, -0.5)
-    panels[0].set_xlim(0, 1.06 * panels[0].get_xlim()[1])
     for axes, metric in zip(panels, ("collision", "arrival") if target else (), strict=False):
         _limit(axes, 100 * (target or {})[metric])
+    panels[0].set_xlim(0, 1.06 * panels[0].get_xlim()[1])
     return drawn
 
 
