@@ -36,7 +36,8 @@ autodoc_default_options = {"ignore-module-all": True}
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-toc_object_entries = False  # the theme copies every entry of the site into every page: 40 % of the time
+# The theme copies every entry of the site's contents into every page: 40 % of the time.
+toc_object_entries = False
 # Napoleon takes the words before a colon in a property's docstring for a type and looks them up.
 suppress_warnings = ["ref.python"]
 autodoc_mock_imports = [
