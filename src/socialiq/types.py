@@ -39,6 +39,11 @@ class RewardPair(NamedTuple):
             UserError: If it is not a pair of finite numbers.
         """
         if "reward_pair" not in info and np.ndim(reward):
+            if np.size(reward) != 2:
+                raise UserError(
+                    f"a vector reward has {np.size(reward)} parts, and an angle weighs two: choose "
+                    "or add up parts in the function of a RewardPairWrapper"
+                )
             return RewardPair.of(reward, "a vector reward")
         return RewardPair.of(info.get("reward_pair", (reward, 0.0)), 'info["reward_pair"]')
 

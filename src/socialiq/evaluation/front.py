@@ -19,6 +19,7 @@ from socialiq.types import RewardPair
 Points = Mapping[str, Sequence[float]]
 """Mean totals (R_env, R_social) by the name of the policy."""
 
+_NO_POINTS = "at least one policy is needed, and finite mean totals of each"
 _NARROWEST = 1e-9  # degrees; below it a point is on an edge, up to rounding
 
 
@@ -91,7 +92,7 @@ def regret_at(points: Points, angle: float) -> dict[str, float]:
 def _checked(points: Points) -> Float[np.ndarray, "point 2"]:
     array = np.array(list(points.values()), np.float64).reshape(len(points), 2)
     if not len(array) or not np.isfinite(array).all():
-        raise UserError("at least one policy is needed, and finite mean totals of each")
+        raise UserError(_NO_POINTS)
     return array
 
 
@@ -120,3 +121,58 @@ def hypervolume(
         area += env * max(social - height, 0.0)
         height = max(height, social)
     return float(area)
+
+
+def utilities(
+    points: Float[np.ndarray, "policy 2"], angles: Sequence[float]
+) -> Float[np.ndarray, " angle"]:
+    """Return the largest J(α) of a set of policies at each angle, in units of reward.
+
+    Args:
+        points: Mean totals (R_env, R_social).
+        angles: In degrees.
+
+    Raises:
+        UserError: If there is no point, or one is not finite.
+    """
+    if not len(points) or not np.isfinite(points).all():
+        raise UserError(_NO_POINTS)
+    directions = np.array([exact_weights(angle) for angle in angles]).reshape(-1, 2)
+    return (points @ directions.T).max(axis=0)
+
+
+def expected_utility(points: Float[np.ndarray, "policy 2"], angles: Sequence[float]) -> float:
+    """Return the mean over angles of the largest J(α) of a set (Zintgraf et al. 2015).
+
+    A user with angle α takes the best policy of the set. The weights have length 1, not sum 1.
+
+    Args:
+        points: Mean totals (R_env, R_social).
+        angles: In degrees; the users, all alike frequent.
+
+    Raises:
+        UserError: If there is no point or no angle, or one is not finite.
+    """
+    if not len(angles):
+        raise UserError("an expected utility needs at least one angle")
+    return float(utilities(points, angles).mean())
+
+
+def utility_losses(
+    points: Float[np.ndarray, "policy 2"],
+    front: Float[np.ndarray, "best 2"],
+    angles: Sequence[float],
+) -> Float[np.ndarray, " angle"]:
+    """Return at each angle by how much the best of a set is worse than the best of a known front.
+
+    The largest of them is the maximum utility loss of Zintgraf et al. (2015).
+
+    Args:
+        points: Mean totals (R_env, R_social) of the set.
+        front: Those of the known front.
+        angles: In degrees.
+
+    Raises:
+        UserError: If either has no point, or one is not finite.
+    """
+    return utilities(front, angles) - utilities(points, angles)

@@ -102,7 +102,9 @@ def acting_in(
     return Collector(sources, [one.seed for one in hyperparameters], behaviour)
 
 
-def from_env(env: gymnasium.Env[Any, Any], steps: int, continuous: bool = False) -> Source:
+def from_env(
+    env: gymnasium.Env[Any, Any], steps: int, continuous: bool = False, goes_on: bool = False
+) -> Source:
     """Return a source of one environment.
 
     Args:
@@ -110,14 +112,20 @@ def from_env(env: gymnasium.Env[Any, Any], steps: int, continuous: bool = False)
             `Ending.of_step` say how its rewards and endings are read.
         steps: For each chunk.
         continuous: Whether the learner's actions are arrays.
+        goes_on: Whether a chunk goes on where the last one stopped, so that chunks may be shorter
+            than episodes; else it begins with a seeded reset. A run that goes on can't be resumed
+            from a checkpoint with equal experience.
 
     Raises:
         UserError: If the actions are of another kind.
     """
     _check_actions(env.action_space, continuous)
+    stopped_at: Any = None
 
     def source(act: Act, rng: np.random.Generator) -> Batch:
-        observation, _ = env.reset(seed=int(rng.integers(2**31)))
+        nonlocal stopped_at
+        seed = int(rng.integers(2**31))
+        observation = env.reset(seed=seed)[0] if stopped_at is None else stopped_at
         rows: list[tuple[Any, ...]] = []
         for _ in range(steps):
             chosen = np.asarray(act(np.ravel(observation)[None]))
@@ -127,6 +135,7 @@ def from_env(env: gymnasium.Env[Any, Any], steps: int, continuous: bool = False)
             pair = RewardPair.of_step(reward, info)
             rows.append((np.ravel(observation), action, np.ravel(after), kind, *pair))
             observation = env.reset()[0] if kind else after
+        stopped_at = observation if goes_on else None
         return _batch(*(np.array(column) for column in zip(*rows, strict=True)))
 
     return source

@@ -42,6 +42,7 @@ STUDIES = {
     "compare-priors": "compare_priors.study",
     "compare-methods": "compare_methods.study",
     "context": "context.study",
+    "mo-gymnasium": "mo_gymnasium.study",
 }
 """Name on the command line, and the study's module."""
 

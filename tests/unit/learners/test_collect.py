@@ -85,6 +85,32 @@ def test_the_replay_keeps_what_came_before(filled) -> None:
     np.testing.assert_array_equal(ring.columns.observation[:, :60], before[:, :60])
 
 
+class Counting(gymnasium.Env):
+    """Observations count the steps of an episode of seven."""
+
+    observation_space = gymnasium.spaces.Box(0.0, 7.0, (1,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.time = 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        self.time += 1
+        return np.full(1, self.time, np.float32), 0.0, False, self.time == 7, {}
+
+
+@pytest.mark.parametrize(("goes_on", "second"), [(True, [5, 6, 0, 1, 2]), (False, [0, 1, 2, 3, 4])])
+def test_a_chunk_goes_on_where_the_last_one_stopped(goes_on, second) -> None:
+    source = from_env(Counting(), 5, goes_on=goes_on)
+    rng = np.random.default_rng(0)
+    seen = [source(lambda one: np.zeros(len(one), int), rng) for _ in range(2)]
+    assert seen[0].observation[:, 0].tolist() == [0, 1, 2, 3, 4]
+    assert seen[1].observation[:, 0].tolist() == second
+    assert (seen[1].ending[1] == Ending.TIMEOUT) == goes_on
+
+
 def test_actions_that_are_not_discrete_are_refused() -> None:
     with pytest.raises(UserError, match="only discrete actions"):
         from_env(gymnasium.make("Pendulum-v1"), 5)

@@ -91,10 +91,17 @@ def test_a_vector_reward_is_the_pair() -> None:
     assert table.rewards.social.tolist() == [0.5] * 3
 
 
-@pytest.mark.parametrize("reward", [np.zeros(3), np.zeros(1), np.array([np.nan, 0.0])])
+@pytest.mark.parametrize("reward", [np.zeros(3), np.zeros(1), np.zeros((2, 2))])
 def test_vector_rewards_of_another_length_are_refused(reward) -> None:
-    with pytest.raises(UserError, match=r"a vector reward must be two finite numbers"):
+    told = f"a vector reward has {reward.size} parts, and an angle weighs two: choose"
+    with pytest.raises(UserError, match=told) as refused:
         RewardPair.of_step(reward, {})
+    assert "\n" not in str(refused.value)
+
+
+def test_a_vector_reward_of_two_parts_is_finite() -> None:
+    with pytest.raises(UserError, match=r"a vector reward must be two finite numbers"):
+        RewardPair.of_step(np.array([np.nan, 0.0]), {})
 
 
 def test_an_environment_without_a_time_limit_is_refused(monkeypatch) -> None:

@@ -1,0 +1,1 @@
+"""Dials on MO-Gymnasium's tasks, beside methods of morl-baselines."""

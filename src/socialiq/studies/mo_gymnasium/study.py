@@ -1,0 +1,196 @@
+"""MO-Gymnasium's two-objective tasks: one dial beside methods of morl-baselines.
+
+An outside check, no claim of the thesis. Every method takes the same number of steps in a task's
+environment. Each (task, method, seed) is a piece of its own: what is finished is kept, and peers'
+pieces come from `benchmarks/peers/mo_gymnasium_peer.py`, which runs morl-baselines as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.evaluation.front import expected_utility, hypervolume, utilities, utility_losses
+from socialiq.experiments.jobs import Job
+from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings, Study, View
+from socialiq.experiments.tables import groups, nested, spread
+from socialiq.plotting.style import figure, finish
+from socialiq.social.angle import exact_weights
+from socialiq.studies.mo_gymnasium.config import Config
+from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read
+from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS, exact_set, known_front
+from socialiq.studies.mo_gymnasium.training import METHODS, Training, train_and_evaluate
+from socialiq.types import Row
+
+LINEAR, FRONT = "exact, linear", "known front"
+"""Rows of reference: the optimum of each angle, and all totals that no other dominates."""
+
+MEASURES = ("hypervolume", "expected_utility", "mean_loss", "largest_loss", "asked_loss")
+_INKS = ("#c23b22", "#2166ac", "#1b7837", "#7b3294", "#e08214", "#35978f", "#6e6e6e", "#a6761d")
+
+
+def plan(config: Config) -> list[Job]:
+    """Return a job for each task and method of ours whose pieces are not all there."""
+    there = {(one.task, one.method, one.seed) for one in config.kept()}
+    jobs = []
+    for task in config.tasks:
+        for method in config.methods:
+            seeds = tuple(seed for seed in config.seeds if (task, method, seed) not in there)
+            if seeds:
+                name = "".join(one if one.isalnum() else "_" for one in method)
+                run = Training(task, method, seeds, config.budget(task))
+                jobs.append(Job(f"{task}/{name}", train_and_evaluate, run, cost=float(len(seeds))))
+    return jobs
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Measure every piece, and add the references of tasks whose front is known."""
+    made = [one for job in context.jobs for one in read(context.work / job.name / FOLDER)]
+    pieces = [*config.kept(), *made]
+    rows = [measured(one) for one in pieces]
+    references = [row for task in config.tasks if TASKS[task].exact for row in reference_rows(task)]
+    tables = {
+        "pooled": [*references, *pooled(rows)],
+        "runs": rows,
+        "points": [row for one in pieces for row in point_rows(one)],
+        "fronts": [
+            {"task": task, "first": first, "second": second}
+            for task in config.tasks
+            if TASKS[task].exact
+            for first, second in known_front(task).tolist()
+        ],
+    }
+    summary = nested(tables["pooled"], "task", "method", keep=MEASURES)
+    files = {f"{FOLDER}/{one.file}": one.content() for one in pieces}
+    return Findings(tables, summary, files)
+
+
+def measured(piece: Piece) -> Row:
+    """Return the measures of one piece; losses only where the front is known.
+
+    `asked_loss` is that of the policy of the asked angle, without a choice among the others.
+    """
+    task, points = TASKS[piece.task], piece.points
+    row: Row = {
+        "task": piece.task,
+        "method": piece.method,
+        "seed": piece.seed,
+        "steps": piece.steps,
+        "hypervolume": hypervolume(points, np.array(task.reference)),
+        "expected_utility": expected_utility(points, ANGLES),
+        "asked_utility": "",
+        "mean_loss": "",
+        "largest_loss": "",
+        "asked_loss": "",
+    }
+    if piece.angles is not None:
+        row["asked_utility"] = float(asked(piece).mean())
+    if task.exact:
+        best = exact_set(piece.task).vertices
+        losses = utility_losses(points, best, ANGLES)
+        row |= {"mean_loss": float(losses.mean()), "largest_loss": float(losses.max())}
+        if piece.angles is not None:
+            row["asked_loss"] = float((utilities(best, ANGLES) - asked(piece)).mean())
+    return row
+
+
+def asked(piece: Piece) -> np.ndarray:
+    """Return J(α) of the policy of each angle of a piece that can be turned."""
+    assert piece.angles is not None
+    directions = np.array([exact_weights(angle) for angle in piece.angles])
+    return (piece.points * directions).sum(axis=1)
+
+
+def reference_rows(name: str) -> list[Row]:
+    """Return the measures of the exact optimum of each angle, and of the known front."""
+    best, reference = exact_set(name), np.array(TASKS[name].reference)
+    linear = np.array([best.optimum(angle).point for angle in ANGLES])
+    rows = []
+    for method, points in ((LINEAR, linear), (FRONT, known_front(name))):
+        losses = utility_losses(points, best.vertices, ANGLES)
+        found = {
+            "hypervolume": hypervolume(points, reference),
+            "expected_utility": expected_utility(points, ANGLES),
+            "mean_loss": float(losses.mean()),
+            "largest_loss": float(losses.max()),
+        }
+        rows.append(_row({"task": name, "method": method, "runs": 0, "steps": 0}, found))
+    return rows
+
+
+def pooled(rows: Sequence[Row]) -> list[Row]:
+    """Return the mean, least and largest of each measure over seeds, by task and method."""
+    found = []
+    for (task, method), group in groups(rows, "task", "method").items():
+        steps = max(row["steps"] for row in group)
+        label = {"task": task, "method": method, "runs": len(group), "steps": steps}
+        measures: Row = {}
+        for name in MEASURES:
+            if all(row[name] != "" for row in group):
+                both = spread(group, name)
+                measures[name] = both["mean"]
+                if name in ("hypervolume", "expected_utility"):
+                    measures |= {f"{name}_least": both["low"], f"{name}_largest": both["high"]}
+        found.append(_row(label, measures))
+    order = {name: place for place, name in enumerate(METHODS)}
+    return sorted(found, key=lambda row: (row["task"], order.get(row["method"], 99)))
+
+
+def _row(label: Row, measures: Row) -> Row:
+    """Return a row with every column, empty where a measure isn't defined."""
+    names = ["hypervolume", "hypervolume_least", "hypervolume_largest"]
+    names += ["expected_utility", "expected_utility_least", "expected_utility_largest"]
+    return label | {name: measures.get(name, "") for name in (*names, *MEASURES[2:])}
+
+
+def point_rows(piece: Piece) -> list[Row]:
+    """Return a row for each policy of a piece."""
+    label = {"task": piece.task, "method": piece.method, "seed": piece.seed}
+    angles: Sequence[Any] = piece.angles or [""] * len(piece.totals)
+    return [
+        label | {"angle": angle, "first": first, "second": second}
+        for angle, (first, second) in zip(angles, piece.totals, strict=True)
+    ]
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw for each task the totals of all policies, a colour for each method, and the front."""
+    points = results.tables.get("points", [])
+    tasks = list(dict.fromkeys(row["task"] for row in points))
+    if not tasks:
+        return {}
+    drawn = figure(5.2 * len(tasks), 4.4)
+    for axes, task in zip(np.atleast_1d(drawn.subplots(1, len(tasks))), tasks, strict=True):
+        front = [row for row in results.tables.get("fronts", []) if row["task"] == task]
+        x, y = ([row[name] for row in front] for name in ("second", "first"))
+        axes.plot(x, y, "ko", fillstyle="none", markersize=9, label="known front")
+        for place, ((_, method), rows) in enumerate(groups(points, "task", "method").items()):
+            if rows[0]["task"] != task:
+                continue
+            x, y = ([row[name] for row in rows] for name in ("second", "first"))
+            ink = _INKS[place % len(_INKS)]
+            axes.plot(x, y, ".", color=ink, alpha=0.5, label=method)
+        finish(axes, task, 7, xlabel="total of the second reward", ylabel="of the first")
+    return {"fronts": drawn}
+
+
+def view(results: Results) -> Sequence[View]:
+    """Return the tables to print."""
+    shown = ("task", "method", "runs", "steps", *MEASURES)
+    rows = [{name: row[name] for name in shown} for row in results.tables["pooled"]]
+    title = "Means over seeds; losses against the exact optimum of each angle"
+    return [View(rows, title)]
+
+
+STUDY = Study(
+    name="mo-gymnasium",
+    Config=Config,
+    jobs=plan,
+    tables=compute_tables,
+    figures=draw,
+    view=view,
+)

@@ -1,0 +1,151 @@
+"""The study of MO-Gymnasium without MO-Gymnasium: pieces, what is left to do, measures by hand."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.errors import UserError
+from socialiq.experiments.study import Context, run
+from socialiq.storage import packaged_results
+from socialiq.studies.mo_gymnasium import study
+from socialiq.studies.mo_gymnasium.config import Config
+from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read
+from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS
+from socialiq.studies.mo_gymnasium.training import DIAL, METHODS
+
+TASK = "mo-halfcheetah"
+PIECE = Piece(
+    task=TASK,
+    method=DIAL,
+    seed=200,
+    steps=TASKS[TASK].steps,
+    evaluation_steps_while_training=0,
+    angles=None,
+    totals=[[300.0, -500.0], [0.0, 0.0]],
+    settings={},
+    seconds=1.0,
+    versions={},
+)
+
+
+@pytest.fixture(name="pieces")
+def folder_of_pieces(tmp_path):
+    for seed in (200, 201):
+        for method in METHODS:
+            one = dataclasses.replace(PIECE, seed=seed, method=method)
+            (tmp_path / one.file).write_bytes(one.content())
+    peer = dataclasses.replace(PIECE, seed=300, method="CAPQL")
+    (tmp_path / peer.file).write_bytes(peer.content())
+    return tmp_path
+
+
+def test_a_piece_is_read_as_it_was_written(pieces):
+    found = read(pieces)
+    assert len(found) == 2 * len(METHODS) + 1
+    assert dataclasses.replace(PIECE, seed=300, method="CAPQL") in found
+    assert read(pieces / "nowhere") == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"task": "chess"},
+        {"totals": [[1.0, 2.0, 3.0]]},
+        {"totals": []},
+        {"totals": [[1.0, float("nan")]]},
+        {"angles": [0.0]},
+        {"seed": 7},
+        {"more": 1},
+    ],
+)
+def test_a_file_that_is_no_piece_is_named(tmp_path, change):
+    content = json.dumps(dataclasses.asdict(PIECE) | change)
+    (tmp_path / PIECE.file).write_text(content)
+    with pytest.raises(UserError, match=PIECE.file) as refused:
+        read(tmp_path)
+    assert "\n" not in str(refused.value)
+
+
+def test_what_is_there_is_not_made_again(pieces):
+    config = Config(tasks=(TASK,), seeds=(200, 201, 202), pieces=str(pieces))
+    jobs = study.plan(config)
+    assert [job.config.seeds for job in jobs] == [(202,)] * len(METHODS)
+    assert study.plan(dataclasses.replace(config, seeds=(201,))) == []
+    again = study.plan(dataclasses.replace(config, seeds=(201,), again=True))
+    assert len(again) == len(METHODS)
+    # Pieces of another number of steps are those of another comparison.
+    other = study.plan(dataclasses.replace(config, seeds=(201,), steps=500))
+    assert [job.config.steps for job in other] == [500] * len(METHODS)
+
+
+def test_tables_and_files_come_from_the_pieces(pieces):
+    config = Config(tasks=(TASK,), seeds=(200, 201), pieces=str(pieces))
+    found = run(study.STUDY, config)
+    rows = {row["method"]: row for row in found.tables["pooled"]}
+    assert list(rows) == [*METHODS, "CAPQL"]
+    assert [row["runs"] for row in rows.values()] == [2] * len(METHODS) + [1]
+    # The reference is (-100, -1000): 400 x 500 of the first, and 100 x 500 above it.
+    assert rows["CAPQL"]["hypervolume"] == 250_000.0
+    weights = np.array([[np.cos(one), np.sin(one)] for one in np.radians(ANGLES)])
+    best = np.maximum(weights @ [300.0, -500.0], 0.0).mean()
+    assert rows[DIAL]["expected_utility"] == pytest.approx(best, abs=1e-5)
+    assert rows[DIAL]["mean_loss"] == ""  # no front is known
+    assert set(found.files) == {f"{FOLDER}/{path.name}" for path in pieces.iterdir()}
+    assert study.draw(found).keys() == {"fronts"}
+
+
+def test_the_utility_that_is_asked_for_takes_no_better_policy():
+    totals = [[300.0, -500.0]] * (len(ANGLES) - 1) + [[0.0, 0.0]]
+    turned = dataclasses.replace(PIECE, angles=list(ANGLES), totals=totals)
+    row = study.measured(turned)
+    weights = np.array([[np.cos(one), np.sin(one)] for one in np.radians(ANGLES[:-1])])
+    asked = (weights @ [300.0, -500.0]).sum() / len(ANGLES)
+    assert row["asked_utility"] == pytest.approx(asked)
+    assert row["asked_utility"] < row["expected_utility"]
+
+
+def test_no_piece_makes_empty_tables(tmp_path):
+    config = Config(tasks=(TASK,), methods=(), pieces=str(tmp_path))
+    assert study.compute_tables(config, Context((), tmp_path, lambda _: None)).files == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--tasks", "chess"], "unknown task 'chess'"),
+        (["--methods", "luck"], "unknown method 'luck'"),
+        (["--steps", "-3"], "steps must be at least 1"),
+        (["--pieces", "nowhere"], "nowhere is no folder"),
+    ],
+)
+def test_a_mistyped_call_is_one_line(words, line, capsys, tmp_path):
+    out = str(tmp_path / "out")
+    assert main(["reproduce", "mo-gymnasium", *words, "--out", out]) == 2
+    err = capsys.readouterr().err
+    assert line in err and err.count("\n") == 1
+
+
+def test_committed_pieces_give_the_committed_table():
+    folder = packaged_results() / "mo-gymnasium"
+    from socialiq.experiments.results import load
+
+    committed = {
+        (row["task"], row["method"]): row["hypervolume"] for row in load(folder).tables["pooled"]
+    }
+    pooled = study.pooled([study_row(one) for one in read(folder / FOLDER)])
+    assert pooled
+    for row in pooled:
+        wanted = committed[row["task"], row["method"]]
+        assert row["hypervolume"] == pytest.approx(wanted, rel=1e-5)
+
+
+def study_row(piece):
+    """Return the measures that need no exact front."""
+    points = piece.points
+    area = study.hypervolume(points, np.array(TASKS[piece.task].reference))
+    label = {"task": piece.task, "method": piece.method, "steps": piece.steps}
+    empty = dict.fromkeys(study.MEASURES, "")
+    return label | empty | {"hypervolume": area}
