@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-import mo_gymnasium
 import numpy as np
 import torch
+from mo_gymnasium.utils import make
 from morl_baselines.common.evaluation import seed_everything
 from morl_baselines.multi_policy.capql.capql import CAPQL
 from morl_baselines.multi_policy.envelope.envelope import Envelope
@@ -125,7 +125,12 @@ def capql(task: Task, env: Any, held: Any, seed: int) -> tuple[Act, dict[str, An
     return agent.eval, settings
 
 
-METHODS = {"Envelope": envelope, "GPI-LS": gpi_ls, "GPI-LS, tables": gpi_tables, "CAPQL": capql}
+METHODS: dict[str, Callable[..., Any]] = {
+    "Envelope": envelope,
+    "GPI-LS": gpi_ls,
+    "GPI-LS, tables": gpi_tables,
+    "CAPQL": capql,
+}
 PARETO = "Pareto Q-learning"
 """It has no weights: it learns the set of all non-dominated totals (Van Moffaert and Nowe 2014)."""
 
@@ -145,7 +150,7 @@ def totals(task: Task, env: gymnasium.Env, act: Act, weight: np.ndarray) -> list
         ended = False
         while not ended:
             seen, reward, terminated, truncated, _ = env.step(act(seen, weight))
-            summed += reward
+            summed += np.asarray(reward)
             ended = terminated or truncated
     return (summed / task["episodes"]).tolist()
 
@@ -164,17 +169,13 @@ def piece(name: str, method: str, seed: int) -> dict[str, Any]:
     """Train and evaluate; return the content of one file."""
     task = TASKS[name]
     seed_everything(seed)
-    env, held = (Counted(mo_gymnasium.make(task["env"]), seed) for _ in range(2))
+    env, held = (Counted(make(task["env"]), seed) for _ in range(2))
     began = time.perf_counter()
-    if method == PARETO:
-        shown, settings = pareto(task, env, held, seed)
-        angles = None
-    else:
-        act, settings = METHODS[method](task, env, held, seed)
-        angles = ANGLES
+    turned = method != PARETO
+    train = METHODS[method] if turned else pareto
+    found, settings = train(task, env, held, seed)
     seconds, checks = time.perf_counter() - began, held.steps
-    if angles is not None:
-        shown = [totals(task, held, act, weights(angle)) for angle in angles]
+    shown = [totals(task, held, found, weights(one)) for one in ANGLES] if turned else found
     libraries = ("morl-baselines", "mo-gymnasium", "gymnasium", "torch", "numpy")
     return {
         "task": name,
@@ -182,7 +183,7 @@ def piece(name: str, method: str, seed: int) -> dict[str, Any]:
         "seed": seed,
         "steps": env.steps,
         "evaluation_steps_while_training": checks,
-        "angles": angles,
+        "angles": ANGLES if turned else None,
         "totals": [[round(one, 6) for one in pair] for pair in shown],
         "settings": settings,
         "seconds": round(seconds, 1),

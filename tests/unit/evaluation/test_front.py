@@ -180,7 +180,7 @@ def test_utilities_of_two_policies_by_hand():
 
 def test_a_dominated_policy_changes_no_utility_and_no_hypervolume():
     points, worse = np.array([[1.0, 4.0], [3.0, 2.0]]), np.array([[0.5, 1.0]])
-    angles, reference = range(0, 91, 5), np.zeros(2)
+    angles, reference = (0.0, 45.0, 90.0), np.zeros(2)
     more = np.concatenate([points, worse])
     assert expected_utility(more, angles) == expected_utility(points, angles)
     # 3 x 2, and 1 x 2 above it.

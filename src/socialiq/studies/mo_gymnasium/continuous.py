@@ -16,17 +16,18 @@ from socialiq.learners.continuous.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.studies.mo_gymnasium.tasks import Task
+from socialiq.worlds.environment import action_size, sizes
 
 ROUND = 50
 """Steps, and as many updates, before a learner acts with its newer network."""
 
 NUMBERS = config.Hyperparameters(learning_rate=1e-3, temperature=0.1, polyak=0.005)
-"""Numbers of soft actor-critic, and its dial; chosen on training seed 100."""
+"""Numbers of soft actor-critic, and its dial; not tuned."""
 
 DEMONSTRATED = config.IQHyperparameters(
     learning_rate=1e-3, temperature=0.1, polyak=0.005, prior_weight=30.0
 )
-"""Numbers of IQ-Learn, and its dial; chosen on training seed 100."""
+"""Numbers of IQ-Learn, and its dial; not tuned."""
 
 
 def train_dials(
@@ -125,6 +126,5 @@ def _collected(
     seeds = [one.seed for one in numbers]
     collect = Collector(sources, seeds, drawing(static, static.env_steps_per_update))
     env = task.make()
-    assert env.observation_space.shape is not None and env.action_space.shape is not None
-    sizes = (env.observation_space.shape[0], env.action_space.shape[0])
-    return train(learner, static, numbers, shown, None, sizes, chunk=ROUND, before_chunk=collect)
+    shape = sizes(env)[0], action_size(env)
+    return train(learner, static, numbers, shown, None, shape, chunk=ROUND, before_chunk=collect)

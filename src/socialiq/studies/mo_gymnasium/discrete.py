@@ -6,9 +6,10 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from gymnasium import spaces
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.learners.collect import Act, Collector, from_env
+from socialiq.learners.collect import Act, Behaviour, Collector, from_env
 from socialiq.learners.dial import train as dials
 from socialiq.learners.dial.acting import Driver
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
@@ -18,6 +19,7 @@ from socialiq.learners.iq_learn import train as iq_learn
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.studies.mo_gymnasium.tasks import Task
+from socialiq.worlds.environment import sizes
 
 ROUND = 100
 """Steps, and as many updates, before a learner acts with its newer network."""
@@ -29,13 +31,13 @@ LAST_EXPLORATION = 0.2
 """Share of random actions in the second half of a training; it falls from 1 in the first half."""
 
 TRIO = iq.Hyperparameters(learning_rate=1e-3, temperature=0.1, prior_weight=5.0)
-"""Numbers of IQ-Learn; chosen on training seed 100."""
+"""Numbers of IQ-Learn; tried on training seed 100, not tuned."""
 
 
 def structure(task: Task, steps: int, demonstrated: bool) -> StaticConfig:
     """Return the static config of a dial that takes these steps, one update for each."""
-    inner = task.make()
-    space = inner.observation_space
+    space = task.make().observation_space
+    assert isinstance(space, spaces.Box)  # of others no environment is made
     own = task.batch_size // 2 if demonstrated else task.batch_size
     return StaticConfig(
         demonstrations=demonstrated,
@@ -56,7 +58,7 @@ def one_hot(low: np.ndarray, high: np.ndarray) -> tuple[tuple[int, int], ...]:
     return tuple((int(least), int(most - least) + 1) for least, most in zip(low, high, strict=True))
 
 
-def exploring(static: StaticConfig, numbers: Sequence[Hyperparameters]):
+def exploring(static: StaticConfig, numbers: Sequence[Hyperparameters]) -> Behaviour:
     """Return how runs act: at an angle for each round, with fewer and fewer random actions."""
 
     def behaviour(networks: Networks, run: int, done: int, rng: np.random.Generator) -> Act:
@@ -92,10 +94,8 @@ def train_dials(
     ]
     sources = [from_env(task.make(), ROUND, goes_on=True) for _ in seeds]
     collect = Collector(sources, list(seeds), exploring(static, numbers))
-    space = task.make()
-    sizes = (int(space.observation_space.shape[0]), int(space.action_space.n))
     trained = dials.train(
-        static, numbers, list(shown), None, sizes, chunk=ROUND, before_chunk=collect
+        static, numbers, list(shown), None, sizes(task.make()), chunk=ROUND, before_chunk=collect
     )
     return [trained.policy(run) for run in range(len(seeds))]
 

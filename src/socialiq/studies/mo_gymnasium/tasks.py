@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -67,15 +67,21 @@ class Task:
                 f"'gymnasium[mujoco]': {one_line(str(error))}"
             ) from error
 
+    def time_limit(self) -> int:
+        """Return after how many steps an episode is cut off."""
+        spec = self.make().spec
+        if spec is None or spec.max_episode_steps is None:
+            raise UserError(f"{self.env} has no time limit: episodes may not end")
+        return spec.max_episode_steps
+
 
 def _tasks() -> dict[str, Task]:
-    content = tomllib.loads((files(__package__) / "tasks.toml").read_text())
-    return {
-        name: Task(
-            **{key: tuple(one) if isinstance(one, list) else one for key, one in row.items()}
-        )
-        for name, row in content.items()
-    }
+    content = Path(__file__).with_name("tasks.toml").read_text()
+    found = {}
+    for name, row in tomllib.loads(content).items():
+        made: Any = {key: tuple(one) if isinstance(one, list) else one for key, one in row.items()}
+        found[name] = Task(**made)
+    return found
 
 
 TASKS = _tasks()
@@ -107,7 +113,8 @@ def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
                 found[reached] = len(found)
                 waiting.append(reached)
             kind = Ending.OTHER if ended else Ending.NONE
-            rows[-1].append((found[reached], kind, *map(float, info["reward_pair"])))
+            first, second = info["reward_pair"]
+            rows[-1].append((found[reached], int(kind), float(first), float(second)))
     successor, ending, first, second = np.moveaxis(np.array(rows), 2, 0)
     return TabularMDP(
         successor=successor.astype(np.int64)[..., None],
@@ -121,10 +128,8 @@ def enumerated(env: gymnasium.Env[Any, Any]) -> TabularMDP:
 @cache
 def exact_set(name: str) -> AttainableSet:
     """Return the attainable set of a finite task within its time limit."""
-    env = TASKS[name].make()
-    spec = env.spec
-    assert spec is not None and spec.max_episode_steps is not None
-    return attainable_set(enumerated(env), spec.max_episode_steps)
+    task = TASKS[name]
+    return attainable_set(enumerated(task.make()), task.time_limit())
 
 
 def known_front(name: str) -> Float[np.ndarray, "point 2"]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 from gymnasium import spaces
 
 from socialiq.demonstrations.dataset import Demonstrations
@@ -119,7 +118,7 @@ def _from_demonstrations(task: Task, method: str, seeds: Sequence[int]) -> list[
     Of a trio the experts have all steps, of a dial half of them; a dial takes the rest itself.
     """
     count = len(EXPERT_ANGLES)
-    reserved = count * SHOWN_EPISODES * _limit(task)
+    reserved = count * SHOWN_EPISODES * task.time_limit()
     each = _whole(task, (task.steps - reserved) // (count if method == TRIO else 2 * count))
     if each <= 0:
         raise UserError(
@@ -168,11 +167,6 @@ def _whole(task: Task, steps: int) -> int:
     """Return as many steps as whole rounds have."""
     size = _kind(task).ROUND
     return steps // size * size
-
-
-def _limit(task: Task) -> int:
-    spec = gymnasium.spec(task.env)
-    return spec.max_episode_steps or 1000
 
 
 def _settings(task: Task) -> dict[str, Any]:
