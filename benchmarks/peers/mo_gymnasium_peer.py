@@ -172,7 +172,7 @@ def piece(name: str, method: str, seed: int) -> dict[str, Any]:
     env, held = (Counted(make(task["env"]), seed) for _ in range(2))
     began = time.perf_counter()
     turned = method != PARETO
-    train = METHODS[method] if turned else pareto
+    train: Callable[..., Any] = METHODS[method] if turned else pareto
     found, settings = train(task, env, held, seed)
     seconds, checks = time.perf_counter() - began, held.steps
     shown = [totals(task, held, found, weights(one)) for one in ANGLES] if turned else found

@@ -76,6 +76,7 @@ def test_what_is_there_is_not_made_again(pieces):
     assert study.plan(dataclasses.replace(config, seeds=(201,))) == []
     again = study.plan(dataclasses.replace(config, seeds=(201,), again=True))
     assert len(again) == len(METHODS)
+    assert study.plan(dataclasses.replace(config, train=False)) == []
     # Pieces of another number of steps are those of another comparison.
     other = study.plan(dataclasses.replace(config, seeds=(201,), steps=500))
     assert [job.config.steps for job in other] == [500] * len(METHODS)
@@ -93,8 +94,11 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     best = np.maximum(weights @ [300.0, -500.0], 0.0).mean()
     assert rows[DIAL]["expected_utility"] == pytest.approx(best, abs=1e-5)
     assert rows[DIAL]["mean_loss"] == ""  # no front is known
+    there = {row["method"]: (row["runs"], row["of"]) for row in found.tables["coverage"]}
+    assert there == dict.fromkeys(METHODS, (2, 2)) | {"CAPQL": (1, 2), "GPI-LS": (0, 2)}
+    assert [len(view.rows) for view in study.view(found)] == [len(METHODS) + 1, 2]
     assert set(found.files) == {f"{FOLDER}/{path.name}" for path in pieces.iterdir()}
-    assert study.draw(found).keys() == {"fronts"}
+    assert study.draw(found).keys() == {"hypervolumes"}
 
 
 def test_the_utility_that_is_asked_for_takes_no_better_policy():

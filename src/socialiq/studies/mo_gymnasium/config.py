@@ -28,6 +28,8 @@ class Config:
     """Folder of finished pieces, which are not made again; by default the committed ones."""
     again: bool = False
     """Whether ours are trained again although they are there."""
+    train: bool = True
+    """Whether what is missing of ours is trained; else the tables are of what is there."""
 
     def __post_init__(self) -> None:
         """Refuse unknown names and empty sizes."""

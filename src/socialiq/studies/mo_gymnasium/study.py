@@ -17,8 +17,8 @@ from socialiq.evaluation.front import expected_utility, hypervolume, utilities, 
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, View
-from socialiq.experiments.tables import groups, nested, spread
-from socialiq.plotting.style import figure, finish
+from socialiq.experiments.tables import column, groups, matching, nested, spread
+from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.social.angle import exact_weights
 from socialiq.studies.mo_gymnasium.config import Config
 from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read
@@ -30,11 +30,12 @@ LINEAR, FRONT = "exact, linear", "known front"
 """Rows of reference: the optimum of each angle, and all totals that no other dominates."""
 
 MEASURES = ("hypervolume", "expected_utility", "mean_loss", "largest_loss", "asked_loss")
-_INKS = ("#c23b22", "#2166ac", "#1b7837", "#7b3294", "#e08214", "#35978f", "#6e6e6e", "#a6761d")
 
 
 def plan(config: Config) -> list[Job]:
     """Return a job for each task and method of ours whose pieces are not all there."""
+    if not config.train:
+        return []
     there = {(one.task, one.method, one.seed) for one in config.kept()}
     jobs = []
     for task in config.tasks:
@@ -50,11 +51,12 @@ def plan(config: Config) -> list[Job]:
 def compute_tables(config: Config, context: Context) -> Findings:
     """Measure every piece, and add the references of tasks whose front is known."""
     made = [one for job in context.jobs for one in read(context.work / job.name / FOLDER)]
-    pieces = [*config.kept(), *made]
+    pieces = sorted([*config.kept(), *made], key=_place)
     rows = [measured(one) for one in pieces]
     references = [row for task in config.tasks if TASKS[task].exact for row in reference_rows(task)]
     tables = {
-        "pooled": [*references, *pooled(rows)],
+        "pooled": sorted([*references, *pooled(rows)], key=lambda row: row["task"]),
+        "coverage": coverage(config, pieces),
         "runs": rows,
         "points": [row for one in pieces for row in point_rows(one)],
         "fronts": [
@@ -67,6 +69,22 @@ def compute_tables(config: Config, context: Context) -> Findings:
     summary = nested(tables["pooled"], "task", "method", keep=MEASURES)
     files = {f"{FOLDER}/{one.file}": one.content() for one in pieces}
     return Findings(tables, summary, files)
+
+
+def _place(piece: Piece) -> tuple[str, int, str, int]:
+    """Return where a piece stands in the tables: ours first."""
+    ours = METHODS.index(piece.method) if piece.method in METHODS else len(METHODS)
+    return piece.task, ours, piece.method, piece.seed
+
+
+def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
+    """Return how many runs of each method are there, of how many that belong to the study."""
+    rows: list[Row] = []
+    for task in config.tasks:
+        for method in (*config.methods, *TASKS[task].peers):
+            there = sum((one.task, one.method) == (task, method) for one in pieces)
+            rows.append({"task": task, "method": method, "runs": there, "of": len(config.seeds)})
+    return rows
 
 
 def measured(piece: Piece) -> Row:
@@ -136,8 +154,7 @@ def pooled(rows: Sequence[Row]) -> list[Row]:
                 if name in ("hypervolume", "expected_utility"):
                     measures |= {f"{name}_least": both["low"], f"{name}_largest": both["high"]}
         found.append(_row(label, measures))
-    order = {name: place for place, name in enumerate(METHODS)}
-    return sorted(found, key=lambda row: (row["task"], order.get(row["method"], 99)))
+    return found
 
 
 def _row(label: Row, measures: Row) -> Row:
@@ -158,24 +175,23 @@ def point_rows(piece: Piece) -> list[Row]:
 
 
 def draw(results: Results) -> dict[str, Figure]:
-    """Draw for each task the totals of all policies, a colour for each method, and the front."""
-    points = results.tables.get("points", [])
-    tasks = list(dict.fromkeys(row["task"] for row in points))
-    if not tasks:
+    """Draw the hypervolume of each run, a line of points for each method, beside what is exact."""
+    by_task = groups(results.tables.get("runs", []), "task")
+    if not by_task:
         return {}
-    drawn = figure(5.2 * len(tasks), 4.4)
-    for axes, task in zip(np.atleast_1d(drawn.subplots(1, len(tasks))), tasks, strict=True):
-        front = [row for row in results.tables.get("fronts", []) if row["task"] == task]
-        x, y = ([row[name] for row in front] for name in ("second", "first"))
-        axes.plot(x, y, "ko", fillstyle="none", markersize=9, label="known front")
-        for place, ((_, method), rows) in enumerate(groups(points, "task", "method").items()):
-            if rows[0]["task"] != task:
-                continue
-            x, y = ([row[name] for row in rows] for name in ("second", "first"))
-            ink = _INKS[place % len(_INKS)]
-            axes.plot(x, y, ".", color=ink, alpha=0.5, label=method)
-        finish(axes, task, 7, xlabel="total of the second reward", ylabel="of the first")
-    return {"fronts": drawn}
+    drawn = figure(5.6 * len(by_task), 3.6)
+    panels = np.atleast_1d(drawn.subplots(1, len(by_task)))
+    for axes, ((task,), rows) in zip(panels, by_task.items(), strict=True):
+        for method, line in ((LINEAR, "--"), (FRONT, "-")):
+            for row in matching(results.tables["pooled"], task=task, method=method):
+                axes.axvline(row["hypervolume"], linestyle=line, color="#6e6e6e", label=method)
+        for (method,), runs in reversed(groups(rows, "method").items()):
+            ink = COLORS["prosocial" if method in METHODS else "egoistic"]
+            areas = column(runs, "hypervolume")
+            axes.plot(areas, [method] * len(runs), "o", color=ink, alpha=0.6)
+        finish(axes, task, 7 if TASKS[task].exact else None, xlabel="hypervolume of a run")
+        axes.set_xlim(left=0.0)
+    return {"hypervolumes": drawn}
 
 
 def view(results: Results) -> Sequence[View]:
@@ -183,7 +199,8 @@ def view(results: Results) -> Sequence[View]:
     shown = ("task", "method", "runs", "steps", *MEASURES)
     rows = [{name: row[name] for name in shown} for row in results.tables["pooled"]]
     title = "Means over seeds; losses against the exact optimum of each angle"
-    return [View(rows, title)]
+    partial = [row for row in results.tables["coverage"] if row["runs"] < row["of"]]
+    return [View(rows, title), *([View(partial, "Not all there yet")] if partial else [])]
 
 
 STUDY = Study(
