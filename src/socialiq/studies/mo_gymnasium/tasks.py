@@ -64,7 +64,7 @@ class Task:
         except UserError as error:
             raise UserError(
                 f"{self.env} needs pip install 'socialiq[mo]', and of the tasks of MuJoCo "
-                f"'gymnasium[mujoco]': {one_line(str(error))}"
+                f"'socialiq[mujoco]': {one_line(str(error))}"
             ) from error
 
     def time_limit(self) -> int:
