@@ -132,7 +132,7 @@ METHODS: dict[str, Callable[..., Any]] = {
     "CAPQL": capql,
 }
 PARETO = "Pareto Q-learning"
-"""It has no weights: it learns the set of all non-dominated totals (Van Moffaert and Nowe 2014)."""
+"""It has no weights: it learns the set of all non-dominated totals (Van Moffaert and Nowé 2014)."""
 
 
 def weights(angle: float) -> np.ndarray:
