@@ -10,18 +10,24 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.checks import refuse_unused
+from socialiq.cli.drivers import continuous_driver_of
+from socialiq.cli.evaluate_parts import SIDE_BY_SIDE
 from socialiq.cli.output import print_json, print_table
 from socialiq.demonstrations import files, mixture
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
+from socialiq.evaluation import play
 from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
 from socialiq.policies.load import load_policy
+from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import action_size, is_environment, make_environment, sizes
-from socialiq.worlds.registry import make_grid
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import continuous_options, make_grid
 
 _NAMED = re.compile(r"([A-Za-z][\w-]*)=(.+)", re.DOTALL)
 
@@ -45,7 +51,8 @@ class Collect:
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, or an environment: a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
+    """crossing5, crossing7, intersection-continuous, intersection-continuous-steering, or an
+    environment: a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     out: Path
     """Demonstrations file to write; must not exist."""
     driver: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
@@ -66,7 +73,8 @@ class Collect:
     share: float = 0.2
     """The contaminant's share of the episodes."""
     clock: bool = False
-    """Whether observations end with the time, for training a dial; gridworlds only."""
+    """Whether observations end with the time, for training a dial; not in an environment of your
+    own."""
     seed: int = 0
     """Of the rollouts and of the draw; episode i of an environment is reset with seed + i."""
     allow_code: bool = False
@@ -99,7 +107,9 @@ class Collect:
 
     def mix(self) -> Demonstrations:
         """Return the demonstrations that the options describe."""
-        pools = self.driven() if self.driver or is_environment(self.world) else self.experts()
+        steered = self.world in CONTINUOUS
+        driven = self.driver or steered or is_environment(self.world)
+        pools = self.driven() if driven else self.experts()
         if self.mixture == "equal_trajectories":
             return mixture.equal_trajectories(pools, self.episodes, self.seed)
         if self.mixture == "equal_transitions":
@@ -131,7 +141,7 @@ class Collect:
                 f"{one_line(self.world)} has no experts of its own: name the drivers, one --driver "
                 "for each mode"
             )
-        if self.clock:
+        if self.clock and self.world not in CONTINUOUS:
             raise UserError("an environment's observations are its own: leave out --clock")
         modes: dict[str, str] = {}
         for given in self.driver:
@@ -139,6 +149,8 @@ class Collect:
             if mode in modes:
                 raise UserError(f"two drivers are called {mode}: write NAME={one_line(spec)}")
             modes[mode] = spec
+        if self.world in CONTINUOUS:
+            return {mode: self._at_intersection(mode, spec) for mode, spec in modes.items()}
         env = make_environment(
             self.world, allow_code=self.allow_code, needs_pair=True, continuous=True
         )
@@ -153,6 +165,18 @@ class Collect:
                     env, loaded.policy, self.episodes, self.seed, mode=mode, source=source
                 ).transitions
         return pools
+
+    def _at_intersection(self, mode: str, spec: str) -> Demonstrations:
+        """Return episodes of a driver of the intersection with continuous actions."""
+        options = continuous_options(self.world)
+        batch = Batch(options, min(self.episodes, SIDE_BY_SIDE))
+        seeds = range(self.seed, self.seed + self.episodes)
+        driver = continuous_driver_of(spec, Intersection(options), allow_code=self.allow_code)
+        with driver as loaded:
+            record = loaded.record
+            source = {"world": self.world, "driver": record.source, "sha256": record.sha256}
+            made = play.record(batch, loaded.policy, seeds, mode, source).transitions
+        return made.with_clock() if self.clock else made
 
 
 def _mode_of(given: str) -> tuple[str, str]:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.play import sees_time
+from socialiq.nn.actor_policy import DIAL_KIND, KIND, ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.value_policy import ValuePolicy
+from socialiq.policies.load import load_policy
+from socialiq.policies.record import Loaded
+from socialiq.storage import kind_of
 from socialiq.types import Policy
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.intersection import atlas, policies
+from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import make_grid
@@ -36,6 +42,32 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     policy = atlas.load(name) if name in shipped else load_driver(Path(name))
     refuse_misfit(name, policy, options or Options())
     return policy
+
+
+def continuous_driver_of(
+    name: str, world: Intersection, angle: float = 0.0, allow_code: bool = False
+) -> Loaded:
+    """Return a driver of the intersection with continuous actions, with its record.
+
+    Args:
+        name: Name of a policy of the atlas with such actions (with or without `atlas:`), or a
+            policy as `load_policy` takes it. A file of this package may see the time too.
+        world: The intersection.
+        angle: Of a dial, in degrees.
+        allow_code: As of `load_policy`.
+
+    Raises:
+        UserError: If it is none of these, or the policy was trained for another world.
+    """
+    shipped = name.removeprefix("atlas:")
+    if shipped in atlas.names(atlas.CONTINUOUS_STUDIES):
+        name = str(atlas.path_of(shipped, atlas.CONTINUOUS_STUDIES))
+    features, path = world.n_features, Path(name)
+    if path.is_file() and kind_of(path) in (KIND, DIAL_KIND):
+        read = ActorDial if kind_of(path) == DIAL_KIND else ActorPolicy
+        features += read.load(path).n_features == features + 1
+    more: dict[str, Any] = {"angle": angle, "allow_code": allow_code}
+    return load_policy(name, features, 0, action_size=width(world.options), **more)
 
 
 def refuse_misfit(name: str, policy: ValuePolicy | DialPolicy, options: Options) -> None:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import driver_of, gridworld_of
+from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
 from socialiq.cli.evaluate_data import evaluate_data
 from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts
 from socialiq.cli.output import print_json, print_table
@@ -32,12 +32,14 @@ from socialiq.policies.load import load_policy
 from socialiq.recordings.recording import refuse_recording
 from socialiq.social.angle import check_angle
 from socialiq.social.angle_rule import AngleRule, load_rule
+from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.registry import GRIDWORLDS, make_grid
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""
@@ -69,7 +71,8 @@ class Evaluate:
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Policy files, of `socialiq train`."""
     world: str = "crossing7"
-    """crossing5, crossing7, intersection, or an environment."""
+    """crossing5, crossing7, intersection, intersection-continuous,
+    intersection-continuous-steering, or an environment."""
     data: Path | None = None
     """Demonstrations file with both rewards, in the place of a world."""
     angle: float = 0.0
@@ -157,7 +160,7 @@ class Evaluate:
         """Return a row for each policy."""
         refuse_recording(self.world)
         self._check_engine()
-        if self.world == "intersection":
+        if self.world == "intersection" or self.world in CONTINUOUS:
             return [self.intersection(str(path)) for path in self.policies]
         if self.world not in GRIDWORLDS:
             return self.environment()
@@ -174,7 +177,10 @@ class Evaluate:
         """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
         self._check_episodes()
         readout = "soft" if self.soft else "greedy"
-        episodes = self._split(name) if self.engine.given else self._played(name)
+        if self.world in CONTINUOUS:
+            episodes = self._steered(name)
+        else:
+            episodes = self._split(name) if self.engine.given else self._played(name)
         row = policy_row(name, readout, episodes)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         return method | {key: value for key, value in row.items() if key not in ("policy",)}
@@ -184,6 +190,14 @@ class Evaluate:
         batch = Batch(Options(), min(self.episodes, SIDE_BY_SIDE))
         seeds = np.array(self._seeds)
         return episodes_of(batch, driver_of(name, self.seed), seeds, deterministic=not self.soft)
+
+    def _steered(self, name: str) -> Episodes:
+        """Play the episodes of a policy with continuous actions."""
+        options = continuous_options(self.world)
+        batch, seeds = Batch(options, min(self.episodes, SIDE_BY_SIDE)), np.array(self._seeds)
+        driver = continuous_driver_of(name, Intersection(options), self.angle, self.allow_code)
+        with driver as loaded:
+            return episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
 
     def _split(self, name: str) -> Episodes:
         """Play the episodes in parts, where the engine says."""
@@ -200,7 +214,7 @@ class Evaluate:
             yield Parts(self.engine, work, display.stage)
 
     def _check_engine(self) -> None:
-        if self.engine.given and self.world in GRIDWORLDS:
+        if self.engine.given and self.world in (*GRIDWORLDS, *CONTINUOUS):
             raise UserError(
                 f"episodes of {self.world} are not split: leave out --processes and --cluster"
             )

@@ -12,9 +12,17 @@ from socialiq.errors import UserError, one_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
+from socialiq.learners.continuous.vector_acting import VectorCollector
 from socialiq.learners.kernel import Learner, Trained
 from socialiq.recordings.recording import refuse_recording
+from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.environment import action_size, continuous_maker, sizes
+from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.registry import continuous_options
+
+SIDE_BY_SIDE = 24
+"""Episodes of the intersection side by side, of each run."""
 
 
 def run(command: Any, data: Demonstrations | None) -> int:
@@ -104,14 +112,34 @@ def _prepared(
             learner, static, runs, datasets, callbacks=callbacks, chunk=CHUNK
         )
     refuse_recording(command.world)
+    if command.world in CONTINUOUS:
+        more = _at_intersection(command.world, static, runs)
+        check_fit(learner, static, runs, datasets, None, more["sizes"], True)
+        return lambda callbacks: train(learner, static, runs, datasets, callbacks=callbacks, **more)
     given = (data.n_features, data.action_size) if data is not None else None
     make = continuous_maker(command.world, given, command.allow_code)
     first = make()
     found = (sizes(first)[0], action_size(first))
     check_fit(learner, static, runs, datasets, None, found, True)
-    more: dict[str, Any] = {
+    more = {
         "sizes": found,
         "chunk": static.updates_per_round,
         "before_chunk": acting_in(make, static, runs),
     }
     return lambda callbacks: train(learner, static, runs, datasets, callbacks=callbacks, **more)
+
+
+def _at_intersection(world: str, static: Any, runs: list[Any]) -> dict[str, Any]:
+    """Return what `train` needs to let runs act on the compiled core, all in one batch.
+
+    Observations end with the time if the networks tell values of it apart.
+    """
+    steps = static.updates_per_round * getattr(static, "env_steps_per_update", 1)
+    options, clock = continuous_options(world), static.times > 0
+    env = intersections(options, len(runs) * SIDE_BY_SIDE, clock)
+    rounds = -(-steps // SIDE_BY_SIDE)
+    return {
+        "sizes": (env.single_observation_space.shape[0], width(options)),
+        "chunk": static.updates_per_round,
+        "before_chunk": VectorCollector(env, rounds, static, runs),
+    }

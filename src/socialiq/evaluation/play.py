@@ -138,7 +138,8 @@ class Episodes(NamedTuple):
         entered: Whether the ego's centre passed its stop line.
         conflicts: Decisions at the junction (`conflicts.at_junction`) while a crossing vehicle
             was in it or within 3 s of it.
-        pressed: Number of these decisions in which the ego did not choose slower.
+        pressed: Number of these decisions in which the ego did not choose slower, or with
+            continuous actions not to brake.
     """
 
     totals: RewardPair
@@ -216,6 +217,11 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
     )
 
 
+def slowing(action: np.ndarray) -> Bool[np.ndarray, " row"]:
+    """Whether actions slow the ego down: number 0, or a negative acceleration."""
+    return action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
+
+
 _COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
 
 
@@ -237,7 +243,7 @@ def _quantities(played: Step) -> dict[str, np.ndarray]:
         "active": signals != 0,
         "beyond": entered(made.observation[rows]),
         "conflicts": conflicts,
-        "pressed": conflicts & (played.action[rows] != SLOWER),
+        "pressed": conflicts & ~slowing(played.action[rows]),
     }
 
 
@@ -343,7 +349,7 @@ def record(
         rewards=RewardPair(kept["env"], kept["social"]),
         episode=kept["episode"],
         mode_names=(mode,),
-        n_actions=len(ACTIONS),
+        n_actions=0 if batch.options.continuous else len(ACTIONS),
         source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
     )
     return Recorded(transitions, RewardPair(kept["own"], kept["others"]))

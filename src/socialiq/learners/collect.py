@@ -188,6 +188,28 @@ def stepped(
         observation = follows
 
 
+def columns_by_run(
+    rows: Sequence[tuple[np.ndarray, ...]], count: int, continuous: bool = False
+) -> Batch:
+    """Return rounds of `stepped` as the columns of each run, (run, step), in order.
+
+    Args:
+        rows: Columns of each round, over the environments of all runs, run by run.
+        count: Number of runs.
+        continuous: Whether actions are arrays.
+    """
+
+    def column(number: int, kind: type[np.generic]) -> jax.Array:
+        made = np.stack([row[number] for row in rows]).astype(kind)
+        made = made.reshape(len(rows), count, -1, *made.shape[2:]).swapaxes(0, 1)
+        return jnp.asarray(made.reshape(count, -1, *made.shape[3:]))
+
+    seen, after = column(0, np.float32), column(2, np.float32)
+    reward = RewardPair(column(4, np.float32), column(5, np.float32))
+    action = column(1, np.float32 if continuous else np.int32)
+    return Batch(seen, action, after, column(3, np.int32), reward)
+
+
 def _before_reset(follows: np.ndarray, info: dict[str, Any]) -> np.ndarray:
     """Return the observations reached by a step, also of environments that were then reset."""
     if "final_obs" not in info:

@@ -1,7 +1,7 @@
 """Actor and twin critics: networks of a policy of continuous actions and of its values.
 
 Their input `seen` is an observation; of a dial it ends with the inputs of the angle
-(`nn.dial_network.angle_columns`).
+(`nn.dial_network.angle_columns`). A view encodes the observation alone.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.nn.q_network import affine_layers, through
+from socialiq.nn.q_network import Encoding, affine_layers, encoding, through
 
 LOG_STD = (-5.0, 2.0)
 """Range of the logarithm of the standard deviation before the tangent is taken. A narrower policy
@@ -29,12 +29,14 @@ class Actor(eqx.Module):
         activation: Name in `q_network.ACTIVATIONS`.
         size: Length of an action.
         scale: Common factor of the features.
+        view: Encoding of the observation that the first layer reads; None for none.
     """
 
     layers: tuple[eqx.nn.Linear, ...]
     activation: str = eqx.field(static=True)
     size: int = eqx.field(static=True)
     scale: float = eqx.field(static=True, default=1.0)
+    view: Encoding | None = None
 
     @staticmethod
     def initialise(
@@ -45,6 +47,9 @@ class Actor(eqx.Module):
         activation: str = "relu",
         scale: float = 1.0,
         stochastic: bool = True,
+        view: str = "flat",
+        times: int = 0,
+        extra: int = 0,
     ) -> Actor:
         """Draw weights and biases uniformly within ±1/sqrt(fan-in).
 
@@ -56,10 +61,18 @@ class Actor(eqx.Module):
             activation: Between layers.
             scale: Common factor of the features.
             stochastic: Whether there are deviations.
+            view: A name of `nn.view.CHOICES`.
+            times: Number of values of the time, the last feature of what a view reads.
+            extra: Inputs after the observation, those of an angle.
+
+        Raises:
+            UserError: If the view is unknown or doesn't fit the observation.
         """
         outputs = 2 * size if stochastic else size
-        layers = affine_layers(key, (n_inputs, *hidden, outputs))
-        return Actor(layers, activation, size, scale)
+        seen = encoding(key, n_inputs - extra, view, (), times)
+        width = seen.width + extra if seen else n_inputs
+        layers = affine_layers(key, (width, *hidden, outputs))
+        return Actor(layers, activation, size, scale, seen)
 
     def __call__(
         self, seen: Float[Array, " input"]
@@ -68,15 +81,23 @@ class Actor(eqx.Module):
 
         Without deviations the second is the lower end of `LOG_STD`.
         """
-        value = through(self.layers, self.activation, seen * self.scale)
+        value = through(self.layers, self.activation, encoded(self.view, seen) * self.scale)
         mean = value[: self.size]
         if len(value) == self.size:
             return mean, jnp.full_like(mean, LOG_STD[0])
         return mean, jnp.clip(value[self.size :], *LOG_STD)
 
 
+def encoded(view: Encoding | None, seen: Float[Array, " input"]) -> Float[Array, " encoded"]:
+    """Return an input with its observation as a view encodes it; further inputs stay."""
+    if view is None:
+        return seen
+    count = view.n_features
+    return jnp.concatenate([view(seen[:count]), seen[count:]])
+
+
 class Critic(eqx.Module):
-    """Q(s, a) of continuous actions: a number from an input and an action.
+    """Q(s, a) of continuous actions: a number from an input, encoded if need be, and an action.
 
     Attributes:
         layers: Affine layers, with the activation between them.
@@ -102,10 +123,12 @@ class TwinCritics(eqx.Module):
     Attributes:
         first: One.
         second: The other.
+        view: Encoding of the observation that both read; None for none.
     """
 
     first: Critic
     second: Critic
+    view: Encoding | None = None
 
     @staticmethod
     def initialise(
@@ -115,17 +138,23 @@ class TwinCritics(eqx.Module):
         size: int,
         activation: str = "relu",
         scale: float = 1.0,
+        view: str = "flat",
+        times: int = 0,
+        extra: int = 0,
     ) -> TwinCritics:
-        """Draw both; arguments as of `Actor.initialise`."""
-        widths = (n_inputs + size, *hidden, 1)
-        keys = jax.random.split(key)
-        return TwinCritics(*(Critic(affine_layers(one, widths), activation, scale) for one in keys))
+        """Draw both; arguments and errors as of `Actor.initialise`."""
+        seen = encoding(key, n_inputs - extra, view, (), times)
+        width = seen.width + extra if seen else n_inputs
+        widths, keys = (width + size, *hidden, 1), jax.random.split(key)
+        both = (Critic(affine_layers(one, widths), activation, scale) for one in keys)
+        return TwinCritics(*both, view=seen)
 
     def __call__(
         self, seen: Float[Array, " input"], action: Float[Array, " size"]
     ) -> Float[Array, " 2"]:
         """Return both values of one action; use `jax.vmap` for a batch."""
-        return jnp.stack([self.first(seen, action), self.second(seen, action)])
+        read = encoded(self.view, seen)
+        return jnp.stack([self.first(read, action), self.second(read, action)])
 
 
 def frozen(network: Any) -> Any:

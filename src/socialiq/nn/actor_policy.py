@@ -7,15 +7,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Float32
 
 from socialiq.errors import UserError
 from socialiq.nn.actor import LOG_STD, Actor
 from socialiq.nn.dial_policy import check_in_range, range_of
-from socialiq.nn.file_checks import FAULTS, chained, fault_before
+from socialiq.nn.file_checks import FAULTS, chained, fault_before, view_is_possible
 from socialiq.nn.perceptron import ACTIVATIONS, perceptron
-from socialiq.nn.q_network import linear_layers
+from socialiq.nn.q_network import Encoding, linear_layers
+from socialiq.nn.q_policy import content_of_view, view_of
 from socialiq.nn.value_policy import checked_batch, numbers_of
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
@@ -47,6 +50,7 @@ class ActorPolicy:
         rng: Generator of the stochastic policy's draws.
         sha256: SHA-256 of the file's content, for a policy that was loaded.
         squash: One of `SQUASHES`; "tanh" but for some imported policies.
+        view: Encoding of the observation that the first layer reads, with NumPy weights.
     """
 
     weights: tuple[np.ndarray, ...]
@@ -57,6 +61,7 @@ class ActorPolicy:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     sha256: str = ""
     squash: str = "tanh"
+    view: Encoding | None = None
 
     @staticmethod
     def of(
@@ -71,17 +76,19 @@ class ActorPolicy:
             actor.size,
             provenance,
             np.random.default_rng(0) if rng is None else rng,
+            view=actor.view.in_numpy() if actor.view else None,
         )
 
     def network(self) -> Actor:
         """Return the actor, which can be trained: the inverse of `of`."""
         layers = linear_layers(self.weights, self.biases)
-        return Actor(layers, self.activation, self.action_size)
+        view = jax.tree.map(jnp.asarray, self.view)
+        return Actor(layers, self.activation, self.action_size, view=view)
 
     @property
     def n_features(self) -> int:
         """Length of an observation."""
-        return self.weights[0].shape[1]
+        return self.view.n_features if self.view else self.weights[0].shape[1]
 
     @property
     def n_actions(self) -> int:
@@ -102,6 +109,7 @@ class ActorPolicy:
             UserError: If an observation has another length or is not finite.
         """
         batch = checked_batch(observations, self.n_features)
+        batch = self.view(batch) if self.view else batch
         value = perceptron(self.weights, self.biases, self.activation, batch)
         mean = value[:, : self.action_size]
         if not self.is_stochastic:
@@ -164,19 +172,27 @@ class ActorPolicy:
         """Return the named arrays and the header of the policy's file."""
         arrays = {f"weight_{i}": weight for i, weight in enumerate(self.weights)}
         arrays |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
-        return arrays, {
+        of_view, described = content_of_view(self.view)
+        return arrays | of_view, {
             "activation": self.activation,
             "action_size": self.action_size,
             "squash": self.squash,
             "layers": len(self.weights),
             "provenance": dict(self.provenance),
+            **(described if self.view else {}),
         }
 
     @staticmethod
     def checked(
-        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
+        path: Path, arrays: Mapping[str, np.ndarray], header: Mapping[str, Any], extra: int = 0
     ) -> ActorPolicy:
         """Build a policy from a file's content, after a check that its parts agree.
+
+        Args:
+            path: The file, for messages.
+            arrays: Its arrays.
+            header: Its header.
+            extra: Inputs of the first layer that are not part of the observation.
 
         Raises:
             UserError: If they don't agree.
@@ -184,7 +200,7 @@ class ActorPolicy:
         fault = fault_before(arrays, header)
         try:
             policy = None if fault else _of_content(arrays, header)
-            fault = fault or _fault_of(policy)
+            fault = fault or _fault_of(policy, extra)
         except FAULTS as error:
             raise UserError(
                 f"{path} has a header that doesn't fit its arrays: make the file again"
@@ -212,7 +228,8 @@ class ActorDial:
     @property
     def n_features(self) -> int:
         """Length of an observation."""
-        return self.turned.n_features - 2
+        view = self.turned.view
+        return view.n_features if view else self.turned.n_features - 2
 
     @property
     def n_actions(self) -> int:
@@ -275,7 +292,7 @@ class ActorDial:
         Raises:
             UserError: If they don't agree.
         """
-        turned = ActorPolicy.checked(path, arrays, header)
+        turned = ActorPolicy.checked(path, arrays, header, extra=2)
         if turned.n_features < 3:
             raise UserError(f"{path} has no inputs of an angle: make the file again")
         return ActorDial(turned, *range_of(path, header))
@@ -291,10 +308,11 @@ def _of_content(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> 
         header["provenance"],
         sha256=header["sha256"],
         squash=header["squash"],
+        view=view_of(arrays, header) if header.get("view") else None,
     )
 
 
-def _fault_of(policy: Any) -> str:
+def _fault_of(policy: Any, extra: int) -> str:
     """Return what is wrong with a policy made of a file's content, or ""."""
     size = policy.action_size
     if type(size) is not int or size < 1:
@@ -302,6 +320,9 @@ def _fault_of(policy: Any) -> str:
     known = policy.activation in ACTIVATIONS and policy.squash in SQUASHES
     known = known and isinstance(policy.provenance, dict)
     sized = len(policy.biases[-1]) in (size, 2 * size)
-    if known and sized and chained(policy.weights, policy.biases, policy.weights[0].shape[1]):
+    if not (known and sized and view_is_possible(policy.view)):
+        return "has layers that don't follow one another"
+    inputs = policy.view.width + extra if policy.view else policy.weights[0].shape[1]
+    if chained(policy.weights, policy.biases, inputs):
         return ""
     return "has layers that don't follow one another"

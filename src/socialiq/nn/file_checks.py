@@ -48,7 +48,7 @@ def fault_of(policy: Any, activations: tuple[str, ...], extra: int) -> str:
     known = policy.activation in activations and isinstance(policy.provenance, dict)
     temperature = policy.temperature
     warm = isinstance(temperature, float) and 0.0 < temperature < float("inf")
-    consistent = known and warm and _view_is_possible(policy.view)
+    consistent = known and warm and view_is_possible(policy.view)
     # Before anything is computed with them: widths that a header claims could be of any size.
     if consistent:
         width = policy.view.width if policy.view else policy.weights[0].shape[1] - extra
@@ -56,7 +56,7 @@ def fault_of(policy: Any, activations: tuple[str, ...], extra: int) -> str:
     return "" if consistent else "has layers that don't follow one another"
 
 
-def _view_is_possible(view: Any) -> bool:
+def view_is_possible(view: Any) -> bool:
     """Whether a view's numbers are ones that `View` and `OneHot` produce."""
     if view is None:
         return True

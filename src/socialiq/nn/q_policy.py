@@ -183,19 +183,8 @@ class QPolicy(ValuePolicy):
             "view": None,
             "provenance": dict(self.provenance),
         }
-        if isinstance(self.view, OneHot):
-            header["one_hot"] = {"lows": self.view.lows, "sizes": self.view.sizes}
-        elif self.view:
-            arrays |= {f"view_weight_{i}": weight for i, weight in enumerate(self.view.weights)}
-            arrays |= {f"view_bias_{i}": bias for i, bias in enumerate(self.view.biases)}
-            header["view"] = {
-                **self.view.choice._asdict(),
-                "layers": len(self.view.weights),
-                "n_features": self.view.n_features,
-            }
-            if self.view.times:
-                header["view"]["times"] = self.view.times
-        return arrays, header
+        of_view, described = content_of_view(self.view)
+        return arrays | of_view, header | described
 
     @staticmethod
     def of_content(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> QPolicy:
@@ -207,12 +196,30 @@ class QPolicy(ValuePolicy):
             header["activation"],
             header["temperature"],
             header["provenance"],
-            view=_view_of(arrays, header),
+            view=view_of(arrays, header),
             sha256=header["sha256"],
         )
 
 
-def _view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Encoding | None:
+def content_of_view(view: Encoding | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return the named arrays of an encoding, and what it adds to the header of a policy's file."""
+    if isinstance(view, OneHot):
+        return {}, {"one_hot": {"lows": view.lows, "sizes": view.sizes}}
+    if view is None:
+        return {}, {}
+    arrays = {f"view_weight_{i}": weight for i, weight in enumerate(view.weights)}
+    arrays |= {f"view_bias_{i}": bias for i, bias in enumerate(view.biases)}
+    described: dict[str, Any] = {
+        **view.choice._asdict(),
+        "layers": len(view.weights),
+        "n_features": view.n_features,
+    }
+    if view.times:
+        described["times"] = view.times
+    return arrays, {"view": described}
+
+
+def view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Encoding | None:
     """Return the view described by a file."""
     if places := header.get("one_hot"):
         return OneHot(tuple(places["lows"]), tuple(places["sizes"]))

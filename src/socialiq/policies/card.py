@@ -168,7 +168,7 @@ def _network(policy: Exported) -> str:
 
 
 def _view(network: QPolicy | ActorPolicy) -> str:
-    if isinstance(network, ActorPolicy) or network.view is None:
+    if network.view is None:
         return "the observation as it is"
     if isinstance(network.view, OneHot):
         return "one place for each value of each feature"

@@ -49,7 +49,7 @@ def state_dict(policy: Exported) -> dict[str, np.ndarray]:
             for name, array in state_dict(member).items()
         }
     arrays = _named("layers", policy.weights, policy.biases)
-    if isinstance(policy, QPolicy) and isinstance(policy.view, View):
+    if isinstance(policy.view, View):
         arrays |= _named("view.layers", policy.view.weights, policy.view.biases)
     return arrays
 

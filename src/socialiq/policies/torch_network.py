@@ -42,6 +42,7 @@ class ActorModule(torch.nn.Module):
     """Deterministic action of a batch of observations, float32, with gradients.
 
     Attributes:
+        view: Module before the first layer.
         layers: Affine layers.
         activation: Between them.
         size: Length of an action.
@@ -50,13 +51,14 @@ class ActorModule(torch.nn.Module):
 
     def __init__(self, policy: ActorPolicy) -> None:
         super().__init__()
+        self.view: Any = _before(policy)
         self.layers = _affine(policy.weights)
         self.activation = _ACTIVATIONS[policy.activation]()
         self.size, self.squash = policy.action_size, policy.squash
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Map (batch, features) to (batch, size)."""
-        value = observation
+        value = self.view(observation)
         for number, layer in enumerate(self.layers):
             value = layer(self.activation(value) if number else value)
         mean = value[:, : self.size]
@@ -168,7 +170,7 @@ def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
     return torch.cat([x * cos + y * sin, y * cos - x * sin], dim=-1)
 
 
-def _before(policy: QPolicy) -> torch.nn.Module:
+def _before(policy: QPolicy | ActorPolicy) -> torch.nn.Module:
     if isinstance(policy.view, OneHot):
         return OneHotModule(policy.view)
     return torch.nn.Identity() if policy.view is None else ViewModule(policy.view)

@@ -31,6 +31,7 @@ STUDIES = {
     "intersection-policy-iteration": "intersection_policy_iteration",
     "intersection-dial": "intersection_dial.study",
     "intersection-offline": "intersection_offline.study",
+    "intersection-continuous": "intersection_continuous.study",
     "intersection-skill": "intersection_skill.study",
     "audit-power": "audit_power.study",
     "audits": "audits.study",

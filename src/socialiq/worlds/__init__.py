@@ -21,6 +21,15 @@ CONTINUOUS_IDS = {
 }
 """The intersection with continuous actions, by the option `actions`."""
 
+CONTINUOUS = {
+    "intersection-continuous": "continuous",
+    "intersection-continuous-steering": "continuous_steering",
+}
+"""The same by the name of the world: the option `actions`."""
+
+NAMED = IDS | {name: CONTINUOUS_IDS[actions] for name, actions in CONTINUOUS.items()}
+"""Gymnasium id of each world that commands name."""
+
 SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SCENES}
 """Other roads of highway-env, by the name of the scene."""
 

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.storage import kind_of
-from socialiq.worlds import IDS, RECORDED_JUNCTION, WORLD_FILE, register
+from socialiq.worlds import NAMED, RECORDED_JUNCTION, WORLD_FILE, register
 from socialiq.worlds.wrapper import (
     RewardPairWrapper,
     UnitActions,
@@ -161,7 +161,7 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
         if callable(found):
             return found(**options)
         register()
-        return gymnasium.make(attribute if place else IDS.get(name, name), **options)
+        return gymnasium.make(attribute if place else NAMED.get(name, name), **options)
     except UserError:
         raise
     except gymnasium.error.Error as error:
@@ -170,7 +170,7 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
             raise failure(one_line(name), error) from error
         where = f"{one_line(place)} has no function and registers no" if place else "unknown world"
         raise UserError(
-            f"{where} '{one_line(attribute)}': choose one of {', '.join(IDS)}, a registered "
+            f"{where} '{one_line(attribute)}': choose one of {', '.join(NAMED)}, a registered "
             "Gymnasium id, MODULE:ID or MODULE:FUNCTION"
         ) from error
     except FAILURES as error:

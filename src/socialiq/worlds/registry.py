@@ -9,8 +9,9 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 from socialiq.errors import UserError, one_of
-from socialiq.worlds import crossing5, crossing7, intersection
+from socialiq.worlds import CONTINUOUS, crossing5, crossing7, intersection
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.intersection.options import ContinuousOptions
 from socialiq.worlds.intersection.world import Intersection
 
 Kind = TypeVar("Kind")
@@ -22,15 +23,31 @@ def make(name: str, **options: Any) -> GridWorld | Intersection:
     """Build a world by name, with its options as keyword arguments.
 
     Args:
-        name: One of `WORLDS`.
+        name: One of `WORLDS`, or of `worlds.CONTINUOUS`.
         options: Fields of that world's `Options`.
 
     Raises:
         UserError: If the world, an option or an option's value is unknown.
     """
+    if name in CONTINUOUS:
+        return intersection.make(continuous_options(name, options))
     one_of("world", name, tuple(WORLDS))
     chosen = parse_options(name, WORLDS[name].Options, options)
     return _grid(name, chosen, repr(chosen)) if name in GRIDWORLDS else intersection.make(chosen)
+
+
+def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
+    """Return the options of an intersection with continuous actions.
+
+    Args:
+        name: One of `worlds.CONTINUOUS`.
+        given: Values by name of the field.
+
+    Raises:
+        UserError: If the name, an option or an option's value is unknown.
+    """
+    one_of("world with continuous actions", name, tuple(CONTINUOUS))
+    return parse_options(name, ContinuousOptions, {"actions": CONTINUOUS[name], **(given or {})})
 
 
 @lru_cache(maxsize=32)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.nn.actor import Actor
+from socialiq.nn.actor import Actor, TwinCritics
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.storage import load_arrays, save_arrays
 
@@ -63,6 +63,42 @@ def test_a_dial_is_its_network_at_the_angle(tmp_path: Path) -> None:
     assert dial.at(60.0).provenance["angle"] == 60.0
     with pytest.raises(UserError, match="outside this dial's range"):
         dial.at(91.0)
+
+
+def drives(rows: int = 5, times: int = 4) -> np.ndarray:
+    """Observations of three vehicles, some of them absent, and of the time."""
+    rng = np.random.default_rng(1)
+    seen = rng.normal(size=(rows, 3, 7)).astype(np.float32)
+    seen[:, :, 0] = rng.random((rows, 3)) < 0.7
+    return np.column_stack([seen.reshape(rows, 21), rng.integers(0, times, rows)])
+
+
+def test_an_actor_with_a_view_is_its_policy_and_its_dial(tmp_path: Path) -> None:
+    seen = drives().astype(np.float32)
+    shape = (jax.random.key(0), 24, (8, 8), 1)
+    network = Actor.initialise(*shape, view="set", times=4, extra=2)
+    turned = np.column_stack([seen, np.full(5, np.sqrt(0.5)), np.full(5, np.sqrt(0.5))])
+    mean = np.asarray(jax.vmap(network)(jnp.asarray(turned, jnp.float32))[0])
+    ActorDial(ActorPolicy.of(network, {}), 0.0, 90.0).save(tmp_path / "dial.safetensors")
+    dial = ActorDial.load(tmp_path / "dial.safetensors")
+    assert (dial.n_features, dial.at(45.0).n_features) == (22, 22)
+    np.testing.assert_allclose(dial.at(45.0).predict(seen)[0], np.tanh(mean), atol=1e-5)
+    dial.at(45.0).save(tmp_path / "at45.safetensors")
+    again = ActorPolicy.load(tmp_path / "at45.safetensors")
+    np.testing.assert_allclose(again.predict(seen)[0], np.tanh(mean), atol=1e-5)
+    trainable = jax.vmap(again.network())(jnp.asarray(seen))[0]
+    np.testing.assert_allclose(trainable, mean, rtol=1e-4, atol=1e-5)
+
+
+def test_twin_critics_with_a_view_ignore_the_order_of_vehicles() -> None:
+    critics = TwinCritics.initialise(jax.random.key(0), 22, (8,), 1, view="set", times=4)
+    seen = drives().astype(np.float32)
+    swapped = seen.copy()
+    swapped[:, 7:14], swapped[:, 14:21] = seen[:, 14:21], seen[:, 7:14]
+    action = jnp.zeros((5, 1))
+    found, other = (jax.vmap(critics)(jnp.asarray(one), action) for one in (seen, swapped))
+    assert found.shape == (5, 2)
+    np.testing.assert_allclose(found, other, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from socialiq.evaluation.play import record
 from socialiq.experiments.intersection.driving import BATCH
 from socialiq.experiments.intersection.episodes import BEST, EpisodesRun
 from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.storage import save_arrays
@@ -74,7 +75,7 @@ def atlas_demonstrations(episodes: int) -> Job:
 
 
 def record_experts(
-    experts: Mapping[str, ValuePolicy],
+    experts: Mapping[str, ValuePolicy | ActorPolicy],
     config: Recording,
     folder: Path,
     on_progress: ProgressCallback,
@@ -99,5 +100,7 @@ def mixture_of(recordings: Path, mixture: str, size: int, seed: int) -> Demonstr
         size: Transitions or episodes of each expert, as the mixture counts.
         seed: Seed of the draw.
     """
-    pools = {mode: files.load(recordings / f"{mode}.safetensors") for mode in MODES}
+    pools = {
+        mode: files.load(recordings / f"{mode}.safetensors", continuous=True) for mode in MODES
+    }
     return MIXTURES[mixture](pools, size, seed)

@@ -21,8 +21,9 @@ from socialiq.experiments.intersection.episodes import BEST, LAST
 from socialiq.experiments.intersection.training import ExpertRun, train_expert, train_learner
 from socialiq.experiments.jobs import RECORD, Job
 from socialiq.learners.dqn import config as dqn
+from socialiq.nn.actor_policy import KIND, ActorPolicy
 from socialiq.nn.ensemble import load_values
-from socialiq.storage import read_json
+from socialiq.storage import kind_of, read_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas
@@ -104,21 +105,43 @@ def atlas_files(
         rows: Metrics of each policy, by (job, readout).
         policy: File of each job's policy; by default that which counts.
     """
+    sources = {name: (job, policy or policy_file(job)) for name, job in members.items()}
+    greedy = {name: rows[job, "greedy"] for name, job in members.items()}
+    return atlas_entries(study, "intersection", sources, work, greedy)
+
+
+def atlas_entries(
+    study: str,
+    world: str,
+    sources: Mapping[str, tuple[str, str]],
+    work: Path,
+    greedy: Mapping[str, Row],
+) -> dict[str, bytes]:
+    """Return the content of the atlas' files by path below the results folder.
+
+    Args:
+        study: Name of the study that made them.
+        world: Name of their world.
+        sources: Job of each policy and the file in its folder, by name in the atlas.
+        work: Folder of the jobs.
+        greedy: Metrics of each policy, by name in the atlas.
+    """
     found: dict[str, bytes] = {}
     entries: dict[str, Any] = {}
-    for name, job in members.items():
-        source, file = work / job / (policy or policy_file(job)), f"{name}.safetensors"
+    for name, (job, policy) in sources.items():
+        source, file = work / job / policy, f"{name}.safetensors"
         found[f"{atlas.FOLDER}/{file}"] = source.read_bytes()
         record = read_json(work / job / RECORD)
+        load = ActorPolicy.load if kind_of(source) == KIND else load_values
         entries[name] = {
             "file": file,
-            "sha256": load_values(source).sha256,
+            "sha256": load(source).sha256,
             "made_by": f"socialiq reproduce {study}",
             "job": job,
             "config": record["config"],
             "inputs": record["inputs"],
-            "greedy": {key: rows[job, "greedy"][key] for key in _IN_ATLAS},
+            "greedy": {key: greedy[name][key] for key in _IN_ATLAS},
         }
-    manifest = {"kind": "atlas", "version": 1, "world": "intersection", "policies": entries}
+    manifest = {"kind": "atlas", "version": 1, "world": world, "policies": entries}
     text = json.dumps(rounded(manifest), indent=2) + "\n"
     return found | {f"{atlas.FOLDER}/{atlas.MANIFEST}": text.encode()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.episodes import CURVE
@@ -25,7 +23,7 @@ from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.gym import IntersectionVectorEnv
+from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
 
@@ -157,9 +155,7 @@ def source_of(
         steps_per_update: Environment steps for each update.
         clock: Whether observations end with the time.
     """
-    same_step, more = AutoresetMode.SAME_STEP, dataclasses.asdict(options)
-    env = IntersectionVectorEnv(environments, autoreset_mode=same_step, clock=clock, **more)
-    return from_vector_env(env, CHUNK * steps_per_update)
+    return from_vector_env(intersections(options, environments, clock), CHUNK * steps_per_update)
 
 
 def soft_collector(

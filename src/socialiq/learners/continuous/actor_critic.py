@@ -120,11 +120,13 @@ class ActorCritic(Learner):
     def network(self, key: PRNGKeyArray) -> Networks:
         """Draw an actor and critics."""
         one, (n_features, size) = self.static, self.sizes
-        inputs = n_features + (2 if one.dial else 0)
+        extra = 2 if one.dial else 0  # (cos α, sin α)
         for_actor, for_critics = jax.random.split(key)
-        shape = (inputs, one.hidden, size, one.activation, one.input_scale)
-        actor = Actor.initialise(for_actor, *shape, stochastic=self.stochastic)
-        return Networks(actor, TwinCritics.initialise(for_critics, *shape), jnp.zeros(()))
+        shape = (n_features + extra, one.hidden, size, one.activation, one.input_scale)
+        seen: dict[str, Any] = {"view": one.view, "times": one.times, "extra": extra}
+        actor = Actor.initialise(for_actor, *shape, stochastic=self.stochastic, **seen)
+        critics = TwinCritics.initialise(for_critics, *shape, **seen)
+        return Networks(actor, critics, jnp.zeros(()))
 
     def initialise(self, hyperparameters: HyperparameterArrays) -> tuple[TrainState, Carry]:
         """Draw networks and start an episode, from the run's seed alone."""

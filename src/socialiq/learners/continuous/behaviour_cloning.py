@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning
 from socialiq.learners.kernel import Terms
 from socialiq.learners.state import HyperparameterArrays, TrainState
@@ -33,11 +32,8 @@ class BehaviourCloning(behaviour_cloning.BehaviourCloning):
         """Make the learner of sets of demonstrations.
 
         Raises:
-            UserError: If there is none, they differ, or their actions are discrete; or if the
-                view is of discrete actions.
+            UserError: If there is none, they differ, or their actions are discrete.
         """
-        if static.view != "flat":
-            raise UserError(f"view {static.view} is of discrete actions: use the view flat")
         table = behaviour_cloning.table_of(static, datasets, continuous=True)
         sizes = (int(datasets[0].observation.shape[1]), int(datasets[0].action.shape[1]))
         return cls(static, sizes, table)
@@ -45,7 +41,8 @@ class BehaviourCloning(behaviour_cloning.BehaviourCloning):
     def network(self, key: PRNGKeyArray) -> Actor:
         """Draw an actor."""
         one, (n_features, size) = self.static, self.sizes
-        return Actor.initialise(key, n_features, one.hidden, size, one.activation, one.input_scale)
+        shape = (n_features, one.hidden, size, one.activation, one.input_scale)
+        return Actor.initialise(key, *shape, view=one.view)
 
     def loss(
         self,

@@ -49,6 +49,9 @@ class Shared:
     tuned: bool = False
     """Whether the temperature is tuned so that the policy has the entropy `entropy_target`; the
     given temperature is then the first."""
+    times: int = 0
+    """Number of values of the time, the last feature, which a view of vehicles reads one-hot: 0, 1,
+    ..., times - 1. 0: observations don't show the time."""
     random_steps: int = 1000
     """First steps in the world with uniform actions."""
     updates_per_round: int = 500
@@ -62,7 +65,7 @@ class Shared:
             UserError: If one is out of its range, or an option is of discrete actions.
         """
         check_counts(static, ("actions_per_state", "updates_per_round"))
-        check_not_negative(static, ("random_steps", "margin"))
+        check_not_negative(static, ("random_steps", "margin", "times"))
         check_angle(static.low)
         check_angle(static.high)
         if static.low > static.high:
@@ -70,8 +73,6 @@ class Shared:
                 f"angles from {static.low:g} to {static.high:g}: give the smaller first"
             )
         check_high_share(static)
-        if static.view != "flat":
-            raise UserError(f"view {static.view} is of discrete actions: use the view flat")
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class TD3BC(ActorCritic):
         seen = self.seen(rows.batch.observation, rows.direction)
         q = jax.vmap(network.critics)(seen, rows.batch.action)
         action = jnp.tanh(jax.vmap(network.actor)(seen)[0])
-        value = jax.vmap(frozen(network.critics.first))(seen, action)
+        value = jax.vmap(frozen(network.critics))(seen, action)[:, 0]
         gap = jnp.mean(jnp.square(action - rows.batch.action))
         terms = {
             "critic": soft.critic_loss(q, target),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium
+import jax
 
 from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
@@ -20,6 +21,7 @@ from socialiq.learners.expert_table import ExpertTable
 from socialiq.learners.fit import BeforeChunk
 from socialiq.learners.iq_learn.objective import OURS, UserFunctions
 from socialiq.learners.kernel import Learner, Trained
+from socialiq.nn.q_network import encoding
 from socialiq.types import ContinuousSimulator, Transitions
 
 LEARNERS: dict[str, type[Learner]] = {
@@ -140,6 +142,7 @@ def check_fit(
             "data and world differ in features and in the size of an action: "
             f"{sorted(set(found))}: they belong to two worlds"
         )
+    encoding(jax.random.key(0), found[0][0], static.view, (), static.times)  # refuses a misfit
     return found[0]
 
 

@@ -15,7 +15,12 @@ from socialiq.learners import replay
 from socialiq.learners.collect import Act, Behaviour, Collector, Source
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.objective import Networks
-from socialiq.learners.dial.rows import Driven, draw_directions, stratified_angles
+from socialiq.learners.dial.rows import (
+    AngleRange,
+    Driven,
+    draw_directions,
+    stratified_angles,
+)
 from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import HyperparameterArrays
 from socialiq.nn.dial_network import DialNetwork
@@ -161,7 +166,7 @@ class DialCollector(Collector):
         return Driven.of(batch, RewardPair(*columns))
 
 
-def stratified(static: StaticConfig, count: int, rng: np.random.Generator) -> RewardPair:
+def stratified(static: AngleRange, count: int, rng: np.random.Generator) -> RewardPair:
     """Directions (cos α, sin α): α as drawn within each of `count` equal parts of the angles."""
     angles = stratified_angles(static, count, rng)
     pairs = np.array([exact_weights(angle) for angle in angles.tolist()], np.float32)

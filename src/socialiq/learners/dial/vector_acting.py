@@ -14,11 +14,10 @@ from jaxtyping import Array, Float
 
 from socialiq.errors import UserError
 from socialiq.learners import replay
-from socialiq.learners.collect import stepped
+from socialiq.learners.collect import columns_by_run, stepped
 from socialiq.learners.dial.acting import Driver
 from socialiq.learners.dial.config import Hyperparameters, StaticConfig
 from socialiq.learners.dial.rows import Driven
-from socialiq.learners.expert_table import Batch
 from socialiq.learners.state import Runs
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.types import RewardPair
@@ -89,16 +88,7 @@ class VectorCollector:
 
     def _by_run(self, rows: Sequence[tuple[np.ndarray, ...]], direction: RewardPair) -> Any:
         """Return the columns of a chunk, (run, step), of each run in the order of the steps."""
-        count = len(self._numbers)
-
-        def column(number: int, kind: type[np.generic]) -> Array:
-            made = np.stack([row[number] for row in rows]).astype(kind)
-            made = made.reshape(len(rows), count, self._each, *made.shape[2:]).swapaxes(0, 1)
-            return jnp.asarray(made.reshape(count, -1, *made.shape[3:]))
-
-        seen, after = column(0, np.float32), column(2, np.float32)
-        reward = RewardPair(column(4, np.float32), column(5, np.float32))
-        batch = Batch(seen, column(1, np.int32), after, column(3, np.int32), reward)
+        batch = columns_by_run(rows, len(self._numbers))
         if not self._static.driven_share:
             return batch
         return Driven.of(batch, jax.tree.map(lambda one: jnp.tile(one, (1, len(rows))), direction))

@@ -140,7 +140,7 @@ class _Graph:
 
     def actor(self, policy: ActorPolicy) -> None:
         """Add an actor, from the observation to the deterministic action."""
-        size, value = policy.action_size, INPUT
+        size, value = policy.action_size, self.seen(policy)
         for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
             if number:
                 value = self.add(_ACTIVATIONS[policy.activation], [value], f"activation_{number}")
@@ -177,7 +177,7 @@ class _Graph:
         self.constants |= {prefix + name: array for name, array in part.constants.items()}
         return prefix + SCORES
 
-    def seen(self, policy: QPolicy) -> str:
+    def seen(self, policy: QPolicy | ActorPolicy) -> str:
         """Add the view of a policy; return the name of the first layer's input."""
         if isinstance(policy.view, OneHot):
             return self._one_hot(policy.view)

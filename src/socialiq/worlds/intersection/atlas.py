@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError, one_of
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results, read_json
@@ -17,51 +18,68 @@ FOLDER = "atlas"
 MANIFEST = "manifest.json"
 STUDIES = ("intersection", "intersection-networks", "intersection-policy-iteration")
 """Studies whose results contain policies of the atlas."""
+CONTINUOUS_STUDIES = ("intersection-continuous",)
+"""Studies whose results contain policies with continuous actions."""
 
 
-def manifest() -> dict[str, Any]:
+def manifest(studies: tuple[str, ...] = STUDIES) -> dict[str, Any]:
     """Return every policy by name: file, SHA-256, provenance, measured behaviour.
 
     Raises:
         UserError: If the package was installed without the atlas.
     """
-    return {name: entry for _, part in _parts() for name, entry in part.items()}
+    return {name: entry for _, part in _parts(studies) for name, entry in part.items()}
 
 
-def names() -> tuple[str, ...]:
+def names(studies: tuple[str, ...] = STUDIES) -> tuple[str, ...]:
     """Return the names of the policies; empty if the package was installed without the atlas."""
     try:
-        return tuple(manifest())
+        return tuple(manifest(studies))
     except UserError:
         return ()
 
 
 def load(name: str) -> QPolicy | EnsemblePolicy:
-    """Load a policy of the atlas.
+    """Load a policy of the atlas, of discrete actions.
 
     Raises:
         UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
     """
     path = path_of(name)
-    policy = load_values(path)
-    if policy.sha256 != manifest()[name]["sha256"]:
+    return _checked(load_values(path), path, manifest()[name])
+
+
+def load_continuous(name: str) -> ActorPolicy:
+    """Load a policy of the atlas with continuous actions.
+
+    Raises:
+        UserError: If the name is unknown, or the file's SHA-256 differs from the manifest's.
+    """
+    path = path_of(name, CONTINUOUS_STUDIES)
+    return _checked(ActorPolicy.load(path), path, manifest(CONTINUOUS_STUDIES)[name])
+
+
+def _checked(policy: Any, path: Path, entry: dict[str, Any]) -> Any:
+    """Return a policy, after a check that its file is that of the manifest's entry."""
+    if policy.sha256 != entry["sha256"]:
         raise UserError(f"{path} is not the file of its manifest: install the package again")
     return policy
 
 
-def path_of(name: str) -> Path:
+def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
     """Return the path of a policy's file.
 
     Raises:
         UserError: If the name is unknown.
     """
-    one_of("policy of the atlas", name, names())
-    folder, entry = next((folder, part[name]) for folder, part in _parts() if name in part)
+    one_of("policy of the atlas", name, names(studies))
+    parts = _parts(studies)
+    folder, entry = next((folder, part[name]) for folder, part in parts if name in part)
     return folder / entry["file"]
 
 
-def _parts() -> list[tuple[Path, dict[str, Any]]]:
+def _parts(studies: tuple[str, ...]) -> list[tuple[Path, dict[str, Any]]]:
     """Return each study's folder of policies and their manifest entries."""
-    folders = [packaged_results() / study / FOLDER for study in STUDIES]
+    folders = [packaged_results() / study / FOLDER for study in studies]
     folders = [folder for folder in folders if folder.is_dir()] or folders[:1]
     return [(folder, read_json(folder / MANIFEST)["policies"]) for folder in folders]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -100,3 +101,15 @@ class IntersectionVectorEnv(RoadVectorEnv):
         super().__init__(world, batch, angle, autoreset_mode, clock)
         self.world: Intersection = world
         self.batch: Batch = batch
+
+
+def intersections(options: Options, count: int, clock: bool = False) -> IntersectionVectorEnv:
+    """Return intersections to learn in: reset in the same step, on one thread.
+
+    Args:
+        options: Scenario.
+        count: Episodes side by side.
+        clock: Whether observations end with the time.
+    """
+    more = dataclasses.asdict(options)
+    return IntersectionVectorEnv(count, autoreset_mode=AutoresetMode.SAME_STEP, clock=clock, **more)

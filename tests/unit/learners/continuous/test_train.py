@@ -198,7 +198,7 @@ def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
     [
         (lambda: config.StaticConfig(low=90.0, high=0.0), "give the smaller first"),
         (lambda: config.StaticConfig(actions_per_state=0), "actions_per_state"),
-        (lambda: config.StaticConfig(view="set"), "use the view flat"),
+        (lambda: config.StaticConfig(view="set", input_scale=0.1), "only for view flat"),
         (lambda: config.OfflineStaticConfig(tuned=True), "no temperature to tune"),
         (lambda: config.IQStaticConfig(form="dueling"), "use the form plain"),
         (lambda: config.IQStaticConfig(dial=True, prior="none"), "no angle of a row"),
@@ -210,3 +210,9 @@ def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
 def test_settings_that_make_no_run_are_refused(make, says) -> None:
     with pytest.raises(UserError, match=says):
         make()
+
+
+def test_a_view_that_does_not_fit_the_world_is_refused(line) -> None:
+    static = config.StaticConfig(view="set")
+    with pytest.raises(UserError, match="use the view flat"):
+        train(SoftActorCritic, static, [config.Hyperparameters()], simulator=line)

@@ -1,0 +1,1 @@
+"""The intersection with continuous actions: experts, learners from a mixture, dials."""
