@@ -19,6 +19,7 @@ from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.environment import action_size, continuous_maker, sizes
 from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options
 
 SIDE_BY_SIDE = 24
@@ -113,7 +114,7 @@ def _prepared(
         )
     refuse_recording(command.world)
     if command.world in CONTINUOUS:
-        more = _at_intersection(command.world, static, runs)
+        more = _at_intersection(command.world, static, runs, data)
         check_fit(learner, static, runs, datasets, None, more["sizes"], True)
         return lambda callbacks: train(learner, static, runs, datasets, callbacks=callbacks, **more)
     given = (data.n_features, data.action_size) if data is not None else None
@@ -129,17 +130,22 @@ def _prepared(
     return lambda callbacks: train(learner, static, runs, datasets, callbacks=callbacks, **more)
 
 
-def _at_intersection(world: str, static: Any, runs: list[Any]) -> dict[str, Any]:
+def _at_intersection(
+    world: str, static: Any, runs: list[Any], data: Demonstrations | None
+) -> dict[str, Any]:
     """Return what `train` needs to let runs act on the compiled core, all in one batch.
 
-    Observations end with the time if the networks tell values of it apart.
+    Observations end with the time if those of the demonstrations do; without demonstrations, if the
+    networks tell values of it apart.
     """
     steps = static.updates_per_round * getattr(static, "env_steps_per_update", 1)
-    options, clock = continuous_options(world), static.times > 0
+    options = continuous_options(world)
+    listed = Intersection(options).n_features
+    clock = static.times > 0 if data is None else data.n_features == listed + 1
     env = intersections(options, len(runs) * SIDE_BY_SIDE, clock)
     rounds = -(-steps // SIDE_BY_SIDE)
     return {
-        "sizes": (env.single_observation_space.shape[0], width(options)),
+        "sizes": (listed + clock, width(options)),
         "chunk": static.updates_per_round,
         "before_chunk": VectorCollector(env, rounds, static, runs),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +24,18 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 STEPS_PER_UPDATE = 12
 """Environment steps for each update, of experts and dials with either kind of actions."""
 
-_NETWORK = {"view": "set", "hidden": (128, 128), "batch_size": 128, "endings": Endings()}
-_NUMBERS = {"temperature": 0.03, "learning_rate": 2e-3, "polyak": 0.03, "discount": 0.99}
+_NETWORK: dict[str, Any] = {
+    "view": "set",
+    "hidden": (128, 128),
+    "batch_size": 128,
+    "endings": Endings(),
+}
+_NUMBERS: dict[str, Any] = {
+    "temperature": 0.03,
+    "learning_rate": 2e-3,
+    "polyak": 0.03,
+    "discount": 0.99,
+}
 
 EXPERT = StaticConfig(
     **_NETWORK,

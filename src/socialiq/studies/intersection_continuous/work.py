@@ -123,14 +123,14 @@ def _learners(config: Config, given: Any) -> list[Job]:
 def _evaluations(config: Config) -> list[Job]:
     """Drive the policies of each training job."""
     given = partial(Driving, episodes=config.episodes, first_seed=config.first_episode)
-    of_dials, many = {"angles": config.angles}, 3.0 * len(config.seeds) * len(config.angles)
+    cost = 3.0 * len(config.seeds) * len(config.angles)
     jobs = [
         Job(f"{EVALUATION}/{name}", drive, given(options=config.options), (name,), cost=20.0)
         for name in (EXPERTS, LEARNERS, BASELINE)
     ]
     for name, options in ((CONTINUOUS, config.options), (DISCRETE, config.discrete_options)):
-        run = given(options=options, **of_dials)
-        jobs.append(Job(f"{EVALUATION}/{name}", drive_dials, run, (name,), cost=many))
+        run = given(options=options, angles=config.angles)
+        jobs.append(Job(f"{EVALUATION}/{name}", drive_dials, run, (name,), cost))
     return jobs
 
 

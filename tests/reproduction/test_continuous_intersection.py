@@ -1,0 +1,28 @@
+"""Committed results of continuous actions at the intersection: a small part, made again."""
+
+import numpy as np
+import pytest
+
+from socialiq.evaluation.play import episodes_of
+from socialiq.experiments import results as store
+from socialiq.experiments.intersection.driving import BATCH
+from socialiq.experiments.intersection.rows import outcome_row, reward_row
+from socialiq.experiments.tables import matching
+from socialiq.storage import packaged_results
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import ContinuousOptions
+
+
+def test_an_expert_of_the_continuous_atlas_drives_as_before():
+    results = store.load(packaged_results() / "intersection-continuous")
+    first, episodes = results.config["first_episode"], results.config["episodes"]
+    batch = Batch(ContinuousOptions(), BATCH)
+    driver = atlas.load_continuous("expert_prosocial")
+    again = episodes_of(batch, driver, np.arange(first, first + episodes))
+    (theirs,) = matching(results.tables["policies"], name="expert prosocial")
+    found = outcome_row(again) | reward_row(again)
+    for outcome in ("collision", "arrival", "timeout"):
+        assert found[outcome] == pytest.approx(theirs[outcome], abs=5 / episodes)
+    for signal in ("r_env", "r_social"):
+        assert found[signal] == pytest.approx(theirs[signal], abs=0.02)

@@ -1,0 +1,81 @@
+"""The intersection with continuous actions from the command line: train, collect, evaluate."""
+
+import json
+from pathlib import Path
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from socialiq.cli.main import main
+from socialiq.demonstrations import files
+from socialiq.nn.actor_policy import ActorDial
+
+WORLD = "intersection-continuous"
+SMALL = ("--hidden", "8", "--batch-size", "8", "--updates", "2", "--updates-per-round", "2")
+
+
+@pytest.fixture(autouse=True)
+def as_a_user_runs_it():
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture(scope="module")
+def dial(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("dial") / "run"
+    words = ["train", "--learner", "sac", "--world", WORLD, "--dial", "True", "--times", "20"]
+    assert main([*words, "--view", "set", *SMALL, "--out", str(out)]) == 0
+    return out / "dial_0.safetensors"
+
+
+def test_a_dial_of_the_core_sees_the_time_and_is_evaluated_at_an_angle(dial, capsys) -> None:
+    assert (ActorDial.load(dial).n_features, ActorDial.load(dial).action_size) == (71, 1)
+    found = []
+    for words in ((), ("--angle", "45")):
+        given = ["evaluate", str(dial), "--world", WORLD, "--episodes", "8", *words, "--json"]
+        assert main(given) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0]["episodes"] == 8 and "at_fault_per_conflict" in found[0]
+    assert found[0]["collision"] + found[0]["arrival"] + found[0]["timeout"] == pytest.approx(1.0)
+
+
+def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, capsys) -> None:
+    data = tmp_path / "drives.safetensors"
+    words = ["collect", WORLD, "--driver", f"one={dial}", "--episodes", "3", "--clock"]
+    assert main([*words, "--out", str(data)]) == 0
+    table = files.load(data, continuous=True)
+    assert table.n_episodes == 3 and (table.n_features, table.action_size) == (71, 1)
+    starts = table.episode_starts
+    np.testing.assert_array_equal(table.observation[starts, -1], 0.0)
+    words = ["train", str(data), "--world", WORLD, "--times", "20", "--view", "set", *SMALL]
+    assert main([*words, "--angle", "0", "90", "--out", str(tmp_path / "run")]) == 0
+    assert (tmp_path / "run" / "policy_1.safetensors").is_file()
+    capsys.readouterr()
+    other = ("--world", f"{WORLD}-steering", "--out", str(tmp_path / "other"))
+    assert main(["train", str(data), *SMALL, *other]) == 2
+    assert "they belong to two worlds" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["evaluate", "DIAL", "--world", WORLD], "add --episodes N"),
+        (["evaluate", "DIAL", "--world", f"{WORLD}-steering", "--episodes", "2"], "action"),
+        (["evaluate", "no.safetensors", "--world", WORLD, "--episodes", "2"], "no.safetensors"),
+        (
+            ["evaluate", "DIAL", "--world", WORLD, "--episodes", "2", "--processes", "2"],
+            "are not split",
+        ),
+        (["evaluate", "DIAL", "--world", "intersection", "--episodes", "2"], "DIAL"),
+        (["collect", WORLD, "--out", "x.safetensors"], "name the drivers"),
+    ],
+)
+def test_mistakes_are_one_line(words, says, dial, capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = [str(dial) if word == "DIAL" else word for word in words]
+    assert main(given) == 2
+    line = capsys.readouterr().err
+    assert says.replace("DIAL", str(dial)) in line and line.count("\n") == 1

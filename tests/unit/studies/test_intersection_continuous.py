@@ -1,0 +1,86 @@
+"""The study of continuous actions end to end at a tiny size, and its tables of known rows."""
+
+import dataclasses
+from typing import Any
+
+import pytest
+
+from socialiq.errors import UserError
+from socialiq.experiments import results as store
+from socialiq.experiments.intersection.thesis_values import METRICS, POLICIES
+from socialiq.experiments.study import run
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.plotting.style import png
+from socialiq.studies.intersection_continuous.config import Config
+from socialiq.studies.intersection_continuous.study import STUDY, main_table
+from socialiq.studies.intersection_continuous.work import CONTINUOUS, DISCRETE
+
+SMALL: dict[str, Any] = {"hidden": (8,), "updates": 2}
+PLAIN = Config()
+TINY = Config(
+    seeds=(0, 1),
+    learner_seeds=(2, 3),
+    expert_seed=4,
+    angles=(0.0, 45.0, 90.0),
+    expert=dataclasses.replace(PLAIN.expert, **SMALL, batch_size=4),
+    continuous=dataclasses.replace(PLAIN.continuous, **SMALL, batch_size=4),
+    discrete=dataclasses.replace(PLAIN.discrete, **SMALL, replay_batch=4),
+    learner=dataclasses.replace(PLAIN.learner, **SMALL, batch_size=4),
+    pool_episodes=6,
+    size=20,
+    environments=4,
+    episodes=6,
+    first_episode=50_000_000,
+)
+
+
+def test_both_dials_have_one_budget() -> None:
+    ours, theirs = PLAIN.continuous, PLAIN.discrete
+    assert (ours.updates, ours.hidden, ours.view) == (theirs.updates, theirs.hidden, theirs.view)
+    assert (ours.batch_size, ours.replay_capacity) == (theirs.replay_batch, theirs.replay_capacity)
+    assert (ours.low, ours.high, ours.high_share) == (theirs.low, theirs.high, theirs.high_share)
+    assert PLAIN.options.destination == PLAIN.discrete_options.destination
+    with pytest.raises(UserError, match="at least one training seed"):
+        Config(seeds=())
+
+
+def test_the_main_table_has_means_over_seeds_in_percent() -> None:
+    row: dict[str, Any] = dict.fromkeys(METRICS, 0.5)
+    experts = [{"name": "expert egoistic", "seed": 1, **row, "collision": 0.1}]
+    learners = [{"name": "egoistic", "seed": n, **row, "collision": n / 10} for n in (2, 4)]
+    dials = [{"kind": CONTINUOUS, "asked": a, "seed": 1, **row} for a in (0.0, 15.0)]
+    found = {(one["policy"], one["metric"]): one for one in main_table(experts + learners, dials)}
+    assert found["expert egoistic", "collision"]["mean"] == pytest.approx(10.0)
+    assert found["expert egoistic", "collision"]["sd"] == ""
+    learner = found["egoistic", "collision"]
+    assert (learner["mean"], learner["low"], learner["high"]) == pytest.approx((30.0, 20.0, 40.0))
+    assert learner["sd"] == pytest.approx(200**0.5)
+    assert found["continuous dial egoistic", "speed_kmh"]["mean"] == 0.5
+    assert len(found) == 3 * len(METRICS)
+
+
+@pytest.fixture(scope="module")
+def results():
+    return run(STUDY, TINY)
+
+
+def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:
+    tables = results.tables
+    policies = {row["policy"] for row in tables["main"]}
+    assert set(POLICIES) < policies and len(policies) == len(POLICIES) + 6
+    assert {row["kind"] for row in tables["dials"]} == {CONTINUOUS, DISCRETE}
+    assert len(tables["dials"]) == 2 * 2 * 3
+    assert all(row["regret"] >= 0.0 for row in tables["dials"])
+    measures = [row["measure"] for row in tables["differences"]]
+    assert measures == ["value_0", "value_45", "value_90", "mean_value", "hypervolume"]
+    one, other = (
+        next(row for row in tables["families"] if (row["kind"], row["seed"]) == (kind, 0))
+        for kind in (CONTINUOUS, DISCRETE)
+    )
+    assert one.keys() == other.keys()
+    assert set(png(STUDY.figures(results))) == {"tradeoff", "values"}
+    assert len(STUDY.view(results)) == 3
+    store.save(results, tmp_path / "out", {}, replace=False)
+    expert = ActorPolicy.load(tmp_path / "out" / "atlas" / "expert_altruistic.safetensors")
+    assert expert.n_features == 71 and expert.action_size == 1
+    assert ActorDial.load(tmp_path / "out" / "dial.safetensors").n_features == 71
