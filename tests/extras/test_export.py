@@ -18,6 +18,8 @@ import torch
 
 from socialiq.cli.main import main
 from socialiq.evaluation.play import episodes_of
+from socialiq.nn.actor import Actor
+from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
@@ -164,6 +166,22 @@ def test_a_dial_with_a_clock_and_pairs(view, intersection, tmp_path):
     time = np.random.default_rng(0).integers(21, size=len(intersection))
     seen = np.column_stack([intersection, time]).astype(np.float32)
     assert_same(policy, apart(policy, seen), tmp_path)
+
+
+@pytest.mark.parametrize(("view", "times"), [("set", 20), ("set_scaled", 0), ("flat", 0)])
+def test_an_actor_with_a_view(view, times, intersection):
+    seen = intersection[:200]
+    if times:
+        seen = np.column_stack([seen, np.arange(200) % times]).astype(np.float32)
+    shape = (jax.random.key(0), seen.shape[1], (32, 16), 1)
+    policy = ActorPolicy.of(Actor.initialise(*shape, view=view, times=times), {})
+    chosen = policy.predict(seen)[0]
+    session = onnxruntime.InferenceSession(to_onnx(policy), providers=["CPUExecutionProvider"])
+    (found,) = session.run(["actions"], {"observation": seen})
+    np.testing.assert_allclose(found, chosen, atol=1e-5)
+    with torch.no_grad():
+        module = as_torch_module(policy)(torch.from_numpy(seen)).numpy()
+    np.testing.assert_allclose(module, chosen, atol=1e-5)
 
 
 def test_an_ensemble_of_unlike_networks(intersection, tmp_path):
