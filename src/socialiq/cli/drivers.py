@@ -60,7 +60,7 @@ def continuous_driver_of(
         UserError: If it is none of these, or the policy was trained for another world.
     """
     shipped = name.removeprefix("atlas:")
-    if shipped in atlas.names(atlas.CONTINUOUS_STUDIES):
+    if shipped != name or shipped in atlas.names(atlas.CONTINUOUS_STUDIES):
         name = str(atlas.path_of(shipped, atlas.CONTINUOUS_STUDIES))
     features, path = world.n_features, Path(name)
     if path.is_file() and kind_of(path) in (KIND, DIAL_KIND):
