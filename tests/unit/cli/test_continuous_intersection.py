@@ -65,8 +65,8 @@ def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, ca
         (["evaluate", "DIAL", "--world", WORLD], "add --episodes N"),
         (["evaluate", "DIAL", "--world", f"{WORLD}-steering", "--episodes", "2"], "action"),
         (
-            ["evaluate", "atlas:nobody", "--world", WORLD, "--episodes", "2"],
-            "unknown policy of the atlas 'nobody': choose one of expert_egoistic",
+            ["evaluate", "atlas:no_such", "--world", WORLD, "--episodes", "2"],
+            "unknown policy of the atlas 'no_such': choose one of expert_egoistic",
         ),
         (["evaluate", "no.safetensors", "--world", WORLD, "--episodes", "2"], "no.safetensors"),
         (
