@@ -7,11 +7,11 @@ import dataclasses
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import tyro
 
-from socialiq.cli.output import print_json, print_table
+from socialiq.cli.output import print_json, print_table, say
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
@@ -23,10 +23,11 @@ from socialiq.recordings import census_figure as picture
 from socialiq.recordings.census_spread import Deconvolved
 from socialiq.recordings.episodes import ego_swap
 from socialiq.recordings.episodes.config import LEVELS, EpisodeConfig
-from socialiq.recordings.identity.duplicates import Duplicates, swap_distinct
+from socialiq.recordings.identity.duplicates import Duplicates, identify_distinct, swap_identified
 from socialiq.recordings.identity.identify import Identified
 from socialiq.recordings.readers.maps import map_of
 from socialiq.recordings.recording import Recording
+from socialiq.recordings.simulated_source import signs_of_simulation
 from socialiq.to_json import to_json
 
 
@@ -89,7 +90,7 @@ class ToDemonstrations:
     def run(self) -> int:
         """Convert, write, and print the counts and the reasons for omissions."""
         refuse_existing(self.out)
-        _, swapped = swap_all(self.recordings, self.choices, self.json)
+        swapped = swap_all(self.recordings, self.choices, self.json).swapped
         table = ego_swap.demonstrations(swapped, self.as_human)
         sha256 = demonstration_files.save(self.out, table, replace=False)
         counts = [one.counts for one in swapped]
@@ -126,7 +127,7 @@ class TakeCensus:
         check_share(self.confidence)
         if self.out is not None:
             check_target(self.out, self.replace)
-        _, swapped = swap_all(self.recordings, self.choices, self.json)
+        swapped = swap_all(self.recordings, self.choices, self.json).swapped
         found = census.take(swapped, self.seed, self.confidence)
         counts = [one.counts for one in swapped]
         population = dataclasses.asdict(found.population)
@@ -213,7 +214,7 @@ class Agreement:
     def run(self) -> int:
         """Train, predict, write, print."""
         check_target(self.out, self.replace)
-        _, swapped = swap_all(self.recordings, self.choices, self.json)
+        swapped = swap_all(self.recordings, self.choices, self.json).swapped
         config = held_out.Config(self.angle, self.updates, hidden=self.hidden, seed=self.seed)
         found = held_out.agreement(ego_swap.demonstrations(swapped), config)
         methods = found.by_method()
@@ -248,30 +249,60 @@ class _Trained:
     sources: list[dict[str, Any]]
 
 
-def swap_all(
-    paths: tuple[Path, ...], choices: Choices, quiet: bool
-) -> tuple[list[Recording], list[ego_swap.Swapped]]:
-    """Return the recordings of some files and their ego swap; say first what they have in common.
+class Swap(NamedTuple):
+    """Recordings of some files and their ego swap.
 
-    It goes to the standard error, as everything that is said before a result.
+    Attributes:
+        recordings: Tracks and roads.
+        identified: Their sites, chains and vehicles.
+        swapped: Episodes of each.
+    """
+
+    recordings: list[Recording]
+    identified: Identified
+    swapped: list[ego_swap.Swapped]
+
+
+def swap_all(paths: tuple[Path, ...], choices: Choices, quiet: bool) -> Swap:
+    """Return the recordings of some files and their ego swap; say first what they have in common.
 
     Raises:
         UserError: If there is none, or one can't be read or swapped; the line names it.
     """
     config = choices.config()  # a bad option before the slow work
-    recordings = load_all(paths, choices.road)
-    tell = None if quiet else _note_overlaps
-    swapped = swap_distinct(recordings, config, choices.duplicates, tell)
-    for one in () if quiet else swapped:
-        if one.simulated:
-            name = one_line(one.recording, 60)
-            sys.stderr.write(f"{name} is simulated, not human: {one_line(one.simulated[0])}\n")
-    return recordings, swapped
+    recordings, identified = load_identified(paths, choices.road, choices.duplicates, quiet)
+    swapped = swap_identified(recordings, identified, config, choices.duplicates)
+    return Swap(recordings, identified, swapped)
 
 
-def _note_overlaps(identified: Identified) -> None:
+def load_identified(
+    paths: tuple[Path, ...], road: Path | None, duplicates: Duplicates, quiet: bool
+) -> tuple[list[Recording], Identified]:
+    """Return the recordings of some files and what they have in common, which is said first.
+
+    It goes to the standard error, as everything that is said before a result.
+
+    Args:
+        paths: Files of `socialiq data import`.
+        road: Map of recordings without one.
+        duplicates: Whether moments in common are refused.
+        quiet: Whether nothing is said of them.
+
+    Raises:
+        UserError: If there is none, one can't be read, or moments in common are refused.
+    """
+    recordings = load_all(paths, road)
+    identified = identify_distinct(recordings, duplicates)
+    if quiet:
+        return recordings, identified
     with contextlib.redirect_stdout(sys.stderr):
         show_overlaps(identified)
+    for one in recordings:
+        signs = signs_of_simulation(one.tracks)
+        if signs:
+            name = one_line(one.tracks.recording, 60)
+            say(f"{name} is simulated, not human: {one_line(signs[0])}")
+    return recordings, identified
 
 
 def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recording]:

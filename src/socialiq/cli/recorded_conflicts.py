@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.cli.recorded import Choices, sources_of, swap_all
+from socialiq.cli.recorded import Choices, Swap, sources_of, swap_all
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.plotting.style import png
@@ -22,9 +22,8 @@ from socialiq.recordings.conflicts.pairs import Encounters, Meeting
 from socialiq.recordings.conflicts.table import rows_of
 from socialiq.recordings.episodes.ego_swap import Swapped
 from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.identity.identify import Identified, identify
+from socialiq.recordings.identity.identify import Identified
 from socialiq.recordings.identity.once import pairs_once
-from socialiq.recordings.recording import Recording
 from socialiq.types import Row
 
 _Choices = tyro.conf.OmitArgPrefixes[Choices]
@@ -70,11 +69,11 @@ class FindConflicts:
         config = ConflictConfig(self.largest_pet, self.horizon, self.queued, changed=self.changed)
         if self.out is not None:
             check_target(self.out, self.replace)
-        recorded, swapped = swap_all(self.recordings, self.choices, self.json)
-        found = _find(recorded, swapped, config, self.choices)
+        swap = swap_all(self.recordings, self.choices, self.json)
+        found = _find(swap, config, self.choices)
         if self.out is not None:
             drawn = found.drawn(self.pictures, self.seed)
-            asked = _Asked(self.choices, config, self.pictures, self.seed, sources_of(swapped))
+            asked = _Asked(self.choices, config, self.pictures, self.seed, sources_of(swap.swapped))
             tables = {name: rows for name, rows in found.tables.items() if rows}
             results = Results.of("recordings conflicts", asked, tables, found.summary)
             save(results, self.out, drawn, self.replace)
@@ -123,16 +122,14 @@ class _Found:
         )
 
 
-def _find(
-    recorded: list[Recording], swapped: list[Swapped], config: ConflictConfig, choices: Choices
-) -> _Found:
+def _find(swap: Swap, config: ConflictConfig, choices: Choices) -> _Found:
     tables: dict[str, list[Row]] = {
         name: [] for name in ("recordings", "conflicts", "moments", "brakings")
     }
-    identified, every = identify(recorded), [Encounters(Scene(one), config) for one in recorded]
+    identified, every = swap.identified, [Encounters(Scene(one), config) for one in swap.recordings]
     places = []
     for place, kept in enumerate(_meetings(every, identified, choices.duplicates)):
-        encounters, each = every[place], swapped[place]
+        encounters, each = every[place], swap.swapped[place]
         rows = [
             row | _who(identified, place, one)
             for row, one in zip(rows_of(encounters, kept), kept, strict=True)

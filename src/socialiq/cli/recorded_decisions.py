@@ -19,7 +19,6 @@ from socialiq.recordings.episodes.annotate import Driven
 from socialiq.recordings.episodes.decisions import Decisions, decisions_at
 from socialiq.recordings.episodes.ego_swap import Swapped
 from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.identity.identify import identify
 from socialiq.recordings.identity.once import tracks_once
 from socialiq.recordings.recording import Recording
 from socialiq.types import Row
@@ -48,10 +47,10 @@ class Decide:
         """Measure, write, print."""
         if self.out is not None:
             check_target(self.out, self.replace)
-        recorded, swapped = swap_all(self.recordings, self.choices, self.json)
+        recorded, identified, swapped = swap_all(self.recordings, self.choices, self.json)
         every = [one.tracks for one in recorded]
         if self.choices.duplicates == "drop":
-            every = tracks_once(every, identify(recorded))
+            every = tracks_once(every, identified)
         rates = support.rates(every)
         config = self.choices.config()
         driven = [one for each in swapped for one in each.episodes]

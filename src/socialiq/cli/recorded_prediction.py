@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,20 +9,17 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table, say
-from socialiq.cli.recorded import load_all, show_overlaps
+from socialiq.cli.recorded import load_identified
 from socialiq.cli.recorded_trait import NOT_TESTED, trait_test
 from socialiq.experiments.results import Results, check_target, save
-from socialiq.foreign import one_line
 from socialiq.plotting.style import png
-from socialiq.recordings.identity.duplicates import Duplicates, check_names, refuse_overlaps
-from socialiq.recordings.identity.identify import Identified, identify
+from socialiq.recordings.identity.duplicates import Duplicates
 from socialiq.recordings.prediction import figure, learned, study
 from socialiq.recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq.recordings.prediction.models import ensembles
 from socialiq.recordings.prediction.moments import situations_of
 from socialiq.recordings.prediction.situation import Situations
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.simulated_source import signs_of_simulation
 from socialiq.types import Row
 
 LIMITS = (
@@ -103,36 +98,6 @@ class Predict:
         if not self.without_trait or any(name.startswith("boosting") for name in models):
             ensembles()  # a missing library is said before the slow work
         return config
-
-
-def load_identified(
-    paths: tuple[Path, ...], road: Path | None, duplicates: Duplicates, quiet: bool
-) -> tuple[list[Recording], Identified]:
-    """Return the recordings of some files and what they have in common, which is said first.
-
-    Args:
-        paths: Files of `socialiq data import`.
-        road: Map of recordings without one.
-        duplicates: Whether moments in common are refused.
-        quiet: Whether nothing is said of them.
-
-    Raises:
-        UserError: If there is none, one can't be read, or moments in common are refused.
-    """
-    recordings = load_all(paths, road)
-    check_names([one.tracks.recording for one in recordings])
-    identified = identify(recordings)
-    if duplicates == "refuse":
-        refuse_overlaps(identified)
-    if not quiet:
-        with contextlib.redirect_stdout(sys.stderr):
-            show_overlaps(identified)
-    for one in () if quiet else recordings:
-        signs = signs_of_simulation(one.tracks)
-        if signs:
-            name = one_line(one.tracks.recording, 60)
-            say(f"{name} is simulated, not human: {one_line(signs[0])}")
-    return recordings, identified
 
 
 @dataclass(frozen=True)

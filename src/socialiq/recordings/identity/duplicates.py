@@ -39,13 +39,50 @@ def swap_distinct(
         UserError: If two recordings have one name, moments are in common and `duplicates` is
             "refuse", or a recording can't be swapped; the line names it.
     """
+    identified = identify_distinct(recordings, duplicates)
+    if tell is not None:
+        tell(identified)
+    return swap_identified(recordings, identified, config, duplicates)
+
+
+def identify_distinct(
+    recordings: Sequence[Recording], duplicates: Duplicates = "drop"
+) -> Identified:
+    """Return sites, chains and vehicles of recordings.
+
+    Args:
+        recordings: Tracks and roads.
+        duplicates: Treatment of vehicles whose moments are in several recordings.
+
+    Raises:
+        UserError: If two recordings have one name, or moments are in common and `duplicates` is
+            "refuse".
+    """
     one_of("duplicates", duplicates, get_args(Duplicates))
     check_names([one.tracks.recording for one in recordings])
     identified = identify(recordings)
     if duplicates == "refuse":
         refuse_overlaps(identified)
-    if tell is not None:
-        tell(identified)
+    return identified
+
+
+def swap_identified(
+    recordings: Sequence[Recording],
+    identified: Identified,
+    config: EpisodeConfig | None = None,
+    duplicates: Duplicates = "drop",
+) -> list[Swapped]:
+    """Return `swap_distinct` of recordings that are identified already.
+
+    Args:
+        recordings: Tracks and roads.
+        identified: Of the same recordings.
+        config: Options; by default those of `EpisodeConfig`.
+        duplicates: Treatment of vehicles whose moments are in several recordings.
+
+    Raises:
+        UserError: If a recording can't be swapped; the line names it.
+    """
     swapped = []
     for one in recordings:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -100,11 +99,11 @@ class Tabulated(NamedTuple):
     @staticmethod
     def of(table: ChoiceTable, trait: Trait) -> Tabulated:
         """Evaluate all candidates once, so that repeats only look them up."""
-        each = [
-            evaluate(dataclasses.replace(table, acceleration=np.full(len(table), candidate)), trait)
-            for candidate in table.grid
-        ]
-        return Tabulated(np.stack([one.log_likelihood for one in each], axis=1), each[0].mean)
+        shape, weights = trait.weights.shape[:2], trait.weights.reshape(-1, 2)
+        score = table.log_base[:, :, None] + rewards_of(table) @ weights.T
+        log_p = log_softmax(score, axis=1)
+        mean = np.einsum("dcw,c->dw", np.exp(log_p), table.grid)
+        return Tabulated(log_p.reshape(len(table), -1, *shape), mean.reshape(len(table), *shape))
 
     def at(self, rows: np.ndarray, chosen: Int64[np.ndarray, " decision"]) -> Evaluated:
         """Return the predictions of some rows for what was chosen there."""

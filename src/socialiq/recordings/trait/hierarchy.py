@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from scipy.special import softmax
 
 from socialiq.recordings.trait.traits import Trait
@@ -129,6 +129,25 @@ class Inference(NamedTuple):
     fold: Int64[np.ndarray, " driver"]
     others: tuple[Population, ...]
     drivers: Float[np.ndarray, "driver shared value"]
+
+    def left(
+        self, least: float
+    ) -> tuple[Bool[np.ndarray, " shared"], Bool[np.ndarray, " value"], Bool[np.ndarray, " hyper"]]:
+        """Whether any population leaves each shared number, value and place of the population.
+
+        Args:
+            least: Probability over that of the likeliest point.
+        """
+        each = (self.population, *self.others)
+        found = (
+            [one.chance.sum(axis=1) for one in each],
+            [one.driver_prior.sum(axis=0) for one in each],
+            [one.chance.sum(axis=0) for one in each],
+        )
+        shared, value, hyper = (
+            np.any([one >= least * one.max() for one in of], axis=0) for of in found
+        )
+        return shared, value, hyper
 
 
 def infer(

@@ -14,6 +14,7 @@ halves of the other chains. Every model has the same decisions and the same base
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,9 @@ GAINS = np.linspace(-1.0, 1.0, 41)
 
 SHUFFLES = 20
 """Turns of the shuffled angle."""
+
+_NARROWER = 4  # times that a grid is narrowed at most
+_LEFT = 1e-4  # probability, over that of the likeliest point, above which a point of a grid is left
 
 
 class Sample(NamedTuple):
@@ -117,9 +121,8 @@ def fit_models(table: ChoiceTable, seed: int, step: float = 5.0) -> Models:
     scale = reward_scale(sample.table)
     angle = angle_trait(step, scale=scale)
     gain = progress_trait(scale=scale)
-    return models_of(
-        sample, angle, evaluate(sample.table, angle), gain, evaluate(sample.table, gain), seed
-    )
+    of_angle, of_gain = (evaluate(sample.table, one) for one in (angle, gain))
+    return models_of(sample, angle, of_angle, gain, of_gain, seed)
 
 
 def models_of(
@@ -131,8 +134,11 @@ def models_of(
     seed: int,
     shuffles: int = SHUFFLES,
     every: Tabulated | None = None,
+    again: Callable[[Trait], Evaluated] | None = None,
 ) -> Models:
     """Return `fit_models` of decisions whose grid points are evaluated already.
+
+    Grids are narrowed to what first halves leave, if their trait has a rule.
 
     Args:
         sample: The decisions.
@@ -143,19 +149,20 @@ def models_of(
         seed: Of the shuffling.
         shuffles: Turns of the shuffled angle.
         every: The angle's grid points for every candidate, if they are not by weights of rewards.
+        again: Evaluates narrower grids for what was chosen; by default `evaluate`.
     """
+    again = again or (lambda trait: evaluate(sample.table, trait))
     second, driver = sample.second, sample.driver[sample.second]
     table = sample.table.rows(second)
     base = np.exp(table.log_base) @ table.grid
     chosen = np.take_along_axis(table.log_base, table.chosen[:, None], axis=1)[:, 0]
     found = {"base": Prediction(chosen, base)}
-    inferred = infer(_of_first_halves(sample, of_angle), sample.chain, angle)
-    alike = infer(_of_first_halves(sample, of_angle), sample.chain, angle.alike())
-    later = of_angle.rows(second)
+    alike, later = _narrowed(sample, angle.alike(), of_angle, again)
     found["population"] = predict(later, alike.drivers, driver)
+    progress, later = _narrowed(sample, gain, of_gain, again)
+    found["progress gain"] = predict(later, progress.drivers, driver)
+    inferred, later = _narrowed(sample, angle, of_angle, again)
     found["angle"] = predict(later, inferred.drivers, driver)
-    progress = infer(_of_first_halves(sample, of_gain), sample.chain, gain)
-    found["progress gain"] = predict(of_gain.rows(second), progress.drivers, driver)
     found |= residual_models(sample, alike, every)
     turns = _shuffled(later, inferred.drivers, driver, seed, shuffles)
     found["shuffled angle"] = Prediction(
@@ -163,7 +170,24 @@ def models_of(
         np.mean([one.mean for one in turns], axis=0),
     )
     each = tuple(float(one.log_likelihood.mean()) for one in turns)
-    return Models(sample, found, inferred, angle, each)
+    return Models(sample, found, inferred, inferred.population.trait, each)
+
+
+def _narrowed(
+    sample: Sample, trait: Trait, evaluated: Evaluated, again: Callable[[Trait], Evaluated]
+) -> tuple[Inference, Evaluated]:
+    """Return what first halves say of a trait, and its grid points for second halves.
+
+    The grids are narrowed until they are finer than what first halves determine.
+    """
+    inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
+    for _ in range(_NARROWER):
+        finer = trait.narrowed(*inferred.left(_LEFT))
+        if finer is None:
+            break
+        trait, evaluated = finer, again(finer)
+        inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
+    return inferred, evaluated.rows(sample.second)
 
 
 def _of_first_halves(

@@ -13,7 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from socialiq.errors import UserError
-from socialiq.recordings.trait.choice_model import Tabulated, reward_scale, rewards_of
+from socialiq.recordings.trait.choice_model import (
+    Evaluated,
+    Tabulated,
+    evaluate,
+    reward_scale,
+    rewards_of,
+)
 from socialiq.recordings.trait.contrasts import contrasts
 from socialiq.recordings.trait.models import Models, Sample, models_of
 from socialiq.recordings.trait.planted import (
@@ -123,6 +129,12 @@ class Simulator:
         angle = planted.mean + planted.spread * rng.standard_normal(len(sample.chain))
         drawn = decide(sample, planted.weights(angle), rng)
         chosen = drawn.table.chosen
+
+        def again(trait: Trait) -> Evaluated:
+            if size == 1:
+                return evaluate(drawn.table, trait)
+            return Tabulated.of(self._sample.table, trait).at(rows, chosen)
+
         return models_of(
             drawn,
             self._grids.angle,
@@ -131,6 +143,7 @@ class Simulator:
             self._gain.at(rows, chosen),
             int(rng.integers(2**31)),
             _SHUFFLES,
+            again=again,
         )
 
     def row(self, planted: Planted, size: int, counted: Callable[[], None] | None = None) -> Row:

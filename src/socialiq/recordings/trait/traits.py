@@ -7,14 +7,20 @@ A driver takes the candidate a of a decision s with probability
 A trait is a curve in the plane of the weights. Every driver is somewhere on it, all drivers share
 one more number, and the drivers' places follow a population of some mean and spread. So all traits
 have the same freedom, and without spread they are the same model.
+
+A grid must be finer than what the data determine: where it is coarser, a population of some spread
+can come closer to drivers who are all alike than any point of the grid, and differences between
+drivers are found that aren't there. `Trait.narrowed` lays the same number of points over the part
+of a grid that the data leave.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 STRENGTHS = (0.0, *(0.1 * 2.0 ** (third / 3) for third in range(19)))
 """β from 0 to 6.4, per typical difference of reward (`choice_model.reward_scale`)."""
@@ -23,6 +29,18 @@ PROGRESS_SPREADS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Spreads of g, per typical difference of reward."""
 
 _TURNS = 3  # of the circle beyond which a wrapped normal of 90 degrees has nothing left
+
+
+class Rule(NamedTuple):
+    """Functions from which a trait follows on any grid.
+
+    Attributes:
+        weights: Of r_env and r_social, for shared numbers (a column) and values (a row).
+        shares: Of drivers with each value, for values, mean and spread.
+    """
+
+    weights: Callable[[Any, Any], Any]
+    shares: Callable[[Any, float, float], Any]
 
 
 class Trait(NamedTuple):
@@ -36,6 +54,7 @@ class Trait(NamedTuple):
         mean: Mean of the population, by grid point of the population.
         spread: Spread of the population; 0 if all drivers are alike.
         population: Share of the drivers with each value, given mean and spread.
+        rule: How weights and shares follow from the grids; None if the grids are fixed.
     """
 
     name: str
@@ -45,6 +64,50 @@ class Trait(NamedTuple):
     mean: Float[np.ndarray, " hyper"]
     spread: Float[np.ndarray, " hyper"]
     population: Float[np.ndarray, "hyper value"]
+    rule: Rule | None = None
+
+    @staticmethod
+    def of(
+        name: str,
+        rule: Rule,
+        shared: Float[np.ndarray, " shared"],
+        value: Float[np.ndarray, " value"],
+        spreads: Float[np.ndarray, " spread"],
+    ) -> Trait:
+        """Return the trait of a rule on grids; means are on the grid of the values."""
+        mean, spread = (one.ravel() for one in np.meshgrid(value, spreads, indexing="ij"))
+        population = np.array([rule.shares(value, m, s) for m, s in zip(mean, spread, strict=True)])
+        weights = rule.weights(shared[:, None], value[None, :])
+        return Trait(name, shared, value, weights, mean, spread, population, rule)
+
+    def narrowed(
+        self,
+        shared: Bool[np.ndarray, " shared"],
+        value: Bool[np.ndarray, " value"],
+        spread: Bool[np.ndarray, " hyper"],
+    ) -> Trait | None:
+        """Return the trait on finer grids, as many points over the part that is left.
+
+        Args:
+            shared: Shared numbers that the data leave.
+            value: Values that they leave.
+            spread: Populations whose spreads they leave.
+
+        Returns:
+            The trait; None if nothing is left out, or its grids are fixed.
+        """
+        if self.rule is None:
+            return None
+        spreads = np.unique(self.spread)
+        left = np.isin(spreads, self.spread[spread])
+        grids = [(self.shared, shared), (self.value, value), (spreads, left)]
+        finer = [_finer(*one) for one in grids]
+        if all(
+            len(new) == len(old) and (new == old).all()
+            for new, (old, _) in zip(finer, grids, strict=True)
+        ):
+            return None
+        return Trait.of(self.name, self.rule, *finer)
 
     def alike(self) -> Trait:
         """Return the trait without differences between drivers: only populations of spread 0."""
@@ -55,6 +118,20 @@ class Trait(NamedTuple):
             spread=self.spread[kept],
             population=self.population[kept],
         )
+
+
+def _finer(
+    grid: Float[np.ndarray, " point"], left: Bool[np.ndarray, " point"]
+) -> Float[np.ndarray, " point"]:
+    """Return as many points between the neighbours of those that are left.
+
+    They are even in the index of the old grid, so that the density of the prior stays.
+    """
+    places = np.flatnonzero(left)
+    ends = max(int(places[0]) - 1, 0), min(int(places[-1]) + 1, len(grid) - 1)
+    if ends == (0, len(grid) - 1):
+        return grid
+    return np.interp(np.linspace(*ends, len(grid)), np.arange(len(grid)), grid)
 
 
 def wrapped_normal(
@@ -109,14 +186,14 @@ def angle_trait(
         strengths: Grid of β times `scale`.
         scale: Typical difference of reward between candidates.
     """
-    angle = angle_grid(step)
-    radians, shared = np.radians(angle), np.array(strengths) / scale
-    direction = np.stack([np.cos(radians), np.sin(radians)], axis=-1)
     spreads = np.arange(0.0, largest_spread + step / 2, step)
-    mean, spread = (one.ravel() for one in np.meshgrid(angle, spreads, indexing="ij"))
-    population = np.array([wrapped_normal(angle, m, s) for m, s in zip(mean, spread, strict=True)])
-    weights = shared[:, None, None] * direction
-    return Trait("angle", shared, angle, weights, mean, spread, population)
+    rule = Rule(_by_angle, wrapped_normal)
+    return Trait.of("angle", rule, np.array(strengths) / scale, angle_grid(step), spreads)
+
+
+def _by_angle(strength: Any, angle: Any) -> Any:
+    radians = np.radians(angle)
+    return strength[..., None] * np.stack([np.cos(radians), np.sin(radians)], axis=-1)
 
 
 def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0) -> Trait:
@@ -131,8 +208,9 @@ def progress_trait(strengths: tuple[float, ...] = STRENGTHS, scale: float = 1.0)
     """
     sizes = np.array(sorted({0.0, *strengths})) / scale
     value = np.concatenate([-sizes[:0:-1], sizes])
-    weights = np.stack(np.broadcast_arrays(value[None, :], value[:, None]), axis=-1)
-    spreads = np.array(PROGRESS_SPREADS) / scale
-    mean, spread = (one.ravel() for one in np.meshgrid(value, spreads, indexing="ij"))
-    population = np.array([normal_on_grid(value, m, s) for m, s in zip(mean, spread, strict=True)])
-    return Trait("progress gain", value, value, weights.copy(), mean, spread, population)
+    rule = Rule(_by_progress, normal_on_grid)
+    return Trait.of("progress gain", rule, value, value, np.array(PROGRESS_SPREADS) / scale)
+
+
+def _by_progress(others: Any, gain: Any) -> Any:
+    return np.stack(np.broadcast_arrays(gain, others), axis=-1)

@@ -7,7 +7,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.recordings.trait.choice_model import Tabulated, evaluate, reward_scale
-from socialiq.recordings.trait.models import sample_of
+from socialiq.recordings.trait.contrasts import contrasts
+from socialiq.recordings.trait.models import models_of, sample_of
 from socialiq.recordings.trait.power import Grids, PowerConfig, needed_rows, power_rows
 
 
@@ -20,7 +21,7 @@ def test_looking_up_is_evaluating(sample):
     trait = Grids.of(sample).angle
     found = Tabulated.of(sample.table, trait).at(np.arange(80), sample.table.chosen)
     direct = evaluate(sample.table, trait)
-    np.testing.assert_allclose(found.log_likelihood, direct.log_likelihood)
+    np.testing.assert_allclose(found.log_likelihood, direct.log_likelihood, atol=1e-12)
     np.testing.assert_allclose(found.mean, direct.mean)
 
 
@@ -72,3 +73,21 @@ def test_equal_rewards_show_nothing(choices):
     assert reward_scale(flat) == 1.0
     with pytest.raises(UserError, match="same rewards"):
         power_rows(sample_of(flat), PowerConfig())
+
+
+def test_drivers_alike_are_not_found_to_differ_between_points_of_the_grid(choices):
+    """β and the mean angle lie between points; a fixed grid makes up a spread there."""
+    table = choices([37.5] * 100, each=60, strength=2.25, seed=6)
+    sample = sample_of(table)
+    grids = Grids.of(sample)
+    found = {}
+    for name, rule in (("fixed", None), ("narrowed", grids.angle.rule)):
+        angle = grids.angle._replace(rule=rule)
+        of_angle, of_gain = (evaluate(table, one) for one in grids)
+        models = models_of(sample, angle, of_angle, grids.gain, of_gain, 0, 2)
+        row = contrasts(models, 0, 500)[0]
+        found[name] = row["gain_nats"], row["p"]
+        if rule is not None:
+            assert models.angle.population.quantiles("spread", (0.5,))[0] < 5.0
+    assert found["fixed"][0] > 5 * abs(found["narrowed"][0])
+    assert found["fixed"][1] < 0.05 < found["narrowed"][1]

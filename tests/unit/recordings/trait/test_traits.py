@@ -49,3 +49,22 @@ def test_drivers_alike_have_no_spread():
     assert not alike.spread.any() and len(alike.mean) == 24
     np.testing.assert_array_equal(alike.population, np.eye(24))
     np.testing.assert_allclose(trait.population.sum(axis=1), 1.0)
+
+
+def test_a_narrowed_grid_has_as_many_points_between_the_neighbours_of_what_is_left():
+    trait = angle_trait(15.0, strengths=(0.0, 1.0, 2.0, 4.0))
+    near = np.abs(trait.value - 45.0) <= 30.0
+    finer = trait.narrowed(trait.shared == 4.0, near, trait.spread <= 30.0)
+    assert finer is not None
+    np.testing.assert_allclose(finer.shared, np.linspace(2.0, 4.0, 4))
+    np.testing.assert_allclose(finer.value, np.linspace(0.0, 90.0, 24))
+    np.testing.assert_allclose(np.unique(finer.spread), np.linspace(0.0, 45.0, 7))
+    np.testing.assert_allclose(finer.population.sum(axis=1), 1.0)
+    np.testing.assert_allclose(np.hypot(*finer.weights[0].T), 2.0)
+
+
+def test_a_grid_of_which_everything_is_left_or_that_is_fixed_is_not_narrowed():
+    trait = angle_trait(15.0)
+    every = [np.ones(len(one), bool) for one in (trait.shared, trait.value, trait.spread)]
+    assert trait.narrowed(*every) is None
+    assert trait._replace(rule=None).narrowed(*(~one for one in every)) is None
