@@ -14,12 +14,14 @@ from socialiq.cli.recorded_trait import NOT_TESTED, trait_test
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.plotting.style import png
 from socialiq.recordings.identity.duplicates import Duplicates
-from socialiq.recordings.prediction import figure, learned, study
+from socialiq.recordings.prediction import figure, levels, study
+from socialiq.recordings.prediction.contrasts import ERROR
 from socialiq.recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq.recordings.prediction.models import ensembles
 from socialiq.recordings.prediction.moments import situations_of
 from socialiq.recordings.prediction.situation import Situations
 from socialiq.recordings.recording import Recording
+from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
 
 LIMITS = (
@@ -41,7 +43,7 @@ class Predict:
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Files of `socialiq data import`."""
     out: Path | None = None
-    """Folder to write: scores, folds, the test of angles, a figure."""
+    """Folder to write: scores, contrasts of models, folds, the test of angles, a figure."""
     holdout: tuple[Holdout, ...] = ()
     """Held-out things; by default all that these recordings allow."""
     models: tuple[str, ...] = ()
@@ -50,10 +52,10 @@ class Predict:
     """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     duplicates: Duplicates = "drop"
     """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
-    updates: int = learned.Training.updates
+    updates: int = levels.Training.updates
     """Gradient steps of each learned policy."""
-    angle: tuple[float, ...] = learned.Training.angles
-    """Angles of IQ-Learn, degrees."""
+    angle: tuple[float, ...] = levels.Training.angles
+    """Angles of IQ-Learn, degrees; the dial has all from 0 to 90."""
     seed: int = 0
     """Seed of training and resampling."""
     without_trait: bool = False
@@ -76,8 +78,10 @@ class Predict:
         if not self.json:
             _say_left_out({str(row["holdout"]) for row in found.folds}, config)
         tested = NOT_TESTED if self.without_trait else trait_test(seen, self.seed)
-        tables = {"scores": found.scores, "folds": found.folds} | tested.tables
-        summary = _counts(seen) | _summary(found.scores) | {"trait": tested.summary}
+        tables = {"scores": found.scores, "folds": found.folds, "contrasts": found.contrasts}
+        tables |= tested.tables
+        summary = _counts(seen) | _summary(found.scores) | _tests(found.contrasts)
+        summary |= {"trait": tested.summary}
         summary |= {"limits": list(LIMITS)}
         if self.out is not None:
             asked = _Asked(config, self.duplicates, _sources(recordings))
@@ -88,11 +92,12 @@ class Predict:
             print_json(summary | tables)
         else:
             _show(found.scores)
+            _show_contrasts(found.contrasts)
             tested.show()
         return 0
 
     def _config(self) -> study.Config:
-        training = learned.Training(angles=self.angle, updates=self.updates)
+        training = levels.Training(angles=self.angle, updates=self.updates)
         models = self.models or study.ALL_MODELS
         config = study.Config(self.holdout, models, training, self.seed)
         if not self.without_trait or any(name.startswith("boosting") for name in models):
@@ -152,6 +157,41 @@ def _show(rows: list[Row]) -> None:
         part = [r for r in shown if (r["holdout"], r["moments"]) == (holdout, moments)]
         title = f"Held-out {holdout}, {moments} moments, second halves: {part[0]['n']}"
         print_table([_line(row) for row in part], f"\n{title}, chains: {part[0]['chains']}")
+
+
+def _tests(rows: list[Row]) -> dict[str, Any]:
+    """Return the number of contrasts, and those that were found."""
+    names = ("holdout", "moments", "model", "over", "gain")
+    found = [{name: row[name] for name in names} for row in rows if row["found"]]
+    return {"contrasts_tested": len(rows), "contrasts_found": found}
+
+
+def _show_contrasts(rows: list[Row]) -> None:
+    """Print the differences between models that are found, or that there are none."""
+    found = [row for row in rows if row["found"]]
+    if found:
+        title = f"\nDifferences found, of {len(rows)} tested together (corrected p up to {ERROR:g})"
+        print_table([_difference(row) for row in found], title)
+    elif rows:
+        most = max(row["chains"] for row in rows)
+        say(f"no difference between models is found: {len(rows)} tested together, corrected")
+        if least_p(most) > ERROR:
+            say(
+                f"with {most} independent chains none can be, whatever its size; "
+                f"{clusters_needed(ERROR, 1)} are needed"
+            )
+
+
+def _difference(row: Row) -> Row:
+    interval = "" if row["low"] is None else f" ({row['low']:+.2f} to {row['high']:+.2f})"
+    return {
+        "held out": row["holdout"],
+        "moments": row["moments"],
+        "model": row["model"],
+        "over": row["over"],
+        "gain, nats": f"{row['gain']:+.2f}{interval}",
+        "p, corrected": f"{row['p_corrected']:.3f}",
+    }
 
 
 def _line(row: Row) -> Row:

@@ -65,7 +65,7 @@ def trait_test(seen: Situations, seed: int) -> TraitTest:
         seed: Of the base predictor, the shuffling and the resampling.
     """
     try:
-        models = fit_models(study.choices(seen, seed), seed)
+        models = fit_models(study.choices(seen, seed), seed, narrow=True)
     except UserError as error:
         return TraitTest(summary={"not_tested": str(error)})
     rows, sample = contrasts(models, seed), models.sample

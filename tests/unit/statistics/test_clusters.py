@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.statistics.clusters import cluster_mean, clusters_needed, least_p, sign_flip
+from socialiq.statistics.clusters import (
+    cluster_mean,
+    clusters_needed,
+    least_p,
+    sign_flip,
+    sign_flips,
+)
 
 
 def test_the_p_value_of_three_sums_is_counted_by_hand():
@@ -24,6 +30,31 @@ def test_the_sign_flip_test_keeps_its_level():
     rng = np.random.default_rng(1)
     p = np.array([sign_flip(rng.standard_normal(8), 0) for _ in range(1000)])
     assert (p <= 0.05).mean() < 0.07
+
+
+def test_tests_corrected_together_by_hand():
+    # All signs alike give test 1 its 3 / sqrt(3) in 2 of 8 patterns, and test 2 its own in 2 more.
+    found = sign_flips(np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0]]), 0)
+    assert found.p.tolist() == [2 / 8, 1.0]
+    assert found.corrected.tolist() == [4 / 8, 1.0]
+
+
+def test_equal_tests_cost_nothing_and_a_test_without_rows_finds_nothing():
+    sums = np.array([2.0, 1.0, 3.0, 2.0, 1.0, -0.5])
+    found = sign_flips(np.stack([sums, 3 * sums, 0 * sums]), 0)
+    assert found.p[0] == found.corrected[0] == found.corrected[1] == sign_flip(sums, 0)
+    assert found.corrected[2] == 1.0
+
+
+def test_the_family_keeps_its_level_beside_a_real_difference():
+    rng, false = np.random.default_rng(2), 0
+    for _ in range(300):
+        sums = rng.standard_normal((6, 8))
+        sums[0] += 4.0
+        found = sign_flips(sums, 0)
+        false += bool((found.corrected[1:] <= 0.05).any())
+        assert (found.corrected >= found.p - 1e-12).all()
+    assert false / 300 < 0.08
 
 
 def test_rows_of_a_cluster_count_as_one():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,11 +54,13 @@ class Fitted(NamedTuple):
         forecast: Acceleration of the next second from situations and last residuals.
         spread: Density around it.
         personal: Whether it learned from drivers' own first halves.
+        inferred: Numbers that it inferred, by name.
     """
 
     forecast: Callable[[Situations, Residuals], Forecast]
     spread: Spread
     personal: bool = False
+    inferred: Mapping[str, float] = {}
 
 
 def residuals(idm: Float64[np.ndarray, " parameter"], seen: Situations) -> Residuals:

@@ -101,8 +101,7 @@ def _rows(
     part: str,
 ) -> list[Row]:
     chain = tested.chain[mask]
-    trivial = [one for one in models if one.model in TRIVIAL]
-    best = max(trivial, key=lambda one: one.log_density[mask].mean()) if trivial else None
+    best = better_trivial(models, mask)
     seen = mask & np.isfinite(tested.driven)
     rows = []
     for one in models:
@@ -127,6 +126,19 @@ def _rows(
             row | _displacement(tested, one, seen, drawn) | _gain(one, best, mask, chain, drawn)
         )
     return rows
+
+
+def better_trivial(
+    models: Sequence[Predicted], mask: Bool[np.ndarray, " moment"]
+) -> Predicted | None:
+    """Return the trivial model that predicts some moments better; None without any.
+
+    Args:
+        models: All models.
+        mask: The moments.
+    """
+    trivial = [one for one in models if one.model in TRIVIAL]
+    return max(trivial, key=lambda one: one.log_density[mask].mean()) if trivial else None
 
 
 def _displacement(

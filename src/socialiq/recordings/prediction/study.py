@@ -13,8 +13,9 @@ from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.learners.config import check_seed
 from socialiq.recordings.identity.identify import identify
-from socialiq.recordings.prediction import learned
+from socialiq.recordings.prediction import learned, levels
 from socialiq.recordings.prediction.choices import ChoiceTable
+from socialiq.recordings.prediction.contrasts import contrasts
 from socialiq.recordings.prediction.density import Forecast
 from socialiq.recordings.prediction.folds import HOLDOUTS, Fold, Holdout, folds, possible
 from socialiq.recordings.prediction.following import FITTED, fit_population
@@ -56,7 +57,7 @@ class Config:
 
     holdouts: tuple[Holdout, ...] = ()
     models: tuple[str, ...] = ALL_MODELS
-    training: learned.Training = field(default_factory=learned.Training)
+    training: levels.Training = field(default_factory=learned.Training)
     seed: int = 0
     resamples: int = 2000
 
@@ -79,11 +80,13 @@ class Prediction:
 
     Attributes:
         scores: A row for each holdout, subset, part and model.
-        folds: A row for each fold: sizes and fitted IDM.
+        folds: A row for each fold: sizes, fitted IDM, mean κ of the dial.
+        contrasts: A row for each contrast between models, corrected together.
     """
 
     scores: list[Row]
     folds: list[Row]
+    contrasts: list[Row]
 
 
 def situations(recordings: Sequence[Recording], drop: bool = True) -> Situations:
@@ -115,12 +118,17 @@ def predict(seen: Situations, config: Config) -> Prediction:
     tasks = [_task(seen, half, fold, config.seed) for fold in made]
     policies = learned.trained(tasks, config.training, names)
     outputs: dict[str, list[tuple[Fold, list[Predicted]]]] = {}
+    sizes = []
     for fold, task, more in zip(made, tasks, policies, strict=True):
         fitted = {one: MODELS[one](task) for one in names if one in MODELS} | more
+        inferred = [one.inferred for one in fitted.values()]
+        sizes.append(
+            _fold_row(seen, fold, task) | {k: v for one in inferred for k, v in one.items()}
+        )
         outputs.setdefault(fold.holdout, []).append((fold, _predicted(seen, fold, task, fitted)))
     found = [_tested(seen, half, name, each) for name, each in outputs.items()]
     rows = [row for one in found for row in scores(one, config.seed, config.resamples)]
-    return Prediction(rows, [_fold_row(seen, f, t) for f, t in zip(made, tasks, strict=True)])
+    return Prediction(rows, sizes, contrasts(found, config.seed, config.resamples))
 
 
 def _task(seen: Situations, half: np.ndarray, fold: Fold, seed: int) -> Task:

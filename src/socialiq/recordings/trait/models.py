@@ -104,13 +104,14 @@ class Models(NamedTuple):
     shuffled: tuple[float, ...]
 
 
-def fit_models(table: ChoiceTable, seed: int, step: float = 5.0) -> Models:
+def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = False) -> Models:
     """Infer every trait from first halves and predict second halves.
 
     Args:
         table: Decisions of at least two drivers with both halves.
         seed: Of the shuffling.
         step: Of the angles integrated over, degrees.
+        narrow: Whether grids are narrowed to what first halves leave (`traits`).
 
     Raises:
         UserError: If fewer than two drivers have decisions in conflict in both halves.
@@ -122,7 +123,8 @@ def fit_models(table: ChoiceTable, seed: int, step: float = 5.0) -> Models:
     angle = angle_trait(step, scale=scale)
     gain = progress_trait(scale=scale)
     of_angle, of_gain = (evaluate(sample.table, one) for one in (angle, gain))
-    return models_of(sample, angle, of_angle, gain, of_gain, seed)
+    again = (lambda trait: evaluate(sample.table, trait)) if narrow else None
+    return models_of(sample, angle, of_angle, gain, of_gain, seed, again=again)
 
 
 def models_of(
@@ -138,8 +140,6 @@ def models_of(
 ) -> Models:
     """Return `fit_models` of decisions whose grid points are evaluated already.
 
-    Grids are narrowed to what first halves leave, if their trait has a rule.
-
     Args:
         sample: The decisions.
         angle: The angle's grid.
@@ -149,9 +149,8 @@ def models_of(
         seed: Of the shuffling.
         shuffles: Turns of the shuffled angle.
         every: The angle's grid points for every candidate, if they are not by weights of rewards.
-        again: Evaluates narrower grids for what was chosen; by default `evaluate`.
+        again: Evaluates a trait on narrower grids for what was chosen; None: grids stay.
     """
-    again = again or (lambda trait: evaluate(sample.table, trait))
     second, driver = sample.second, sample.driver[sample.second]
     table = sample.table.rows(second)
     base = np.exp(table.log_base) @ table.grid
@@ -174,14 +173,15 @@ def models_of(
 
 
 def _narrowed(
-    sample: Sample, trait: Trait, evaluated: Evaluated, again: Callable[[Trait], Evaluated]
+    sample: Sample, trait: Trait, evaluated: Evaluated, again: Callable[[Trait], Evaluated] | None
 ) -> tuple[Inference, Evaluated]:
     """Return what first halves say of a trait, and its grid points for second halves.
 
-    The grids are narrowed until they are finer than what first halves determine.
+    With `again` the grids are narrowed until first halves leave nothing of them out.
     """
     inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
-    for _ in range(_NARROWER):
+    for _ in range(_NARROWER if again else 0):
+        assert again is not None
         finer = trait.narrowed(*inferred.left(_LEFT))
         if finer is None:
             break

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq.recordings.prediction import following, learned
+from socialiq.recordings.prediction import following, learned, levels
 from socialiq.recordings.prediction.features import NAMES, features
 from socialiq.recordings.prediction.models import MODELS, Task, residuals
 from socialiq.recordings.prediction.rewards import rewards
@@ -22,7 +22,7 @@ def test_moments_become_demonstrations_with_the_rewards_of_their_levels(situatio
         speed=[5.0, 6.0, 7.0, 8.0, 9.0],
         acceleration=[3.0, 0.2, -1.5, 0.0, 0.0],
     )
-    made = learned.demonstrations(seen, LEVELS)
+    made = levels.demonstrations(seen, LEVELS)
     # By vehicle and time; the third moment of vehicle 1 comes after a gap.
     assert made.observation[:, 0] * 10 == pytest.approx([6, 7, 9, 5, 8])
     assert made.episode.tolist() == [0, 0, 1, 2, 2]
@@ -55,15 +55,15 @@ def test_learned_policies_predict_a_planted_rule(situations: Make) -> None:
     idm, first = following.literature(), seen.half() == 0
     last = residuals(idm, seen)
     task = Task(seen, last, first, seen.rows(first), last[first], idm, 0)
-    settings = learned.Training(levels=LEVELS, angles=(0.0, 90.0), updates=300, hidden=(16,))
+    settings = levels.Training(levels=LEVELS, angles=(0.0, 90.0), updates=300, hidden=(16,))
     (made,) = learned.trained([task], settings, learned.LEARNED)
     assert set(made) == set(learned.LEARNED)
-    assert [made[one].personal for one in learned.LEARNED] == [False, False, True]
+    assert [made[one].personal for one in learned.LEARNED] == [False, False, True, False, True]
     trivial = MODELS["constant speed"](task)
-    # The χ² term of IQ-Learn bounds how far it prefers one action; cloning has no such bound.
+    # The χ² term of IQ-Learn bounds how far it prefers one action; cloning and the dial have none.
     for name, model in made.items():
         found = model.forecast(seen, last)
-        most = 0.5 if name == learned.CLONE else 1.5  # constant speed is 2 off
+        most = 1.5 if name.startswith(learned.AT_ANGLE) else 0.5  # constant speed is 2 off
         assert np.abs(found.mean - rule).mean() < most, name
         densities = [
             one.spread.log_density(one.forecast(seen, last), rule, seen.moving).mean()

@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from socialiq.recordings.prediction.contrasts import EXTENDED, contrasts
+from socialiq.recordings.prediction.scores import Held, Predicted
+from socialiq.recordings.prediction.study import ALL_MODELS
+
+
+def _held(holdout: str, chains: int, **gains: float) -> Held:
+    """Two moments of each chain, one of a first half; gains over constant speed, nats."""
+    count = 2 * chains
+    rng = np.random.default_rng(0)
+    base = rng.normal(0, 0.1, count)
+    models = [
+        Predicted(name, False, base + gain, np.zeros(count), np.zeros(count))
+        for name, gain in {"constant speed": 0.0, **gains}.items()
+    ]
+    second = np.tile([False, True], chains)
+    chain, flags = np.repeat(np.arange(chains), 2), np.ones(count, bool)
+    return Held(holdout, base, base, chain, chain, flags, ~flags, second, models)
+
+
+def test_every_holdout_and_kind_of_moment_is_corrected_together() -> None:
+    rows = contrasts(
+        [_held("vehicles", 8, clone=0.3, dial=0.5), _held("sites", 8, clone=0.0)], 0, 500
+    )
+    by = {(r["holdout"], r["moments"], r["model"], r["over"]): r for r in rows}
+    assert len(by) == len(rows) == 8  # all and moving: three of vehicles, one of sites
+    better = by["vehicles", "moving", "clone", "constant speed"]
+    assert better["gain"] == pytest.approx(0.3) and better["n"] == better["chains"] == 8
+    assert better["p"] == better["p_corrected"] == 2 / 2**8 and better["found"]
+    assert by["vehicles", "all", "dial", "clone"]["gain"] == pytest.approx(0.2)
+    same = by["sites", "moving", "clone", "constant speed"]
+    assert same["p_corrected"] == 1.0 and not same["found"]
+
+
+def test_few_chains_find_nothing() -> None:
+    (row, _) = contrasts([_held("vehicles", 5, clone=3.0)], 0, 500)
+    assert row["p_corrected"] == 2 / 2**5 and not row["found"]
+
+
+def test_models_that_extend_others_are_known() -> None:
+    assert {*EXTENDED, *EXTENDED.values()} <= set(ALL_MODELS)
