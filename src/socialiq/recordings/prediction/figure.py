@@ -50,6 +50,7 @@ def _panel(axes: Any, rows: Sequence[Row], models: Sequence[str]) -> None:
         }
         found = [(models.index(name), row) for name, row in chosen.items() if name in models]
         if not found:
+            axes.plot([], [], mark, color=color, markersize=4, label=label)  # in the legend
             continue
         at = np.array([number for number, _ in found]) + (place - 0.5) * 0.3
         gain, low, high = (
