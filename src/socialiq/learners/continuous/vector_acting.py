@@ -69,13 +69,10 @@ class VectorCollector:
             self._direction(one, rng) for one, rng in zip(self._numbers, streams, strict=True)
         ]
         direction = RewardPair(*(jnp.stack(side) for side in zip(*angles, strict=True)))
-        taken = done * self._static.env_steps_per_update
         observation, _ = self._env.reset(seed=seeds)
-        actor = runs.state.network.actor
-        rows = []
-        for row in stepped(self._env, observation, self._act(actor, direction, streams, taken),
-                           self._rounds):  # fmt: skip
-            rows.append(row)
+        taken = done * self._static.env_steps_per_update
+        act = self._act(runs.state.network.actor, direction, streams, taken)
+        rows = list(stepped(self._env, observation, act, self._rounds))
         made = columns_by_run(rows, len(self._numbers), continuous=True)
         ring = self._add(runs.carry.replay, made)
         return runs._replace(carry=runs.carry._replace(replay=ring))
@@ -96,12 +93,11 @@ class VectorCollector:
     ) -> Any:
         """Return the action selection of a chunk: uniform actions at first, then drawn ones."""
         shape, dial = (self._each, actor.size), self._static.dial
-        done = taken
 
         def act(observation: np.ndarray) -> np.ndarray:
-            nonlocal done
-            uniform = done < self._static.random_steps
-            done += self._each
+            nonlocal taken
+            uniform = taken < self._static.random_steps
+            taken += self._each
             if uniform:
                 drawn = np.stack([rng.uniform(-1.0, 1.0, shape) for rng in streams])
                 return drawn.astype(np.float32).reshape(-1, actor.size)
