@@ -1,4 +1,4 @@
-"""Seeded episodes of the intersection: driven, summed up, or recorded as demonstrations."""
+"""Seeded episodes of a road: driven, summed up, or recorded as demonstrations."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from socialiq.evaluation.metrics import Metrics
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
 from socialiq.statistics.intervals import wilson
 from socialiq.types import Ending, Policy, RewardPair
-from socialiq.worlds.highway.episodes import Decisions
+from socialiq.worlds.highway.episodes import Decisions, RoadBatch
 from socialiq.worlds.highway.settings import SIGNALS
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import SLOWER
-from socialiq.worlds.intersection.state import ACTIONS
 from socialiq.worlds.intersection.world import Intersection
 
 STOPPED_BELOW = 0.5  # m/s
 
 
 class BatchSimulator:
-    """The compiled intersection as a back end of `simulate`."""
+    """A compiled road as a back end of `simulate`."""
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, batch: RoadBatch) -> None:
         self.batch, self.size = batch, batch.size
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
@@ -74,7 +73,7 @@ class TimedActor:
         batch: Batch of episodes that is driven.
     """
 
-    def __init__(self, actor: Actor, policy: Policy, batch: Batch) -> None:
+    def __init__(self, actor: Actor, policy: Policy, batch: RoadBatch) -> None:
         self._actor, self._policy, self._batch = actor, policy, batch
 
     def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
@@ -91,9 +90,9 @@ class TimedActor:
 
 
 def play(
-    batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
+    batch: RoadBatch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
 ) -> Iterator[Step]:
-    """Run a policy on one episode of the intersection for each seed.
+    """Run a policy on one episode of a road for each seed.
 
     The time is a last feature of the input if the policy has one feature more than the world.
     A `SoftPolicy` that is not deterministic draws by the episode's seed, so its episodes don't
@@ -305,7 +304,7 @@ class Recorded(NamedTuple):
 
 
 def record(
-    batch: Batch,
+    batch: RoadBatch,
     policy: Policy,
     seeds: Sequence[int] | np.ndarray,
     mode: str,
@@ -349,7 +348,7 @@ def record(
         rewards=RewardPair(kept["env"], kept["social"]),
         episode=kept["episode"],
         mode_names=(mode,),
-        n_actions=0 if batch.options.continuous else len(ACTIONS),
+        n_actions=0 if batch.options.continuous else batch.n_actions,
         source={"first_seed": int(np.min(seeds)), "episodes": len(seeds), **(source or {})},
     )
     return Recorded(transitions, RewardPair(kept["own"], kept["others"]))

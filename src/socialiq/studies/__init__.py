@@ -24,6 +24,7 @@ STUDIES = {
     "dial": "dial.study",
     "competence": "competence.study",
     "off-policy": "off_policy",
+    "roads": "roads.study",
     "intersection-world": "intersection_world",
     "intersection": "intersection.study",
     "intersection-networks": "intersection_networks",
@@ -46,6 +47,9 @@ STUDIES = {
     "mo-gymnasium": "mo_gymnasium.study",
 }
 """Name on the command line, and the study's module."""
+
+WITHOUT_RESULTS = ("roads",)
+"""Studies that have not been run at their full size yet: nothing is committed."""
 
 
 def module_of(name: str) -> str:

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.storage import kind_of
-from socialiq.worlds import NAMED, RECORDED_JUNCTION, WORLD_FILE, register
+from socialiq.worlds import NAMED, RECORDED_JUNCTION, SCENE_IDS, WORLD_FILE, register
 from socialiq.worlds.wrapper import (
     RewardPairWrapper,
     UnitActions,
@@ -27,11 +27,12 @@ NAME_PATTERN = rf"(?:{_ID}|[A-Za-z0-9_./-]+:(?:{_ID}|[A-Za-z_][A-Za-z0-9_]*))"
 """A Gymnasium id, MODULE:ID or MODULE:FUNCTION; MODULE may be the path of a file."""
 
 _MALFORMED = gymnasium.error.Error
+_BUILT_IN = NAMED | SCENE_IDS
 
 
 def is_environment(name: str) -> bool:
-    """Whether a name denotes an environment that is not built in."""
-    return re.fullmatch(NAME_PATTERN, name) is not None
+    """Whether a name denotes a scene of highway-env, or an environment that is not built in."""
+    return name in SCENE_IDS or re.fullmatch(NAME_PATTERN, name) is not None
 
 
 def make_environment(
@@ -161,7 +162,7 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
         if callable(found):
             return found(**options)
         register()
-        return gymnasium.make(attribute if place else NAMED.get(name, name), **options)
+        return gymnasium.make(attribute if place else _BUILT_IN.get(name, name), **options)
     except UserError:
         raise
     except gymnasium.error.Error as error:
@@ -170,7 +171,7 @@ def _made(name: str, options: dict[str, Any], allow_code: bool) -> Any:
             raise failure(one_line(name), error) from error
         where = f"{one_line(place)} has no function and registers no" if place else "unknown world"
         raise UserError(
-            f"{where} '{one_line(attribute)}': choose one of {', '.join(NAMED)}, a registered "
+            f"{where} '{one_line(attribute)}': choose one of {', '.join(_BUILT_IN)}, a registered "
             "Gymnasium id, MODULE:ID or MODULE:FUNCTION"
         ) from error
     except FAILURES as error:

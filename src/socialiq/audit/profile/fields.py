@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from socialiq.worlds import SCENE_IDS
 from socialiq.worlds.environment import NAME_PATTERN
 from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.registry import WORLDS
@@ -27,7 +28,9 @@ TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
 
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
 
-WORLD_PATTERN = f"^(?:{'|'.join(WORLDS)}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
+WORLD_PATTERN = (
+    f"^(?:{'|'.join([*WORLDS, *SCENE_IDS])}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
+)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ from socialiq.learners.state import History
 from socialiq.storage import write_atomically
 from socialiq.to_json import rounded
 from socialiq.types import Policy, Row
+from socialiq.worlds.highway.gym import RoadVectorEnv
+from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.options import Options
@@ -156,6 +158,15 @@ def source_of(
         clock: Whether observations end with the time.
     """
     return from_vector_env(intersections(options, environments, clock), CHUNK * steps_per_update)
+
+
+def road_source(
+    world: Intersection | SceneWorld, environments: int, steps_per_update: int, clock: bool = False
+) -> Source:
+    """Return experience of any road, as `source_of` does of the intersection."""
+    batch = world.batch(environments)
+    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
+    return from_vector_env(env, CHUNK * steps_per_update)
 
 
 def soft_collector(

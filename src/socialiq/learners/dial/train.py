@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from socialiq.errors import UserError
 from socialiq.learners import replay
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.dial.acting import Acting, act, begin
@@ -52,20 +54,22 @@ class Dial(Learner):
 
     Attributes:
         simulator: The world to act in; None offline, or when experience is collected outside JAX.
+        start: Network to begin with; None draws one from the run's seed.
     """
 
     simulator: Simulator | None = eqx.field(static=True, default=None)
+    start: DialNetwork | None = None
 
     name: ClassVar[str] = "dial"
 
     def network(self, key: PRNGKeyArray) -> Networks:
-        """Draw Q, and the skill f if demonstrators are given."""
+        """Draw Q if there is no start, and the skill f if demonstrators are given."""
         one = self.static
         shape = (one.activation, one.view, one.one_hot)
         n_features, n_actions = self.sizes
         knots = knots_between(one.low - one.margin, one.high + one.margin, one.knots)
         pairs = one.heads == "pair"
-        values = DialNetwork.initialise(
+        values = self.start or DialNetwork.initialise(
             key, n_features, one.hidden, n_actions, *shape, one.times, pairs, knots
         )
         skill = None
@@ -167,6 +171,7 @@ def train(
     chunk: int = 500,
     before_chunk: BeforeChunk | None = None,
     budget: BeforeChunk | None = None,
+    start: DialNetwork | None = None,
 ) -> Trained:
     """Train one run for each entry of `hyperparameters`, all in one compiled program.
 
@@ -183,6 +188,8 @@ def train(
         chunk: Updates between two calls of the callbacks.
         before_chunk: Adds experience from outside JAX (`learners.collect`).
         budget: Moves the multiplier (`learners.dial.budget`).
+        start: Network that every run begins with, of the form that `static` describes; None draws
+            one from each run's seed.
 
     Raises:
         UserError: If settings, data and world don't fit together.
@@ -192,9 +199,31 @@ def train(
     table = ExpertTable.of(datasets, "instantaneous", 1.0) if datasets else None
     world = simulator.description if simulator else "offline or collected"
     hook = _in_turn(before_chunk, budget)
-    return Dial(static, sizes, table, simulator).train(
+    if start is not None:
+        world = f"{world}, from the network {_checked_start(static, sizes, start)}"
+    return Dial(static, sizes, table, simulator, start).train(
         hyperparameters, callbacks, chunk, hook, world
     )
+
+
+def _checked_start(static: StaticConfig, sizes: tuple[int, int], start: DialNetwork) -> str:
+    """Return the SHA-256 of a first network's numbers.
+
+    Raises:
+        UserError: If it has another form than the config describes.
+    """
+    drawn = Dial(static, sizes).network(jax.random.key(0)).values
+    forms = [jax.tree.structure(one) for one in (drawn, start)]
+    shapes = [[leaf.shape for leaf in jax.tree.leaves(one)] for one in (drawn, start)]
+    if forms[0] != forms[1] or shapes[0] != shapes[1]:
+        raise UserError(
+            "the first network has another form than the configuration: give it the same view, "
+            "widths, heads, knots and horizon, and the world's features and actions"
+        )
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(start):
+        digest.update(np.asarray(leaf).tobytes())
+    return digest.hexdigest()
 
 
 def _in_turn(*hooks: BeforeChunk | None) -> BeforeChunk | None:

@@ -51,6 +51,11 @@ class Batch(RoadBatch):
         given = commands, seeds, seeded, actions, self._settings, self.scene.road
         run_in_parts(step.run, self._threads, self.size, self.buffers, *given)
 
+    @property
+    def n_actions(self) -> int:
+        """Number of discrete actions."""
+        return len(ACTIONS)
+
     def _checked(self, actions: Any) -> np.ndarray:
         """Return actions, numbers of `scene.ACTIONS`, as int64."""
         return checked_numbers(actions, self.size, len(ACTIONS))

@@ -66,7 +66,7 @@ class RoadBatch(abc.ABC):
     Every episode has its own random stream, so results don't depend on the batch's size or the
     number of threads. By default `step` resets an episode that ends. The new episode continues the
     stream, as in highway-env after a `reset()` without seed. A road's own batch says how a command
-    runs (`_run`) and which actions there are (`_checked`).
+    runs (`_run`) and which actions there are (`_checked`, `n_actions`).
 
     Args:
         options: Options of the road.
@@ -97,6 +97,11 @@ class RoadBatch(abc.ABC):
             seeded: Whether to begin the stream from that seed, bool.
             actions: As `_checked` returned them; int64 zeros for a reset.
         """
+
+    @property
+    @abc.abstractmethod
+    def n_actions(self) -> int:
+        """Number of discrete actions of the road."""
 
     @abc.abstractmethod
     def _checked(self, actions: Any) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,15 +107,15 @@ class Scene(NamedTuple):
         name: Its name.
         road: Its tables.
         defaults: Values of the options in the place of the intersection's.
-        real: Class of highway-env, `module:name`.
+        real: Class of highway-env, `module:name`; empty if it has none.
         config: highway-env's configuration, beyond clock, actions and observation.
     """
 
     name: str
     road: Road
     defaults: Mapping[str, Any]
-    real: str
-    config: Mapping[str, Any]
+    real: str = ""
+    config: Mapping[str, Any] = MappingProxyType({})
 
 
 def entry(lane: int, along: float, speed: float, **more: Any) -> np.ndarray:

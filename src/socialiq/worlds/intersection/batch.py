@@ -14,7 +14,7 @@ from socialiq.worlds.intersection.actions import checked
 from socialiq.worlds.intersection.actions import commands as meant
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import settings_of
-from socialiq.worlds.intersection.state import buffers_of
+from socialiq.worlds.intersection.state import ACTIONS, buffers_of
 
 BackEnd = Literal["core", "highway_env"]
 BACK_ENDS = ("core", "highway_env")
@@ -99,6 +99,11 @@ class Batch(RoadBatch):
 
     def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         self._engine.run(commands, seeds, seeded, actions)
+
+    @property
+    def n_actions(self) -> int:
+        """Number of discrete actions."""
+        return len(ACTIONS)
 
     def _checked(self, actions: Any) -> np.ndarray:
         """Return actions: 0 slower, 1 idle, 2 faster; or, if the options say so, continuous ones.

@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from socialiq.audit.profile.scenario import world_of as world_of_profile
 from socialiq.errors import UserError
 from socialiq.types import Ending
 from socialiq.worlds import SCENE_IDS
-from socialiq.worlds.environment import make_environment, sizes
+from socialiq.worlds.environment import is_environment, make_environment, sizes
 from socialiq.worlds.highway.scene import FASTER, IDLE, LANE_LEFT, SLOWER
 from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.highway.world import world_of
 
 NAMES = list(SCENES)
@@ -120,3 +122,40 @@ def test_bad_input_is_one_line(call, mend):
 def test_an_episode_begins_before_it_steps():
     with pytest.raises(UserError, match="reset it first"):
         world_of("merge").batch(1).step([1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_restored_state_continues_with_equal_bits(name):
+    batch, fork = world_of(name).batch(3), world_of(name).batch(6)
+    batch.reset(7)
+    for row in actions_of(3, 3):
+        batch.step(row)
+    fork.restore(batch.save().rows([0, 0, 1, 1, 2, 2]))
+    for row in actions_of(3, 20, seed=1):
+        ours, theirs = batch.step(row), fork.step(np.repeat(row, 2))
+        np.testing.assert_array_equal(np.repeat(ours.observation, 2, 0), theirs.observation)
+        np.testing.assert_array_equal(np.repeat(ours.contact, 2), theirs.contact)
+    np.testing.assert_array_equal(np.repeat(batch.time, 2), fork.time)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_collision_names_its_contact(name):
+    batch = world_of(name).batch(200)
+    batch.reset(0)
+    for row in actions_of(200, 10):
+        made = batch.step(row)
+        collided = made.ending == int(Ending.COLLISION)
+        assert (made.contact[collided] != int(Contact.NONE)).all()
+        assert (made.contact[~collided] == int(Contact.NONE)).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_name_alone_is_accepted(name):
+    assert is_environment(name) and sizes(make_environment(name)) == (35, 5)
+    assert world_of_profile(name, {}).description.startswith(name)
+
+
+def test_the_time_is_a_last_feature_on_request():
+    env = gymnasium.make("socialiq/Merge-v1", clock=True)
+    assert env.reset(seed=1)[0].shape == (36,)
+    assert env.step(FASTER)[0][-1] == 1.0

@@ -1,0 +1,1 @@
+"""Study: dial, trio and the intersection's dial on merge and roundabout."""
