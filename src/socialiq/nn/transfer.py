@@ -41,9 +41,7 @@ def transferred(
     """
     view = network.view
     if not (isinstance(view, View) and view.choice.pooled) or view.times:
-        raise UserError(
-            "only a dial that reads a set of vehicles, without the time, is transferred"
-        )
+        raise UserError("only a dial that reads a set of vehicles without the time is transferred")
     one_of("action", instead, tuple(actions))
     rows = np.array([actions.index(name if name in actions else instead) for name in wanted])
     less = np.array([0.0 if name in actions else margin for name in wanted], np.float32)

@@ -1,6 +1,7 @@
 """Transfer of a dial's network: the same values by the action's name."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -24,6 +25,7 @@ def test_an_action_keeps_its_value_and_a_new_one_is_never_the_best(pairs):
     after = transferred(before, OLD, NEW, "idle", 3)
     seen = np.random.default_rng(0).uniform(-1, 1, 35).astype(np.float32)
     seen[::7] = [1, 1, 1, 0, 0]  # the last two rows are empty
+    seen = jnp.asarray(seen)
     for angle in (0.0, 45.0, 90.0):
         old = np.asarray(before(seen, exact_weights(angle)))
         new = np.asarray(after(seen[:21], exact_weights(angle)))
