@@ -9,6 +9,7 @@ from socialiq.errors import UserError
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.transfer import transferred
 from socialiq.social.angle import exact_weights
+from socialiq.types import RewardPair
 
 OLD, NEW = ("slower", "idle", "faster"), ("lane_left", "idle", "lane_right", "faster", "slower")
 
@@ -27,8 +28,9 @@ def test_an_action_keeps_its_value_and_a_new_one_is_never_the_best(pairs):
     seen[::7] = [1, 1, 1, 0, 0]  # the last two rows are empty
     seen = jnp.asarray(seen)
     for angle in (0.0, 45.0, 90.0):
-        old = np.asarray(before(seen, exact_weights(angle)))
-        new = np.asarray(after(seen[:21], exact_weights(angle)))
+        direction = RewardPair(*map(jnp.float32, exact_weights(angle)))
+        old = np.asarray(before(seen, direction))
+        new = np.asarray(after(seen[:21], direction))
         np.testing.assert_allclose(new[[4, 1, 3]], old, rtol=1e-5, atol=1e-6)
         assert (new[[0, 2]] < new[1]).all()
 
