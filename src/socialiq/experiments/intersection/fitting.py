@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.episodes import CURVE
