@@ -93,6 +93,7 @@ VARIANTS = {
     "absorbing states": Variant(_endings("bootstrap"), absorbing=True),
     "regression": Variant({"critic": "regression"}),
     "V(s') with gradient": Variant({"next_value": "online"}),
+    "linear rate, averaged weights": Variant({"schedule": "linear", "averaging": 1e-3}),
     "temperature 0.1": Variant(numbers={"temperature": 0.1}),
 }
 """Ablations by name in the tables."""
