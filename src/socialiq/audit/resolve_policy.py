@@ -14,10 +14,11 @@ from socialiq.audit.evidence.collect import RULES
 from socialiq.audit.evidence.drive_junction import rules_at_junction
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.scenario import World
+from socialiq.audit.profile.scenario import World, interface_of
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.foreign import one_line
+from socialiq.nn.actor_policy import DIAL_KIND, ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import Interface
 from socialiq.policies.load import KINDS, load_policy
@@ -174,7 +175,14 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
 
 def _fits(name: str, world: World) -> bool:
     policy = atlas.load(name)
-    return (policy.n_features, policy.n_actions) == (world.n_features, world.n_actions)
+    return Interface(policy.n_features, policy.n_actions) == interface_of(world)
+
+
+_DIALS: dict[str, Callable[[Path], DialPolicy | ActorDial]] = {
+    "dial": DialPolicy.load,
+    DIAL_KIND: ActorDial.load,
+}
+"""Readers of dials by the kind of file."""
 
 
 def _named(
@@ -189,10 +197,11 @@ def _named(
             f"{one_line(spec)} is not a file: a reference is a policy's file, or "
             "python:MODULE:ATTRIBUTE"
         )
-    if kind_of(path) != "dial":
+    kind = kind_of(path)
+    if kind not in _DIALS:
         one = _file(str(path), world, 0.0, Trust())
         return [(Reference(one_line(path.stem), one.policy), one.record.as_json())]
-    dial, found = DialPolicy.load(path), []
+    dial, found = _DIALS[kind](path), []
     for step in range(7):
         angle = EVERY * step
         if dial.low <= angle <= dial.high:
@@ -211,11 +220,13 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     The time is that of a world of this package or a recorded junction; other environments have
     none (`evidence.drive`, `evidence.drive_junction`, `evaluation.play`).
     """
+    found = interface_of(world)
     more: dict[str, Any] = {"angle": angle, "allow_code": trust.allow_code, "limits": trust.limits}
+    more["action_size"] = found.action_size
     if is_code(spec):
         more |= {"isolation": isolation_of(trust.isolation), "files": trust.files}
     try:
-        return load_policy(spec, world.n_features, world.n_actions, **more)
+        return load_policy(spec, found.n_features, found.n_actions, **more)
     except UserError:
         clocked = isinstance(world, GridWorld | Intersection | Junction) and spec.endswith(
             ".safetensors"
@@ -228,15 +239,14 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
         ):
             raise
         try:
-            return load_policy(spec, world.n_features + 1, world.n_actions, **more)
+            return load_policy(spec, found.n_features + 1, found.n_actions, **more)
         except UserError:
             pass
         raise
 
 
 def _rule(name: str, world: Intersection) -> Loaded:
-    interface = Interface(world.n_features, world.n_actions)
-    record = Record(RULE, name, _rule_sha256(name), _RULE_COVERS, interface, False)
+    record = Record(RULE, name, _rule_sha256(name), _RULE_COVERS, interface_of(world), False)
     return Loaded(policies.policy(name), record)
 
 

@@ -19,6 +19,7 @@ from socialiq.nn.ensemble import EnsemblePolicy, members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.view import OneHot
 from socialiq.policies.bill_of_materials import Metric, bill_of_materials
+from socialiq.policies.interface import Interface
 from socialiq.worlds.context_policy import ContextPolicy
 
 Exported = QPolicy | EnsemblePolicy | ActorPolicy | ContextPolicy
@@ -144,9 +145,8 @@ def _outputs(policy: Exported) -> str:
 
 
 def _chosen(policy: Exported) -> str:
-    if isinstance(policy, ActorPolicy):
-        return f"an action of {policy.action_size} numbers"
-    return f"one of {policy.n_actions} actions"
+    size = policy.action_size if isinstance(policy, ActorPolicy) else 0
+    return Interface(policy.n_features, policy.n_actions, size).answer
 
 
 def _temperature(policy: Exported) -> list[tuple[str, str | None]]:

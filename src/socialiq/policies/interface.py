@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from gymnasium import Space, spaces
 from jaxtyping import Float32, Int64
 
 from socialiq.errors import UserError
+
+
+class Spaces(Protocol):
+    """Protocol of a world that policies act in."""
+
+    @property
+    def n_features(self) -> int:
+        """Length of an observation."""
+        ...
+
+    @property
+    def action_space(self) -> Space[Any]:
+        """Space of one action."""
+        ...
 
 
 class Interface(NamedTuple):
@@ -24,6 +39,53 @@ class Interface(NamedTuple):
     n_features: int
     n_actions: int
     action_size: int = 0
+
+    @staticmethod
+    def of(world: Spaces) -> Interface:
+        """Return the interface of a world that has a Gymnasium space of actions.
+
+        Args:
+            world: Its actions are `Discrete`, or a `Box` within [-1, 1].
+        """
+        space = world.action_space
+        if isinstance(space, spaces.Box):
+            return Interface(world.n_features, 0, int(space.shape[0]))
+        assert isinstance(space, spaces.Discrete)
+        return Interface(world.n_features, int(space.n))
+
+    def as_json(self) -> dict[str, int]:
+        """Return the sizes by name: of the actions their number or their length, whichever is."""
+        if self.action_size:
+            return {"n_features": self.n_features, "action_size": self.action_size}
+        return {"n_features": self.n_features, "n_actions": self.n_actions}
+
+    @staticmethod
+    def of_json(record: Mapping[str, Any]) -> Interface:
+        """Return the interface of a record's JSON."""
+        sizes = (record.get(name, 0) for name in ("n_actions", "action_size"))
+        return Interface(record["n_features"], *sizes)
+
+    @property
+    def answer(self) -> str:
+        """One action in words."""
+        if self.action_size:
+            return f"{_numbers(self.action_size)} in [-1, 1]"
+        return f"one of {self.n_actions} actions"
+
+    def checked(self, answer: Any, rows: int, source: str) -> np.ndarray:
+        """Return a policy's answer as actions: int64 (rows,), or float32 (rows, action_size).
+
+        Args:
+            answer: The answer.
+            rows: Number of observations.
+            source: The policy's name in messages.
+
+        Raises:
+            UserError: If it is anything else, out of range or not finite.
+        """
+        if self.action_size:
+            return checked_vectors(answer, rows, self.action_size, source)
+        return checked_actions(answer, rows, self.n_actions, source)
 
     def check(self, source: str, world: Interface) -> None:
         """Refuse a policy that was made for another world.
@@ -46,7 +108,7 @@ class Interface(NamedTuple):
 
     def _actions(self) -> str:
         if self.action_size:
-            return f"actions of {self.action_size} numbers"
+            return f"actions of {_numbers(self.action_size)}"
         return f"{self.n_actions} discrete actions"
 
 
@@ -85,11 +147,7 @@ class BatchPolicy:
         """
         batch = checked_batch(observation, self.interface.n_features)
         answer = self.decide(batch, deterministic)
-        rows, size = len(batch), self.interface.action_size
-        if size:
-            actions = checked_vectors(answer, rows, size, self.source)
-        else:
-            actions = checked_actions(answer, rows, self.interface.n_actions, self.source)
+        actions = self.interface.checked(answer, len(batch), self.source)
         return (actions if np.ndim(observation) == 2 else actions.squeeze(axis=0)), state
 
 
@@ -134,6 +192,10 @@ def checked_actions(
     return actions.astype(np.int64)
 
 
+def _numbers(size: int) -> str:
+    return "1 number" if size == 1 else f"{size} numbers"
+
+
 def checked_vectors(
     answer: Any, rows: int, size: int, source: str
 ) -> Float32[np.ndarray, "batch size"]:
@@ -145,10 +207,12 @@ def checked_vectors(
     try:
         actions = np.asarray(answer, np.float64)
     except (ValueError, TypeError) as error:  # rows of several lengths, or no numbers
-        raise UserError(f"{source} must answer {size} numbers for each observation") from error
+        raise UserError(
+            f"{source} must answer {_numbers(size)} for each observation"
+        ) from error
     if actions.shape != (rows, size):
         raise UserError(
-            f"{source} answered shape {actions.shape}: it must be {size} numbers for each of "
+            f"{source} answered shape {actions.shape}: it must be {_numbers(size)} for each of "
             f"{rows} observations"
         )
     if not np.isfinite(actions).all():

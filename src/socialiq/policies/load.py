@@ -89,8 +89,6 @@ def load_policy(
     world, source = Interface(n_features, n_actions, action_size), one_line(spec)
     head, colon, rest = spec.partition(":")
     if colon and head == "process":
-        if action_size:
-            raise UserError(f"{source}: a process answers discrete actions; name a file or Python")
         command = command_of(rest.strip())
         code = _Code(source, command, lambda: hash_files(command, files_named_by(command, files)))
         return code.started(world, limits or Limits(), isolation or NOT_ASKED)

@@ -45,7 +45,7 @@ class Record:
         named = {name: getattr(self, name) for name in ("kind", "source", "sha256", "covers")}
         more = {"soft": self.soft, "isolation": self.isolation._asdict()}
         # The file's own facts come first: they can't take the place of these.
-        return {**self.details, **named, **self.interface._asdict(), **more}
+        return {**self.details, **named, **self.interface.as_json(), **more}
 
 
 def _nothing() -> None:

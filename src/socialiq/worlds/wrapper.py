@@ -168,6 +168,9 @@ def _check_bounds(space: spaces.Box) -> None:
 class UnitActions(gymnasium.ActionWrapper):
     """Environment whose actions are float32 vectors in [-1, 1], the ends being its own bounds.
 
+    Attributes:
+        bounds: The environment's own space of actions.
+
     Args:
         env: With a `Box` of actions within finite bounds.
 
@@ -178,22 +181,22 @@ class UnitActions(gymnasium.ActionWrapper):
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
         super().__init__(env)
         assert isinstance(env.action_space, spaces.Box)  # of others this is no wrapper
-        self._bounds = env.action_space
+        self.bounds = env.action_space
         self.action_space = spaces.Box(-1.0, 1.0, env.action_space.shape, np.float32)
 
     def action(self, action: Any) -> np.ndarray:
         """Return an action in the environment's own units."""
         given = np.asarray(action, np.float64)
-        if given.shape != self._bounds.shape or not np.isfinite(given).all():
+        if given.shape != self.bounds.shape or not np.isfinite(given).all():
             shown = one_line(str(given.tolist()), 60)
             raise UserError(
-                f"action {shown} is not {self._bounds.shape[0]} finite numbers: check the policy"
+                f"action {shown} is not {self.bounds.shape[0]} finite numbers: check the policy"
             )
         if (np.abs(given) > 1.0).any():
             raise UserError(f"action {one_line(str(given.tolist()), 60)} is outside [-1, 1]")
-        low, high = (one.astype(np.float64) for one in (self._bounds.low, self._bounds.high))
+        low, high = (one.astype(np.float64) for one in (self.bounds.low, self.bounds.high))
         scaled = low + (given + 1.0) / 2.0 * (high - low)
-        return np.clip(scaled, low, high).astype(self._bounds.dtype)
+        return np.clip(scaled, low, high).astype(self.bounds.dtype)
 
 
 def flat_space(space: gymnasium.Space[Any]) -> spaces.Box:

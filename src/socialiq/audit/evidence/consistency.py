@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Shaped
 
 from socialiq.types import Policy
 
@@ -20,6 +20,10 @@ ALLOWED = 0.001
 """Largest share of differing answers in other batches. The last bits of a network's output depend
 on the size of the batch, which changes about one action in a million; a policy of exact ties may
 exceed the share, and has to break them by rule."""
+
+NEAR = 1e-4
+"""Largest difference of two equal continuous actions, in halves of the range of each number. Sums of
+float32 in another order change an action by about a millionth."""
 
 MOST_ROWS = 16_384
 """Observations that are kept, if they are in enough batches."""
@@ -40,7 +44,8 @@ class Answers(NamedTuple):
 
     Attributes:
         queries: Number of observations that were asked again.
-        differing: Number of them with another action than in the episodes.
+        differing: Number of them with another action than in the episodes; continuous actions
+            are others where a number differs by more than `NEAR`.
     """
 
     queries: int
@@ -122,7 +127,7 @@ class Recorder:
         if self._asked % self._every == 0:
             # Copies: a simulator may use its arrays again.
             batch = np.array(observation, np.float32, ndmin=2)
-            self._kept.append((batch, np.array(chosen, np.int64, ndmin=1)))
+            self._kept.append((batch, _rows_of(chosen, np.ndim(observation))))
             while self._rows > MOST_ROWS and len(self._kept) > FEWEST_BATCHES:
                 self._kept, self._every = self._kept[::2], 2 * self._every
         self._asked += 1
@@ -156,8 +161,15 @@ class Recorder:
         return Consistency(repeated, shuffled, single)
 
 
+def _rows_of(chosen: np.ndarray, axes: int) -> Shaped[np.ndarray, "row ..."]:
+    """Return a copy of the answer to one observation, or a batch (of two axes), as rows."""
+    given = np.array(chosen)
+    return given if axes == 2 else given[None]
+
+
 def _asked(
-    policy: Policy, batch: Float32[np.ndarray, "row feature"], actions: Int64[np.ndarray, " row"]
+    policy: Policy, batch: Float32[np.ndarray, "row feature"], actions: Shaped[np.ndarray, "row ..."]
 ) -> Answers:
     again, _ = policy.predict(batch, deterministic=True)
-    return Answers(len(batch), int((again != actions).sum()))
+    far = np.abs(np.asarray(again) - actions) > (NEAR if actions.dtype.kind == "f" else 0)
+    return Answers(len(batch), int(far.reshape(len(batch), -1).any(axis=1).sum()))

@@ -184,15 +184,18 @@ def _summed(steps: Iterator[Step], episodes: int) -> _Summed:
     return _Summed(totals, ending, contact, length)
 
 
-def outcomes_of(driver: Reference, steps: Iterator[Step], episodes: int) -> Outcomes:
+def outcomes_of(
+    name: str, steps: Iterator[Step], episodes: int, angles: tuple[float, ...] = ()
+) -> Outcomes:
     """Return the outcomes of a driver whose simulator reports contacts, or none at all.
 
     Args:
-        driver: The driver.
+        name: Name of the driver.
         steps: Its decisions.
         episodes: Number of episodes.
+        angles: Angles for `Outcomes`.
     """
-    return Outcomes(driver.name, *_summed(steps, episodes), driver.angles)
+    return Outcomes(name, *_summed(steps, episodes), angles)
 
 
 def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple[Outcomes, ...]:
@@ -243,8 +246,18 @@ def drive_environment(
     actor = GymActor(policy, deterministic)
     if not deterministic and isinstance(policy, SoftPolicy):
         actor = SoftActor(policy, size=1)
-    simulator = GymSimulator(world.env, modulus=LARGEST_SEED)
-    return outcomes_of(driver, simulate(simulator, actor, seeds), len(seeds))
+    return outcomes_of(driver.name, steps_of(world, actor, seeds), len(seeds), driver.angles)
+
+
+def steps_of(
+    world: Environment, actor: Actor, seeds: Int64[np.ndarray, " episode"]
+) -> Iterator[Step]:
+    """Yield an actor's decisions on one episode of an environment for each seed.
+
+    Raises:
+        UserError: As `drive_environment`.
+    """
+    return simulate(GymSimulator(world.env, modulus=LARGEST_SEED), actor, seeds)
 
 
 def drive_intersection(

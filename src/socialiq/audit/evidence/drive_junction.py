@@ -95,7 +95,7 @@ def drive_junction(
     if not deterministic and isinstance(policy, SoftPolicy):
         actor = _SoftActor(batch, policy)
     steps = simulate(JunctionSimulator(batch), actor, seeds)
-    return outcomes_of(driver, steps, len(seeds))
+    return outcomes_of(driver.name, steps, len(seeds), driver.angles)
 
 
 def rules_at_junction(n_actions: int) -> list[Reference]:

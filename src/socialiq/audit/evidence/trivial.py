@@ -9,15 +9,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Float32, Int64
 
 from socialiq.audit.evidence.drive import (
     drive_actions,
     drive_environment,
     drive_intersection,
+    outcomes_of,
+    steps_of,
 )
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import Environment
+from socialiq.evaluation.simulate import SoftActor
+from socialiq.policies.interface import Interface
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.state import ACTIONS
@@ -39,10 +43,10 @@ class ConstantPolicy:
     """Policy that chooses one action always.
 
     Args:
-        action: The action.
+        action: The action: a number, or a vector.
     """
 
-    def __init__(self, action: int) -> None:
+    def __init__(self, action: int | np.ndarray) -> None:
         self.action = action
 
     def predict(
@@ -83,6 +87,33 @@ class UniformPolicy:
         return np.full((len(observations), self._actions), 1.0 / self._actions)
 
 
+class UniformActor:
+    """Actor that draws continuous actions uniformly from [-1, 1], by the seeds of the episodes.
+
+    Args:
+        action_size: Length of an action.
+        rows: Rows of the simulator.
+    """
+
+    def __init__(self, action_size: int, rows: int) -> None:
+        self._size = action_size
+        self._streams: list[np.random.Generator | None] = [None] * rows
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Open the stream of each episode."""
+        for row, seed in zip(rows.tolist(), seeds.tolist(), strict=True):
+            self._streams[row] = np.random.default_rng([_RANDOM, seed])
+
+    def decide(self, observation: Any, running: np.ndarray) -> Float32[np.ndarray, "row size"]:  # noqa: ARG002
+        """Draw for the running rows; the others get 0."""
+        action = np.zeros((len(running), self._size), np.float32)
+        for row in np.flatnonzero(running).tolist():
+            stream = self._streams[row]
+            assert stream is not None  # `begin` opened it
+            action[row] = stream.uniform(-1.0, 1.0, self._size)
+        return action
+
+
 def trivial_at_intersection(batch: Batch, seeds: Seeds) -> tuple[Outcomes, ...]:
     """Run random actions, drawn by the seeds; the constant ones are among the references.
 
@@ -120,14 +151,19 @@ def trivial_in_grid(
 def trivial_in_environment(world: Environment, seeds: Seeds) -> tuple[Outcomes, ...]:
     """Run the first action, the last action, and random ones, drawn by the seeds.
 
-    Their meaning is not known. Each costs as much time as a reference.
+    Of continuous actions the first and last are the lower and upper ends of all numbers. Their
+    meaning is not known. Each costs as much time as a reference.
 
     Args:
         world: The environment.
         seeds: Seeds of the episodes.
     """
-    last = world.n_actions - 1
-    constant = (Reference(f"{PREFIX}action_{one}", ConstantPolicy(one)) for one in (0, last))
+    sizes = Interface.of(world)
+    names: dict[str, Any] = {f"action_{one}": one for one in (0, sizes.n_actions - 1)}
+    if size := sizes.action_size:
+        ends = {"lowest_values": -1.0, "highest_values": 1.0}
+        names = {name: np.full(size, end, np.float32) for name, end in ends.items()}
+    constant = (Reference(f"{PREFIX}{name}", ConstantPolicy(one)) for name, one in names.items())
     found = [drive_environment(world, one, seeds) for one in constant]
-    driver = Reference(RANDOM, UniformPolicy(world.n_actions))
-    return (*found, drive_environment(world, driver, seeds, deterministic=False))
+    actor = UniformActor(size, 1) if size else SoftActor(UniformPolicy(sizes.n_actions), size=1)
+    return (*found, outcomes_of(RANDOM, steps_of(world, actor, seeds), len(seeds)))

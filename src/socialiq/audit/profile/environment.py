@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
+from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.worlds.environment import make_environment, paired, sizes
-from socialiq.worlds.wrapper import RewardPairWrapper
+from socialiq.worlds.wrapper import RewardPairWrapper, UnitActions
 
 LARGEST_SEED = 2**31
 """Environments are reset with the seed of an episode modulo this: not all take larger ones."""
@@ -48,7 +50,9 @@ class Environment:
         Raises:
             UserError: As `make_environment`.
         """
-        env = make_environment(name, options, allow_code=allow_code, needs_pair=True)
+        env = make_environment(
+            name, options, allow_code=allow_code, needs_pair=True, continuous=True
+        )
         return Environment(name, options, env)
 
     @property
@@ -57,13 +61,15 @@ class Environment:
         return sizes(self.env)[0]
 
     @property
-    def n_actions(self) -> int:
-        """Number of actions."""
-        return sizes(self.env)[1]
+    def action_space(self) -> gymnasium.Space[Any]:
+        """Space of one action: numbers from 0, or vectors in [-1, 1]."""
+        return self.env.action_space
 
     @cached_property
     def description(self) -> str:
         """Name, options, spaces, time limit, sources and versions as JSON with sorted keys.
+
+        Of continuous actions the bounds are included, in the environment's units.
 
         The sources are those of the files that define the environment's class, its wrappers, its
         registered entry point or the named function, and the functions of the pair; of the files
@@ -74,7 +80,7 @@ class Environment:
             "name": self.name,
             "options": dict(self.options),
             "n_features": self.n_features,
-            "n_actions": self.n_actions,
+            **_actions(self.env),
             "max_episode_steps": None if spec is None else spec.max_episode_steps,
             "kwargs": {} if spec is None else _json_kwargs(spec.kwargs),
             "sources": {**_sources(self._parts()), **self._named()},
@@ -110,7 +116,8 @@ class Environment:
         """Check that the seed determines an episode.
 
         Args:
-            seed: Seed of the episode that is started twice, with the first action at every step.
+            seed: Seed of the episode that is started twice, with one action at every step: the
+                first, or the middle of a box.
 
         Raises:
             UserError: If observations, rewards or endings differ.
@@ -125,12 +132,22 @@ class Environment:
     def _first_actions(self, seed: int) -> list[Any]:
         observation, _ = self.env.reset(seed=seed % LARGEST_SEED)
         seen: list[Any] = [observation.tobytes()]
+        space = self.action_space
+        first = np.zeros(space.shape, np.float32) if isinstance(space, spaces.Box) else 0
         for _ in range(_REPEATED):
-            observation, _, terminated, truncated, info = self.env.step(0)
+            observation, _, terminated, truncated, info = self.env.step(first)
             seen.append((observation.tobytes(), tuple(info["reward_pair"]), terminated, truncated))
             if terminated or truncated:
                 break
         return seen
+
+
+def _actions(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
+    """Return the number of discrete actions, or the bounds of a box in its own units."""
+    if not isinstance(env, UnitActions):
+        return {"n_actions": sizes(env)[1]}
+    ends = {"low": env.bounds.low, "high": env.bounds.high}
+    return {"action_bounds": {name: one.tolist() for name, one in ends.items()}}
 
 
 def _module_of(part: Any) -> str:

@@ -12,6 +12,7 @@ from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.fields import LARGEST_NUMBER, LONGEST_TEXT
 from socialiq.audit.profile.junction import Junction, is_junction
 from socialiq.errors import UserError, one_of
+from socialiq.policies.interface import Interface
 from socialiq.recordings.recording import refuse_recording
 from socialiq.worlds import IDS
 from socialiq.worlds.environment import is_environment
@@ -77,6 +78,13 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     if isinstance(world, Intersection):
         _check_size(world.options)
     return world
+
+
+def interface_of(world: World) -> Interface:
+    """Return the sizes of a world's observations and actions, discrete or continuous."""
+    if isinstance(world, Intersection | Environment):
+        return Interface.of(world)
+    return Interface(world.n_features, world.n_actions)
 
 
 def scenario_sha256(world: World) -> str:

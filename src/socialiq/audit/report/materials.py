@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from socialiq.policies.bill_of_materials import Metric, bill_of_materials
+from socialiq.policies.interface import Interface
 
 _CODE = ("process", "python", "rule")
 """Kinds of policies that are not one file."""
@@ -27,7 +28,7 @@ def materials(report: Mapping[str, Any]) -> bytes:
         str(report["versions"].get("socialiq", "")),
         file_sha256=record["sha256"] if is_file else "",
         inputs=f"{record['n_features']} numbers",
-        outputs=f"one of {record['n_actions']} actions",
+        outputs=Interface.of_json(record).answer,
         metrics=_metrics(report),
         limits=report["limits"],
         properties={

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shlex
 import shutil
@@ -98,16 +99,13 @@ def start_process(
     answer = _request(child, greeting, limits.start, _GREETING)
     if (answer.get("protocol"), answer.get("version")) != (PROTOCOL, VERSION):
         raise child.failure(f"does not speak {PROTOCOL} version {VERSION}")
-    features, actions = answer.get("features"), answer.get("actions")
-    if type(features) is not int or type(actions) is not int:
-        raise child.failure("does not give its numbers of features and actions")
-    interface = Interface(features, actions)
+    interface = _interface(child, answer)
     try:
         interface.check(source, world)
     except UserError:
         child.close()
         raise
-    conversation = _Conversation(child, limits.step)
+    conversation = _Conversation(child, limits.step, interface.action_size)
     details = {"name": one_line(str(answer.get("name", ""))), **limits._asdict()}
     return BatchPolicy(source, interface, conversation.decide), details, child
 
@@ -128,8 +126,28 @@ def command_of(command_line: str) -> list[str]:
     return command
 
 
+_ACTIONS, _SIZE = "actions", "action_size"
+"""Field of a greeting with the number of discrete actions, or the length of a continuous one."""
+
+
 def _sizes(world: Interface) -> dict[str, int]:
-    return {"features": world.n_features, "actions": world.n_actions}
+    kind = {_SIZE: world.action_size} if world.action_size else {_ACTIONS: world.n_actions}
+    return {"features": world.n_features, **kind}
+
+
+def _interface(child: Child, answer: dict[str, Any]) -> Interface:
+    """Return the sizes that a program names, of one kind of actions.
+
+    Raises:
+        UserError: If it names none or both; it is killed then.
+    """
+    features, sizes = answer.get("features"), [answer.get(one) for one in (_ACTIONS, _SIZE)]
+    if type(features) is not int or [type(one) for one in sizes if one is not None] != [int]:
+        raise child.failure(
+            f"does not give its numbers of features and {_ACTIONS}, or {_SIZE} if they are "
+            "continuous"
+        )
+    return Interface(features, sizes[0] or 0, sizes[1] or 0)
 
 
 def _request(child: Child, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
@@ -152,10 +170,16 @@ def _request(child: Child, message: dict[str, Any], seconds: float, most: int) -
 
 
 class _Conversation:
-    """Exchange of observations and actions; each answer has the number of its request."""
+    """Exchange of observations and actions; each answer has the number of its request.
 
-    def __init__(self, child: Child, seconds: float) -> None:
-        self._child, self._seconds, self._number = child, seconds, 0
+    Args:
+        child: The process.
+        seconds: Time for each answer.
+        size: Length of a continuous action; 0 if actions are discrete.
+    """
+
+    def __init__(self, child: Child, seconds: float, size: int) -> None:
+        self._child, self._seconds, self._number, self._size = child, seconds, 0, size
 
     def decide(
         self, batch: Float32[np.ndarray, "batch feature"], deterministic: bool
@@ -163,7 +187,8 @@ class _Conversation:
         """Request the actions of a batch.
 
         Raises:
-            UserError: If the process fails, or answers anything but a list of integers.
+            UserError: If the process fails, or answers anything but a list of integers, or of
+                lists of numbers if actions are continuous.
         """
         self._number += 1
         request = {
@@ -171,12 +196,38 @@ class _Conversation:
             "deterministic": deterministic,
             "observations": batch.tolist(),
         }
-        answer = _request(self._child, request, self._seconds, _ANSWER + _PER_ROW * len(batch))
+        most = _ANSWER + _PER_ROW * len(batch) * max(self._size, 1)
+        answer = _request(self._child, request, self._seconds, most)
         actions = answer.get("actions")
         if answer.get("id") != self._number:
             raise self._child.failure(f"did not name the request {self._number} that it answers")
+        if self._size:
+            return self._vectors(actions)
         if not isinstance(actions, list) or any(type(one) is not int for one in actions):
             raise self._child.failure("answered actions that are not a list of integers")
         if any(abs(one) >= 2**31 for one in actions):
             raise self._child.failure("answered an action of more than 32 bits")
         return np.array(actions, np.int64)
+
+    def _vectors(self, actions: Any) -> np.ndarray:
+        """Return continuous actions; their number is checked with those of other policies.
+
+        Raises:
+            UserError: If they are not lists of finite numbers; the process is killed then.
+        """
+        lists = isinstance(actions, list) and all(isinstance(one, list) for one in actions)
+        if not lists or any(len(one) != self._size for one in actions):
+            raise self._child.failure(
+                f"answered actions that are no list of {self._size} number(s) for each observation"
+            )
+        for one in itertools.chain.from_iterable(actions):
+            if type(one) not in (int, float):
+                raise self._child.failure(
+                    f"answered {one_line(json.dumps(one), 40)} in an action: each must be a number"
+                )
+            if not abs(one) <= 1.0:  # NaN too
+                raise self._child.failure(
+                    f"answered {one_line(str(one), 40)} in an action: continuous ones must be in "
+                    "[-1, 1], the ends being the bounds of the action space"
+                )
+        return np.array(actions, np.float64).reshape(len(actions), self._size)

@@ -27,15 +27,15 @@ def main(place: str, attribute: str, paths: list[str]) -> int:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     sys.path[:] = paths
-    policy: Any = None
+    policy, size = None, 0
     for line in sys.stdin:
         message = json.loads(line)
         try:
             if policy is None:
-                policy = _loaded(place, attribute)
+                policy, size = _loaded(place, attribute), message.get("action_size", 0)
                 answer = message
             else:
-                answer = {"id": message["id"], **_decided(policy, message)}
+                answer = {"id": message["id"], **_decided(policy, message, size)}
         except (Exception, SystemExit) as error:
             answer = {"error": f"raised {type(error).__name__}: {error}; correct its code"[:MOST]}
         if isinstance(policy, str):
@@ -67,8 +67,14 @@ def _module(place: str) -> Any:
     return module
 
 
-def _decided(policy: Any, message: dict[str, Any]) -> dict[str, Any]:
-    """Return the actions of a request, or an error if they are no integers."""
+def _decided(policy: Any, message: dict[str, Any], size: int) -> dict[str, Any]:
+    """Return the actions of a request, or an error if they are of another type or shape.
+
+    Args:
+        policy: The policy.
+        message: The request.
+        size: Length of a continuous action; 0 if actions are discrete.
+    """
     import numpy as np
 
     batch = np.array(message["observations"], np.float32)
@@ -80,9 +86,12 @@ def _decided(policy: Any, message: dict[str, Any]) -> dict[str, Any]:
         actions = np.asarray(answer)
     except (ValueError, TypeError):  # rows of several lengths
         return {"error": "must answer one action for each observation"}
-    if actions.shape != (len(batch),) or actions.dtype.kind not in "iu":
+    wanted, kinds, what = (len(batch),), "iu", "one integer"
+    if size:
+        wanted, kinds, what = (len(batch), size), "iuf", f"{size} number(s)"
+    if actions.shape != wanted or actions.dtype.kind not in kinds:
         return {
-            "error": f"answered {actions.dtype} of shape {actions.shape}: it must be one integer "
+            "error": f"answered {actions.dtype} of shape {actions.shape}: it must be {what} "
             f"for each of {len(batch)} observations"
         }
     return {"actions": actions.tolist()}
