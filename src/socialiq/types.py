@@ -234,6 +234,10 @@ class Transitions(Protocol):
         ...
 
 
+ACTION_BOUNDS = "action_bounds"
+"""Name, in provenance, of the ends of continuous actions in the units of their origin."""
+
+
 def is_unit_box(space: Any) -> bool:
     """Whether the bounds of a Gymnasium `Box` are -1 and 1, and its actions one float32 vector."""
     bounds = np.abs([space.low, space.high])

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from socialiq.cli.output import print_json, print_table
+from socialiq.datasets.actions import Bounds
 from socialiq.datasets.minari_read import read_minari
 from socialiq.datasets.minari_write import id_of, write_minari
 from socialiq.datasets.step_files import format_of, read_steps, write_steps
@@ -22,33 +23,42 @@ from socialiq.social.angle import check_angle
 
 @dataclass(frozen=True)
 class FromArrays:
-    """Read plain arrays (.npz, .csv, .parquet), one row for each step, as demonstrations.
+    """Read plain arrays (.npz, .csv, .parquet, .hdf5), one row for each step, as demonstrations.
 
     Example: socialiq data from-arrays steps.csv --n-actions 3 --out mine.safetensors
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """Archive (.npz) or table (.csv, .parquet) with observation, action, rewards, ..."""
+    """Archive (.npz) or table (.csv, .parquet) with observation, action, rewards, ...; or a file in
+    D4RL's layout (.hdf5)."""
     out: Path
     """Demonstrations file to write; must not exist."""
     n_actions: int = 0
-    """Number of actions of the world. A file of `socialiq data to-arrays` has it, except CSV."""
+    """Number of actions of the world, 0 for continuous ones. A file of `socialiq data to-arrays` has
+    it, except CSV."""
     social: str = ""
     """none: a reward of one number a step is r_env, and r_social is 0."""
     mode: tuple[str, ...] = ()
     """Names of the demonstrators that the column `mode` numbers; by default demonstrator."""
     flatten: bool = False
     """Flatten observations of more axes (images) to one."""
+    action_low: tuple[float, ...] = ()
+    """Lower ends of continuous actions in the file's units, one for each number or one for all; by
+    default actions are in [-1, 1]."""
+    action_high: tuple[float, ...] = ()
+    """Their upper ends."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, write, print the counts."""
+        bounds = Bounds.of(self.action_low, self.action_high)
 
         def read() -> Demonstrations:
             return read_steps(
                 self.file,
                 n_actions=self.n_actions,
+                bounds=bounds,
                 mode_names=self.mode,
                 social=self.social,
                 flatten=self.flatten,
@@ -59,7 +69,7 @@ class FromArrays:
 
 @dataclass(frozen=True)
 class ToArrays:
-    """Write demonstrations as plain arrays (.npz, .csv, .parquet), one row for each step.
+    """Write demonstrations as plain arrays (.npz, .csv, .parquet, .hdf5), one row for each step.
 
     Example: socialiq data to-arrays mixed.safetensors --out mixed.parquet
     """
@@ -75,7 +85,7 @@ class ToArrays:
         """Read, write, print the counts."""
         format_of(self.out)
         refuse_existing(self.out)
-        table = files.load(self.file)
+        table = files.load(self.file, continuous=True)
         write_steps(self.out, table, replace=False)
         _print_counts(self.out, files.sha256_of(table), table, self.json)
         return 0
@@ -95,8 +105,8 @@ class FromTrajectories:
     obs_0, ..., acts, next_obs_0, ..., rews, terminal, trajectory."""
     out: Path
     """Demonstrations file to write; must not exist."""
-    n_actions: int
-    """Number of actions of the world."""
+    n_actions: int = 0
+    """Number of actions of the world; 0 for continuous ones."""
     social: str = ""
     """none: a reward of one number a step is r_env, and r_social is 0."""
     mode: str = "demonstrator"
@@ -105,16 +115,23 @@ class FromTrajectories:
     """Steps after which the clock cut an episode that the archive calls terminal; 0 for none."""
     flatten: bool = False
     """Flatten observations of more axes (images) to one."""
+    action_low: tuple[float, ...] = ()
+    """Lower ends of continuous actions in the file's units, one for each number or one for all; by
+    default actions are in [-1, 1]."""
+    action_high: tuple[float, ...] = ()
+    """Their upper ends."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, write, print the counts."""
+        bounds = Bounds.of(self.action_low, self.action_high)
 
         def read() -> Demonstrations:
             return read_trajectories(
                 self.file,
                 n_actions=self.n_actions,
+                bounds=bounds,
                 mode=self.mode,
                 social=self.social,
                 time_limit=self.time_limit,
@@ -145,7 +162,7 @@ class ToMinari:
     def run(self) -> int:
         """Read, write, print the place."""
         check_angle(self.angle)
-        table = files.load(self.file)
+        table = files.load(self.file, continuous=True)
         name = self.id or id_of(self.out)
         place = write_minari(table, self.out, dataset_id=name, angle=self.angle)
         sha256 = files.sha256_of(table)
@@ -174,15 +191,25 @@ class FromMinari:
     """Name of the demonstrator, where the data set names none."""
     flatten: bool = False
     """Flatten observations of more axes (images) to one."""
+    action_low: tuple[float, ...] = ()
+    """Lower ends of continuous actions in their units, one for each number or one for all; by
+    default those of the data set's own space."""
+    action_high: tuple[float, ...] = ()
+    """Their upper ends."""
     json: bool = False
     """Print one JSON object."""
 
     def run(self) -> int:
         """Read, check, write, print the counts."""
+        bounds = Bounds.of(self.action_low, self.action_high)
 
         def read() -> Demonstrations:
             return read_minari(
-                self.folder, social=self.social, mode=self.mode, flatten=self.flatten
+                self.folder,
+                social=self.social,
+                mode=self.mode,
+                flatten=self.flatten,
+                bounds=bounds,
             )
 
         return save_new(self.out, read, self.json)

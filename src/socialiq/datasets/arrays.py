@@ -10,21 +10,20 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from socialiq.datasets.actions import Bounds, actions_of
+from socialiq.datasets.plain_columns import features_of, flag_of, pair_of, whole_of
 from socialiq.demonstrations.columns import flags_of, steps_of
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError, one_of
-from socialiq.types import Ending, RewardPair
-
-SOCIAL = ("", "none")
-"""Meaning of a reward of one number a step: not given, or r_env with r_social 0."""
-
+from socialiq.errors import UserError
+from socialiq.types import ACTION_BOUNDS, Ending
 
 def of_steps(
     observation: Any,
     action: Any,
     reward: Any,
     *,
-    n_actions: int,
+    n_actions: int = 0,
+    bounds: Bounds | None = None,
     terminated: Any = None,
     truncated: Any = None,
     ending: Any = None,
@@ -42,9 +41,12 @@ def of_steps(
 
     Args:
         observation: s, (steps, features), or (steps,) of one feature; any numeric type.
-        action: a, (steps,), integers in [0, n_actions).
+        action: a, (steps,), integers in [0, n_actions); continuous ones (steps, size), floats.
         reward: (r_env, r_social), (steps, 2); or (steps,) with `social`.
-        n_actions: Number of actions of the world; the data may lack some.
+        n_actions: Number of actions of the world, of which the data may lack some; 0 for
+            continuous ones.
+        bounds: Ends of continuous actions in their own units, which `source` keeps; without them
+            actions must be in [-1, 1].
         terminated: Whether s' is a terminal state, (steps,).
         truncated: Whether the clock cut the episode at s', (steps,).
         ending: Values of `types.Ending`, (steps,), instead of the flags or with them. Without it a
@@ -71,7 +73,7 @@ def of_steps(
     number = _episodes(rows, episode, ends)
     columns = {
         "observation": seen,
-        "action": whole_of("action", action),
+        "action": actions_of(action, n_actions, bounds),
         "next_observation": _next(seen, number, next_observation, final_observation, flatten),
         **_endings(rows, terminated, truncated, kinds),
         "mode": np.zeros(rows, np.int8) if mode is None else whole_of("mode", mode).astype(np.int8),
@@ -80,103 +82,8 @@ def of_steps(
     }
     pair = pair_of(reward, social)
     arrays = {**columns, "r_env": pair.env, "r_social": pair.social}
-    return Demonstrations.of_arrays(arrays, mode_names, n_actions, source or {})
-
-
-def pair_of(reward: Any, social: str) -> RewardPair:
-    """Return the reward pair of (steps, 2), or of (steps,) where `social` says that r_social is 0.
-
-    Raises:
-        UserError: If it is neither, or `social` is not given.
-    """
-    one_of("social", social, SOCIAL)
-    array = number_of("reward", reward).astype(np.float64)
-    if array.ndim == 2 and array.shape[1] == 2:
-        return RewardPair(array[:, 0].copy(), array[:, 1].copy())
-    if array.ndim != 1:
-        raise UserError(
-            f"reward has shape {array.shape}: pass (steps, 2), r_env and r_social of each step"
-        )
-    if social != "none":
-        raise UserError(
-            "reward has one number for each step, so r_social is not known: pass (steps, 2), or "
-            "say social none, which makes it r_env with r_social 0"
-        )
-    return RewardPair(array, np.zeros(len(array)))
-
-
-def features_of(name: str, observation: Any, flatten: bool) -> Float32[np.ndarray, "row feature"]:
-    """Return observations as float32, one row for each.
-
-    Raises:
-        UserError: If they are nested, not numbers, or of more axes and `flatten` is not set.
-    """
-    array = number_of(name, observation)
-    if array.ndim == 1:
-        array = array[:, None]
-    if not array.size:
-        raise UserError(f"{name} has shape {array.shape}: pass at least one row of one feature")
-    if array.ndim > 2 and not flatten:
-        raise UserError(
-            f"{name} has shape {array.shape}: pass (steps, features), or flatten it (flatten)"
-        )
-    # What is too large for float32 becomes infinity here, which the table refuses.
-    with np.errstate(over="ignore"):
-        return array.reshape(len(array), -1).astype(np.float32)
-
-
-def whole_of(name: str, values: Any) -> Int32[np.ndarray, " row"]:
-    """Return a column of integers.
-
-    Raises:
-        UserError: If it is anything else, for instance continuous actions.
-    """
-    array = number_of(name, values)
-    if array.ndim == 2 and array.shape[1] == 1:
-        array = array[:, 0]
-    if array.ndim != 1 or array.dtype.kind not in "iu":
-        what = "; only discrete actions are supported" if name == "action" else ""
-        raise UserError(
-            f"{name} is {array.dtype} of shape {array.shape}: pass one integer for each step{what}"
-        )
-    limits = np.iinfo(np.int8 if name in ("ending", "mode") else np.int32)
-    if len(array) and (int(array.max()) > limits.max or int(array.min()) < limits.min):
-        raise UserError(f"{name} holds {int(array.max())}: number from 0")
-    return array.astype(np.int32)
-
-
-def flag_of(name: str, values: Any) -> Bool[np.ndarray, " row"]:
-    """Return a column of booleans.
-
-    Raises:
-        UserError: If it is not booleans, or zeros and ones.
-    """
-    array = number_of(name, values)
-    if array.ndim != 1 or array.dtype.kind not in "biu" or not np.isin(array, (0, 1)).all():
-        raise UserError(f"{name} is {array.dtype} of shape {array.shape}: pass one boolean a step")
-    return array.astype(np.bool_)
-
-
-def number_of(name: str, values: Any) -> np.ndarray:
-    """Return an array of numbers.
-
-    Raises:
-        UserError: If it is nested, ragged or of objects.
-    """
-    if isinstance(values, dict):
-        raise UserError(f"{name} is a dict: pass one array, its parts side by side as features")
-    try:
-        array = np.asarray(values)
-    except (ValueError, TypeError) as error:  # ragged rows
-        raise UserError(
-            f"{name} is not an array of numbers: give every step the same shape"
-        ) from error
-    if array.dtype.kind not in "fiub" or array.ndim == 0:
-        raise UserError(
-            f"{name} is {array.dtype} with {array.ndim} axes: pass an array of numbers, one row "
-            "for each step"
-        )
-    return array
+    kept = {} if bounds is None else {ACTION_BOUNDS: bounds.as_json()}
+    return Demonstrations.of_arrays(arrays, mode_names, n_actions, {**(source or {}), **kept})
 
 
 def _given(**columns: Any) -> list[tuple[str, Any]]:

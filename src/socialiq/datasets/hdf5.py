@@ -24,13 +24,16 @@ MOST_NUMBERS = 2**28
 _FAULTS = (OSError, RuntimeError, ValueError, TypeError, KeyError, AttributeError, OverflowError)
 
 
-def library() -> ModuleType:
+def library(needed_by: str = "Minari data") -> ModuleType:
     """Import h5py.
+
+    Args:
+        needed_by: What it reads or writes, in the message.
 
     Raises:
         UserError: If it is not installed.
     """
-    return optional("h5py", "minari", "Minari data")
+    return optional("h5py", "minari", needed_by)
 
 
 class Reader:
@@ -61,6 +64,16 @@ class Reader:
         trace: TracebackType | None,
     ) -> None:
         self._file.close()
+
+    def text(self, name: str) -> bytes | None:
+        """Return a text that the root has as an attribute; None if there is none."""
+        try:
+            found = self._file.attrs.get(name)
+        except _FAULTS as error:
+            raise self._damaged() from error
+        if isinstance(found, np.void):  # bytes of any length
+            return bytes(found)
+        return found.encode() if isinstance(found, str) else None
 
     def size(self) -> int:
         """Return the number of members of the file's root."""

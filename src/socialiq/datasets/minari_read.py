@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from socialiq.datasets.arrays import features_of, of_steps
+from socialiq.datasets.actions import Bounds
+from socialiq.datasets.arrays import of_steps
 from socialiq.datasets.hdf5 import Reader
+from socialiq.datasets.plain_columns import features_of
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
@@ -29,17 +31,32 @@ MOST_METADATA = 64 * 1024 * 1024  # bytes: Minari writes the bounds of every pix
 
 
 class _Space(NamedTuple):
-    """Facts of a Gymnasium space."""
+    """Facts of a Gymnasium space.
+
+    Attributes:
+        kind: Name of its class.
+        shape: Shape of an element.
+        image: Whether it looks like an image to Minari.
+        start: First number of a discrete space.
+        size: Number of elements of a discrete space; 0 of others.
+        ends: Lower and upper ends of a box, as the metadata have them.
+    """
 
     kind: str
     shape: tuple[int, ...]
     image: bool
     start: int
     size: int
+    ends: tuple[Any, Any]
 
 
 def read_minari(
-    folder: Path, *, social: str = "", mode: str = "demonstrator", flatten: bool = False
+    folder: Path,
+    *,
+    social: str = "",
+    mode: str = "demonstrator",
+    flatten: bool = False,
+    bounds: Bounds | None = None,
 ) -> Demonstrations:
     """Read a Minari data set, of `write_minari` or of another program, without its environment.
 
@@ -48,10 +65,11 @@ def read_minari(
         social: "none" if the one reward is r_env and r_social is 0, for data without a pair.
         mode: Name of the demonstrator, where the data set names none.
         flatten: Whether observations of more axes (images) are flattened to one.
+        bounds: Ends of continuous actions, where those of the data set's own space are not finite.
 
     Raises:
-        UserError: If it is missing or damaged; if it has no discrete actions or no observations of
-            numbers; if it has no reward pair and `social` is not given; if it was changed since it
+        UserError: If it is missing or damaged; if its actions are neither discrete nor vectors
+            within bounds, or its observations no numbers; if it has no reward pair and `social` is not given; if it was changed since it
             was written.
     """
     inner = folder / DATA_FOLDER
@@ -61,11 +79,14 @@ def read_minari(
     with Reader(place / MAIN_FILE) as reader:
         columns = _columns(reader, place, metadata, actions, social, flatten)
     ours = metadata.get(OURS)
+    if not isinstance(ours, dict):
+        bounds = _bounds(place, actions, bounds)
     names, source = _named(ours, columns["mode"], mode), {"made_by": "minari", "of": _id(metadata)}
     if isinstance(ours, dict) and isinstance(ours.get("source"), dict):
         source = ours["source"]
     try:
-        table = of_steps(**columns, mode_names=names, n_actions=actions.size, source=source)
+        sizes: dict[str, Any] = {"n_actions": actions.size, "bounds": bounds}
+        table = of_steps(**columns, **sizes, mode_names=names, source=source)
     except UserError as error:
         raise UserError(f"{folder}: {error}") from error
     if isinstance(ours, dict) and ours.get("sha256") != files.sha256_of(table):
@@ -99,19 +120,41 @@ def _space(path: Path, metadata: dict[str, Any], name: str) -> _Space:
         if type(start) is not int or type(size) is not int:
             start, size = 0, 0  # for instance of a MultiBinary, which is refused by its type
         image = space.get("dtype") == "uint8" and len(shape) in (2, 3) and min(shape[:2]) >= 32
-        return _Space(str(space["type"]), shape, image, start, size)
+        ends = space.get("low"), space.get("high")
+        return _Space(str(space["type"]), shape, image, start, size, ends)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise UserError(f"{path}: the metadata have no {name}: write the data set again") from error
 
 
 def _actions(path: Path, metadata: dict[str, Any]) -> _Space:
     space = _space(path, metadata, "action_space")
-    if space.kind != "Discrete" or not 1 <= space.size < 2**31:
+    discrete = space.kind == "Discrete" and 1 <= space.size < 2**31
+    if not discrete and not (space.kind == "Box" and len(space.shape) == 1 and space.shape[0]):
         raise UserError(
-            f"{path} has actions of a {one_line(space.kind, 40)} space: only discrete actions are "
-            "supported"
+            f"{path} has actions of a {one_line(space.kind, 40)} space of shape {space.shape}: only "
+            "discrete actions are supported, or a Box of one vector"
         )
-    return space
+    return space._replace(size=0, start=0) if space.kind == "Box" else space
+
+
+def _bounds(path: Path, actions: _Space, given: Bounds | None) -> Bounds | None:
+    """Return the bounds of continuous actions, those given or the space's own; None of discrete.
+
+    Raises:
+        UserError: If there are none.
+    """
+    if actions.size or given is not None:
+        return given
+    try:
+        ends = [np.asarray(one, np.float64) for one in actions.ends]
+    except (ValueError, TypeError):
+        ends = []
+    shaped = len(ends) == 2 and all(one.shape == actions.shape for one in ends)
+    if not shaped or not np.isfinite(ends).all():
+        raise UserError(
+            f"{path} has actions without finite bounds: name them (--action-low, --action-high)"
+        )
+    return Bounds.of(*(one.tolist() for one in ends))
 
 
 def _columns(
@@ -138,13 +181,15 @@ def _columns(
         raise UserError(
             f"{path} holds {size} episodes, but its metadata say {expected}: record it again"
         )
-    parts = [_of_episode(reader, f"episode_{number}", path, seen) for number in range(size)]
+    vector = () if actions.size else actions.shape
+    parts = [_of_episode(reader, f"episode_{one}", path, seen, vector) for one in range(size)]
     pairs = sum("pair" in part for part in parts)
     if 0 < pairs < size:
         raise UserError(f"{path} has a reward pair in some episodes only: record it again")
     parts = [_as_rows(part, number) for number, part in enumerate(parts)]
-    for part in parts:
-        part["action"] = part["action"] - actions.start
+    if actions.start:
+        for part in parts:
+            part["action"] = part["action"] - actions.start
     names = [name for name in parts[0] if all(name in part for part in parts)]
     joined: dict[str, Any] = {
         name: np.concatenate([part[name] for part in parts]) for name in names
@@ -152,8 +197,10 @@ def _columns(
     return {"mode": np.zeros(len(joined["action"]), np.int8), "social": social} | joined
 
 
-def _of_episode(reader: Reader, group: str, path: Path, space: _Space) -> dict[str, np.ndarray]:
-    """Return the arrays of one episode, whose lengths agree."""
+def _of_episode(
+    reader: Reader, group: str, path: Path, space: _Space, action: tuple[int, ...]
+) -> dict[str, np.ndarray]:
+    """Return the arrays of one episode, whose lengths agree; `action` is the shape of an action."""
     names = ("actions", "rewards", "terminations", "truncations")
     part = {name: reader.array(f"{group}/{name}") for name in names}
     part["observations"] = reader.array(f"{group}/observations")
@@ -163,7 +210,8 @@ def _of_episode(reader: Reader, group: str, path: Path, space: _Space) -> dict[s
             wanted["pair"] = f"{group}/infos/{name}"
     part |= {key: reader.array(name) for key, name in wanted.items() if reader.has(name)}
     steps = part["actions"].shape[0]
-    shapes = dict.fromkeys(names, (steps,)) | {"observations": (steps + 1, *space.shape)}
+    shapes = dict.fromkeys(names, (steps,)) | {"actions": (steps, *action)}
+    shapes |= {"observations": (steps + 1, *space.shape)}
     shapes |= {"ending": (steps + 1,), "mode": (steps + 1,), "pair": (steps + 1, 2)}
     for name, array in part.items():
         if array.shape != shapes[name] and not _is_column(array, shapes[name]):
@@ -185,7 +233,7 @@ def _as_rows(part: dict[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
     rows = {
         "observation": seen[:-1],
         "next_observation": seen[1:],
-        "action": part["actions"].reshape(-1),
+        "action": part["actions"],
         "terminated": part["terminations"].reshape(-1),
         "truncated": part["truncations"].reshape(-1),
         "reward": part["pair"][1:] if "pair" in part else part["rewards"].reshape(-1),

@@ -104,7 +104,9 @@ def _write(minari: ModuleType, table: Demonstrations, place: Path, name: str, an
         storage = minari.dataset.minari_storage.MinariStorage.new(
             place,
             observation_space=spaces.Box(-np.inf, np.inf, (table.n_features,), np.float32),
-            action_space=spaces.Discrete(table.n_actions),
+            action_space=spaces.Discrete(table.n_actions)
+            if table.n_actions
+            else spaces.Box(-1.0, 1.0, (table.action_size,), np.float32),
             data_format="hdf5",
         )
         reward = np.asarray(score(exact_weights(angle), table.rewards), np.float64)
@@ -143,7 +145,7 @@ def _episode(table: Demonstrations, rows: slice, reward: np.ndarray) -> dict[str
         "observations": np.concatenate(
             [table.observation[rows], table.next_observation[rows][-1:]]
         ),
-        "actions": table.action[rows].astype(np.int64),
+        "actions": table.action[rows].astype(np.int64 if table.n_actions else np.float32),
         "rewards": reward[rows],
         "terminations": table.terminated[rows],
         "truncations": table.truncated[rows],

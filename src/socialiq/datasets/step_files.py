@@ -1,4 +1,4 @@
-"""Demonstrations in and out as files of plain arrays: .npz, .csv and .parquet."""
+"""Demonstrations in and out as files of plain arrays: .npz, .csv, .parquet, and D4RL's .hdf5."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from socialiq.datasets.actions import Bounds
 from socialiq.datasets.arrays import of_steps
+from socialiq.datasets.d4rl import d4rl_of, read_d4rl
 from socialiq.datasets.npz import npz_of, read_npz
 from socialiq.datasets.step_columns import STEPS, columns_of
 from socialiq.datasets.step_tables import csv_of, parquet_of, read_csv, read_parquet
@@ -18,7 +20,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.reading import sha256_of_file
 from socialiq.storage import write_atomically
 
-FORMATS = (".npz", ".csv", ".parquet")
+FORMATS = (".npz", ".csv", ".parquet", ".hdf5")
 """Endings of the files that are read and written."""
 
 ARRAYS = (
@@ -37,13 +39,14 @@ ARRAYS = (
 """Arrays of an archive (.npz); the first three are required."""
 
 HEADER = "socialiq"
-"""Entry of .npz and .parquet with the table's header as a JSON object."""
+"""Entry of .npz, .parquet and .hdf5 with the table's header as a JSON object."""
 
 
 def read_steps(
     path: Path,
     *,
     n_actions: int = 0,
+    bounds: Bounds | None = None,
     mode_names: tuple[str, ...] = (),
     social: str = "",
     flatten: bool = False,
@@ -52,7 +55,9 @@ def read_steps(
 
     Args:
         path: The file; its ending names the format.
-        n_actions: Number of actions of the world; 0 where the file has a header with it.
+        n_actions: Number of actions of the world; 0 where the file has a header with it, and for
+            continuous actions.
+        bounds: Ends of continuous actions in the file's units, as of `arrays.of_steps`.
         mode_names: Names of the demonstrators that `mode` numbers; by default the header's, or one.
         social: "none" if a reward of one number a step is r_env, and r_social is 0.
         flatten: Whether observations of more axes (images) are flattened to one; .npz only.
@@ -65,13 +70,15 @@ def read_steps(
     written = _header(path, header)
     if written:
         n_actions = _agreed(path, "the number of actions", n_actions, written["n_actions"])
+        bounds = _agreed(path, "the bounds of actions", bounds, None)
         mode_names = _agreed(path, "the modes", mode_names, tuple(written["mode_names"]))
-    elif n_actions < 1:
+    elif n_actions < 1 and np.asarray(arrays["action"]).dtype.kind != "f":
         raise UserError(f"{path} has no number of actions: pass --n-actions")
     try:
         table = of_steps(
             **arrays,
             n_actions=n_actions,
+            bounds=bounds,
             mode_names=mode_names or ("demonstrator",),
             social=social,
             flatten=flatten,
@@ -102,6 +109,8 @@ def write_steps(path: Path, table: Demonstrations, replace: bool = True) -> None
         content = csv_of(columns_of(table))
     elif kind == ".parquet":
         content = parquet_of(columns_of(table), HEADER, header)
+    elif kind == ".hdf5":
+        content = d4rl_of(table, HEADER, header)
     else:
         arrays = table.arrays()
         arrays["reward"] = np.stack([arrays.pop("r_env"), arrays.pop("r_social")], axis=1)
@@ -134,6 +143,8 @@ def _read(path: Path) -> tuple[dict[str, Any], bytes | None]:
             raise UserError(f"{path} has no {', '.join(missing)}: save them by these names")
         header = arrays.pop(HEADER, None)
         return arrays, None if header is None else header.tobytes()
+    if kind == ".hdf5":
+        return read_d4rl(path, HEADER)
     columns, header = (read_csv(path), None) if kind == ".csv" else read_parquet(path, HEADER)
     arrays = STEPS.arrays_of(columns, str(path))
     following = STEPS.vectors[1]

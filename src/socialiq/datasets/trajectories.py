@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Float32, Float64
 
-from socialiq.datasets.arrays import features_of, of_steps, pair_of, whole_of
+from socialiq.datasets.actions import Bounds, plain_actions
+from socialiq.datasets.arrays import of_steps
 from socialiq.datasets.npz import read_npz
+from socialiq.datasets.plain_columns import features_of, pair_of
 from socialiq.datasets.step_columns import Layout
 from socialiq.datasets.step_files import format_of, source_of
 from socialiq.datasets.step_tables import read_csv, read_parquet
@@ -29,7 +31,8 @@ from socialiq.types import Ending, RewardPair
 def of_trajectories(
     trajectories: Iterable[Any],
     *,
-    n_actions: int,
+    n_actions: int = 0,
+    bounds: Bounds | None = None,
     modes: str | Sequence[str] = "demonstrator",
     social: str = "",
     time_limit: int = 0,
@@ -43,7 +46,8 @@ def of_trajectories(
 
     Args:
         trajectories: One for each episode.
-        n_actions: Number of actions of the world.
+        n_actions: Number of actions of the world; 0 for continuous ones.
+        bounds: As of `arrays.of_steps`.
         modes: Name of the demonstrator, or one name for each trajectory.
         social: "none" if `rews` of one number a step is r_env, and r_social is 0.
         time_limit: A terminal trajectory of this many steps was cut by the clock; 0 for no limit.
@@ -68,6 +72,8 @@ def of_trajectories(
     widths = {part["observation"].shape[1] for part in parts}
     if len(widths) > 1:
         raise UserError(f"trajectories differ in features ({', '.join(map(str, sorted(widths)))})")
+    if len({part["action"].shape[1:] for part in parts}) > 1:
+        raise UserError("trajectories differ in actions: give all of them the same kind and size")
     lengths = [len(part["action"]) for part in parts]
     names = tuple(dict.fromkeys(named))
     columns: dict[str, Any] = {
@@ -79,6 +85,7 @@ def of_trajectories(
         mode=np.repeat([names.index(one) for one in named], lengths),
         mode_names=names,
         n_actions=n_actions,
+        bounds=bounds,
         source=source or {"made_by": "of_trajectories"},
     )
 
@@ -86,7 +93,8 @@ def of_trajectories(
 def read_trajectories(
     path: Path,
     *,
-    n_actions: int,
+    n_actions: int = 0,
+    bounds: Bounds | None = None,
     mode: str = "demonstrator",
     social: str = "",
     time_limit: int = 0,
@@ -98,7 +106,8 @@ def read_trajectories(
         path: .npz with the arrays of `of_condensed`; or .csv or .parquet with the columns of
             `ROWS`: `trajectory` numbers the trajectories, `terminal` is set in the last row of one
             that has an end.
-        n_actions: Number of actions of the world.
+        n_actions: Number of actions of the world; 0 for continuous ones.
+        bounds: As of `arrays.of_steps`.
         mode: Name of the demonstrator.
         social: As of `of_trajectories`.
         time_limit: As of `of_trajectories`.
@@ -111,19 +120,21 @@ def read_trajectories(
     source = source_of(path) if path.is_file() else {}
     if kind == ".npz":
         arrays = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
-        return of_condensed(arrays, n_actions=n_actions, mode=mode, source=source, **more)
+        return of_condensed(arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **more)
     columns = read_csv(path, ROWS) if kind == ".csv" else read_parquet(path, layout=ROWS)[0]
     try:
         parts = _by_trajectory(ROWS.arrays_of(columns, str(path)))
-        return of_trajectories(parts, n_actions=n_actions, modes=mode, source=source, **more)
+        return of_trajectories(
+            parts, n_actions=n_actions, bounds=bounds, modes=mode, source=source, **more
+        )
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
 
 
 ROWS = Layout(
     vectors=("obs", "next_obs"),
+    action="acts",
     scalars={
-        "acts": "integer",
         "rews": "number",
         "r_env": "number",
         "r_social": "number",
@@ -131,7 +142,7 @@ ROWS = Layout(
         "trajectory": "integer",
     },
     reward="rews",
-    required=("obs_0", "acts", "next_obs_0", "terminal", "trajectory"),
+    required=("obs_0", "next_obs_0", "terminal", "trajectory"),
 )
 """Columns of a table of trajectories, under the names of `imitation`."""
 
@@ -166,7 +177,8 @@ def _by_trajectory(rows: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
 def of_condensed(
     arrays: Mapping[str, Any],
     *,
-    n_actions: int,
+    n_actions: int = 0,
+    bounds: Bounds | None = None,
     mode: str = "demonstrator",
     social: str = "",
     time_limit: int = 0,
@@ -179,7 +191,8 @@ def of_condensed(
         arrays: `obs`, `acts`, `rews` end to end; `terminal` of each trajectory; `indices`, the
             first step of each but the first. The archive's `infos` are pickled and never read, so
             its time limits are known by `time_limit` alone.
-        n_actions: Number of actions of the world.
+        n_actions: Number of actions of the world; 0 for continuous ones.
+        bounds: As of `arrays.of_steps`.
         mode: Name of the demonstrator.
         social: As of `of_trajectories`.
         time_limit: As of `of_trajectories`.
@@ -220,6 +233,7 @@ def of_condensed(
     return of_trajectories(
         trajectories,
         n_actions=n_actions,
+        bounds=bounds,
         modes=mode,
         social=social,
         time_limit=time_limit,
@@ -231,7 +245,7 @@ def of_condensed(
 def _columns(one: Any, social: str, time_limit: int, flatten: bool) -> dict[str, np.ndarray]:
     """Return the columns of one trajectory, under the names of `of_steps`."""
     seen: Float32[np.ndarray, "moment feature"] = features_of("obs", _field(one, "obs"), flatten)
-    action: Int32[np.ndarray, " step"] = whole_of("action", _field(one, "acts"))
+    action = plain_actions(_field(one, "acts"))
     steps = len(action)
     if len(seen) != steps + 1 or steps == 0:
         raise UserError(f"obs has {len(seen)} rows for {steps} actions: it needs one more")

@@ -17,6 +17,7 @@ from socialiq.evaluation.simulators import GymActor, GymSimulator, SharedChance,
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
+from socialiq.worlds.environment import action_bounds
 from socialiq.worlds.tabular_policy import draw_actions
 
 
@@ -190,7 +191,7 @@ def rollout_env(
         episode=[one.episode[0] for one in taken],
         mode_names=(mode,),
         n_actions=int(space.n) if isinstance(space, gymnasium.spaces.Discrete) else 0,
-        source={"seed": seed, **(source or {})},
+        source={"seed": seed, **action_bounds(env), **(source or {})},
     )
     return Rollout(transitions, np.array([one.made.speed for one in taken], np.float64))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from gymnasium import Space, spaces
@@ -13,6 +13,7 @@ from jaxtyping import Float32, Int64
 from socialiq.errors import UserError
 
 
+@runtime_checkable
 class Spaces(Protocol):
     """Protocol of a world that policies act in."""
 
@@ -205,16 +206,17 @@ def checked_vectors(
         UserError: If it is not one vector of this size in [-1, 1] for each row.
     """
     try:
-        actions = np.asarray(answer, np.float64)
-    except (ValueError, TypeError) as error:  # rows of several lengths, or no numbers
+        actions = np.asarray(answer)
+    except (ValueError, TypeError) as error:  # rows of several lengths
         raise UserError(
             f"{source} must answer {_numbers(size)} for each observation"
         ) from error
-    if actions.shape != (rows, size):
+    if actions.shape != (rows, size) or actions.dtype.kind not in "fiu":
         raise UserError(
-            f"{source} answered shape {actions.shape}: it must be {_numbers(size)} for each of "
-            f"{rows} observations"
+            f"{source} answered {actions.dtype} of shape {actions.shape}: it must be "
+            f"{_numbers(size)} for each of {rows} observations"
         )
+    actions = actions.astype(np.float64)
     if not np.isfinite(actions).all():
         raise UserError(f"{source} answered NaN or infinity: name a sound policy")
     if (np.abs(actions) > 1.0).any():

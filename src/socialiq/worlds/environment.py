@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import UserError
 from socialiq.foreign import FAILURES, failure, imported, one_line
 from socialiq.storage import kind_of
+from socialiq.types import ACTION_BOUNDS
 from socialiq.worlds import NAMED, RECORDED_JUNCTION, SCENE_IDS, WORLD_FILE, register
 from socialiq.worlds.wrapper import (
     RewardPairWrapper,
@@ -87,6 +89,17 @@ def action_size(env: gymnasium.Env[Any, Any]) -> int:
     """Return the length of an action of a made environment; 0 if actions are discrete."""
     actions = env.action_space
     return int(actions.shape[0]) if isinstance(actions, spaces.Box) else 0
+
+
+def action_bounds(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
+    """Return the bounds of a made environment's actions in its own units, as JSON under their name.
+
+    They are `{"action_bounds": {"low": [...], "high": [...]}}`; nothing if actions are discrete.
+    """
+    if not isinstance(env, UnitActions):
+        return {}
+    ends = {"low": env.bounds.low, "high": env.bounds.high}
+    return {ACTION_BOUNDS: {name: one.astype(np.float64).tolist() for name, one in ends.items()}}
 
 
 def environment_maker(
@@ -189,12 +202,27 @@ class _Guarded(gymnasium.Wrapper):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
         observation, info = self._called(self.env.reset, seed=seed, options=options)
-        return flat(observation), info
+        return self._flat(observation), info
 
     def step(self, action: Any) -> Any:
         """Take one step."""
         after, *others = self._called(self.env.step, action)
-        return (flat(after), *others)
+        return (self._flat(after), *others)
+
+    def _flat(self, observation: Any) -> np.ndarray:
+        try:
+            seen = flat(observation)
+        except (TypeError, ValueError) as error:
+            raise UserError(
+                f"{self._name} gave an observation that is no array of numbers: correct it"
+            ) from error
+        if seen.shape != self.observation_space.shape or not np.isfinite(seen).all():
+            wanted = self.observation_space.shape
+            fault = "NaN or infinity" if seen.shape == wanted else f"shape {seen.shape}"
+            raise UserError(
+                f"{self._name} gave an observation of {fault}: its space has {wanted} finite numbers"
+            )
+        return seen
 
     def _called(self, function: Any, *given: Any, **named: Any) -> Any:
         try:

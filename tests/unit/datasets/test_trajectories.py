@@ -119,7 +119,7 @@ def test_old_archives_hold_trajectories_end_to_end():
         ({"obs": None}, "trajectory 1: it has no obs"),
         ({"obs": np.zeros((3, 5))}, "trajectories differ in features .2, 5."),
         ({"obs": np.zeros((3, 4, 4))}, "trajectory 1: obs has shape"),
-        ({"acts": [0.5, 0.5]}, "only discrete actions"),
+        ({"acts": [0.5, 0.5]}, "trajectories differ in actions"),
         ({"acts": []}, "trajectory 1"),
         ({"infos": [{}]}, "infos must be 2 dicts"),
         ({"infos": 3}, "infos must be 2 dicts"),

@@ -18,8 +18,8 @@ import numpy as np
 from gymnasium import spaces
 
 from socialiq.errors import UserError
-from socialiq.worlds.environment import make_environment, paired, sizes
-from socialiq.worlds.wrapper import RewardPairWrapper, UnitActions
+from socialiq.worlds.environment import action_bounds, make_environment, paired, sizes
+from socialiq.worlds.wrapper import RewardPairWrapper
 
 LARGEST_SEED = 2**31
 """Environments are reset with the seed of an episode modulo this: not all take larger ones."""
@@ -80,7 +80,7 @@ class Environment:
             "name": self.name,
             "options": dict(self.options),
             "n_features": self.n_features,
-            **_actions(self.env),
+            **(action_bounds(self.env) or {"n_actions": sizes(self.env)[1]}),
             "max_episode_steps": None if spec is None else spec.max_episode_steps,
             "kwargs": {} if spec is None else _json_kwargs(spec.kwargs),
             "sources": {**_sources(self._parts()), **self._named()},
@@ -140,14 +140,6 @@ class Environment:
             if terminated or truncated:
                 break
         return seen
-
-
-def _actions(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
-    """Return the number of discrete actions, or the bounds of a box in its own units."""
-    if not isinstance(env, UnitActions):
-        return {"n_actions": sizes(env)[1]}
-    ends = {"low": env.bounds.low, "high": env.bounds.high}
-    return {"action_bounds": {name: one.tolist() for name, one in ends.items()}}
 
 
 def _module_of(part: Any) -> str:

@@ -81,6 +81,11 @@ def read_onnx(content: bytes, source: str, world: Interface) -> tuple[BatchPolic
         interface.check(source, world)
         details = {"operators": operators, "answers": "continuous actions"}
         return BatchPolicy(source, interface, runner.actions_of_floats), details
+    if not whole and output.name == _ACTIONS:
+        raise UserError(
+            f"{source} answers continuous actions: this world's are discrete; an output of scores "
+            f"has another name than {_ACTIONS}"
+        )
     interface = Interface(n_features, world.n_actions if whole else shape[0])
     interface.check(source, world)
     details = {"operators": operators, "answers": "actions" if whole else "scores"}

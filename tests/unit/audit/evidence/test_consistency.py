@@ -23,7 +23,8 @@ class By:
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         batch = np.atleast_2d(observation)
         self.sizes.append(len(batch))
-        chosen = np.asarray(self.function(batch), np.int64)
+        chosen = np.asarray(self.function(batch))
+        chosen = chosen if chosen.dtype.kind == "f" else chosen.astype(np.int64)
         return (chosen if np.ndim(observation) == 2 else chosen.squeeze(axis=0)), state
 
 
@@ -82,6 +83,26 @@ def counting(limit):
 def test_what_the_answers_depend_on_is_told(ours, fresh, which):
     found = recorded(By(ours)).check(By(fresh)).dependences
     assert [one[: len(text)] for one, text in zip(found, which, strict=True)] == which
+
+
+@pytest.mark.parametrize(("shift", "differs"), [(0.0, False), (1e-6, False), (1e-3, True)])
+def test_continuous_answers_may_differ_by_rounding_alone(shift, differs):
+    asked = []
+
+    def drifting(batch):
+        asked.append(1)
+        return np.tanh(batch[:, :2]) + np.float32(shift * (len(asked) > 6))
+
+    found = recorded(By(drifting)).check(By(lambda batch: np.tanh(batch[:, :2])))
+    assert found.repeated == (1200, 1200 * differs)
+    assert found.shuffled == (1200, 0) and found.single == (SINGLE, 0)
+
+
+def test_a_continuous_answer_by_the_row_is_told():
+    def by_row(batch):
+        return np.tanh(batch[:, :2] + np.arange(len(batch))[:, None]).astype(np.float32)
+
+    assert "order" in recorded(By(by_row)).check(By(by_row)).dependences[0]
 
 
 def test_a_rare_rounding_is_no_dependence():

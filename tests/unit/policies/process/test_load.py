@@ -296,3 +296,84 @@ def test_limits_of_the_command_line():
     assert limits_of(5.0, 8.0) == Limits()
     for memory in (float("nan"), float("inf"), -1.0):
         refused("memory in GiB must be at least 0", lambda memory=memory: limits_of(5.0, memory))
+
+
+# Two features, actions of two numbers.
+VECTORS = """
+import json, sys
+for line in sys.stdin:
+    message = json.loads(line)
+    if "protocol" in message:
+        answer = {**message}
+        #greeting
+    else:
+        one = [0.25, -1]
+        #request
+        answer = {"id": message["id"], "actions": [one for row in message["observations"]]}
+    print(json.dumps(answer), flush=True)
+"""
+
+
+@pytest.fixture
+def answering(tmp_path):
+    started = []
+
+    def made(request="", greeting="", n_actions=0, action_size=2):
+        path = tmp_path / "policy.py"
+        path.write_text(VECTORS.replace("#greeting", greeting).replace("#request", request))
+        command = shlex.join([sys.executable, str(path)])
+        more = {"action_size": action_size, "limits": QUICK}
+        started.append(load_policy(f"process:{command}", 2, n_actions, **more))
+        return started[-1]
+
+    yield made
+    for one in started:
+        one.close()
+
+
+def test_a_process_answers_continuous_actions(answering):
+    with answering() as loaded:
+        actions, _ = loaded.policy.predict(OBSERVATIONS)
+        assert actions.dtype == np.float32 and actions.tolist() == [[0.25, -1.0]] * 40
+        assert loaded.record.as_json()["action_size"] == 2
+        assert "n_actions" not in loaded.record.as_json()
+
+
+@pytest.mark.parametrize(
+    ("request_line", "match"),
+    [
+        ("one = ['0.25', '0.5']", "answered \"0.25\" in an action: each must be a number"),
+        ("one = [True, 0.0]", "answered true in an action"),
+        ("one = [None, 0.0]", "answered null"),
+        ("one = [float('nan'), 0.0]", r"answered nan in an action: .* \[-1, 1\]"),
+        ("one = [0.0, float('-inf')]", "answered -inf"),
+        ("one = [0.0, 1.01]", "answered 1.01"),
+        ("one = [0.0, 10**400]", "answered 1000"),
+        ("one = [0.0]", r"no list of 2 number\(s\) for each"),
+        ("one = 0", "no list of 2"),
+        ("one = [[0.0], [0.0]]", "each must be a number"),
+        ("message['observations'].pop()", r"shape \(39, 2\): it must be 2 numbers for each of 40"),
+    ],
+)
+def test_an_answer_that_is_no_vector_is_refused(answering, request_line, match):
+    loaded = answering(request_line)
+    refused(match, lambda: loaded.policy.predict(OBSERVATIONS))
+
+
+@pytest.mark.parametrize(
+    ("greeting", "match"),
+    [
+        ("answer = {**message, 'actions': 3}", "does not give its numbers"),
+        ("answer.pop('action_size')", "does not give its numbers"),
+        ("answer['action_size'] = '2'", "does not give its numbers"),
+        ("answer['action_size'] = 3", "actions of 3 numbers, the world has 2 and actions of 2"),
+        ("answer['actions'] = answer.pop('action_size') + 1", "takes 2 features and 3 discrete"),
+    ],
+)
+def test_a_program_names_one_kind_of_actions(answering, greeting, match):
+    refused(match, lambda: answering(greeting=greeting))
+
+
+def test_a_program_of_continuous_actions_does_not_fit_a_discrete_world(answering):
+    swapped = "answer['action_size'] = answer.pop('actions')"
+    refused("the world has 2 and 3 discrete", lambda: answering("", swapped, 3, 0))
