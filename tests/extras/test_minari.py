@@ -213,8 +213,8 @@ def test_an_environment_that_metadata_name_is_never_made(cartpole, tmp_path):
     ("space", "match"),
     [
         (
-            {"type": "Box", "dtype": "float32", "shape": [2]},
-            "actions of a Box space: only discrete",
+            {"type": "Box", "dtype": "float32", "shape": [2, 2]},
+            "actions of a Box space of shape .2, 2.: only discrete",
         ),
         ({"type": "MultiDiscrete", "nvec": [2, 2], "start": [0, 0]}, "of a MultiDiscrete space"),
         ({"type": "Dict", "subspaces": {}}, "of a Dict space"),

@@ -242,6 +242,7 @@ def _answers(path: Path) -> None:
 
 
 _OF_HDF5 = (
+    Reader("steps, D4RL", "steps.hdf5", _steps),
     Reader("Minari, data", "minari/data/main_data.hdf5", _minari, beside=True),
     Reader("Minari, metadata", "minari/data/metadata.json", _minari, beside=True),
 )

@@ -127,6 +127,7 @@ def make_samples(folder: Path) -> None:
     _of_a_run(folder)
     if MINARI:
         call("data", "to-minari", data, "--out", folder / "minari")
+        call("data", "to-arrays", data, "--out", folder / "steps.hdf5")
     _recordings(folder)
     _trajectories(folder / "rollouts.npz")
     (folder / "sweep.toml").write_text(SWEEP)

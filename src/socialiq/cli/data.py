@@ -34,8 +34,8 @@ class FromArrays:
     out: Path
     """Demonstrations file to write; must not exist."""
     n_actions: int = 0
-    """Number of actions of the world, 0 for continuous ones. A file of `socialiq data to-arrays` has
-    it, except CSV."""
+    """Number of actions of the world, 0 for continuous ones. A file of `socialiq data to-arrays`
+    has it, except CSV."""
     social: str = ""
     """none: a reward of one number a step is r_env, and r_social is 0."""
     mode: tuple[str, ...] = ()

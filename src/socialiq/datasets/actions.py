@@ -119,7 +119,9 @@ def actions_of(
         )
     if found.ndim == 1:
         if bounds is not None:
-            raise UserError("action holds integers: bounds are of continuous actions, leave them out")
+            raise UserError(
+                "action holds integers: bounds are of continuous actions, leave them out"
+            )
         return found
     # What is too large for float32 becomes infinity here, which the table refuses.
     with np.errstate(over="ignore"):

@@ -17,6 +17,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import ACTION_BOUNDS, Ending
 
+
 def of_steps(
     observation: Any,
     action: Any,

@@ -72,7 +72,7 @@ class Reader:
         except _FAULTS as error:
             raise self._damaged() from error
         if isinstance(found, np.void):  # bytes of any length
-            return bytes(found)
+            return found.tobytes()
         return found.encode() if isinstance(found, str) else None
 
     def size(self) -> int:

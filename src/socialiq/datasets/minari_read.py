@@ -69,8 +69,8 @@ def read_minari(
 
     Raises:
         UserError: If it is missing or damaged; if its actions are neither discrete nor vectors
-            within bounds, or its observations no numbers; if it has no reward pair and `social` is not given; if it was changed since it
-            was written.
+            within bounds, or its observations no numbers; if it has no reward pair and `social` is
+            not given; if it was changed since it was written.
     """
     inner = folder / DATA_FOLDER
     place = inner if inner.is_dir() else folder
@@ -131,8 +131,8 @@ def _actions(path: Path, metadata: dict[str, Any]) -> _Space:
     discrete = space.kind == "Discrete" and 1 <= space.size < 2**31
     if not discrete and not (space.kind == "Box" and len(space.shape) == 1 and space.shape[0]):
         raise UserError(
-            f"{path} has actions of a {one_line(space.kind, 40)} space of shape {space.shape}: only "
-            "discrete actions are supported, or a Box of one vector"
+            f"{path} has actions of a {one_line(space.kind, 40)} space of shape {space.shape}: "
+            "only discrete actions are supported, or a Box of one vector"
         )
     return space._replace(size=0, start=0) if space.kind == "Box" else space
 

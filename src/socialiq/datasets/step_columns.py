@@ -113,7 +113,9 @@ class Layout(NamedTuple):
         return arrays
 
     def _feature(self, name: str) -> re.Match[str] | None:
-        return re.fullmatch(rf"({'|'.join((*self.vectors, self.action))})_(0|[1-9][0-9]{{0,8}})", name)
+        return re.fullmatch(
+            rf"({'|'.join((*self.vectors, self.action))})_(0|[1-9][0-9]{{0,8}})", name
+        )
 
     def _features(self, names: Sequence[str], vector: str) -> list[int]:
         """Return the numbers of the features that have a column, in rising order."""

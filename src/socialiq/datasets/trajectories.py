@@ -120,7 +120,9 @@ def read_trajectories(
     source = source_of(path) if path.is_file() else {}
     if kind == ".npz":
         arrays = read_npz(path, ("obs", "acts", "rews", "terminal", "indices"))
-        return of_condensed(arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **more)
+        return of_condensed(
+            arrays, n_actions=n_actions, bounds=bounds, mode=mode, source=source, **more
+        )
     columns = read_csv(path, ROWS) if kind == ".csv" else read_parquet(path, layout=ROWS)[0]
     try:
         parts = _by_trajectory(ROWS.arrays_of(columns, str(path)))

@@ -208,9 +208,7 @@ def checked_vectors(
     try:
         actions = np.asarray(answer)
     except (ValueError, TypeError) as error:  # rows of several lengths
-        raise UserError(
-            f"{source} must answer {_numbers(size)} for each observation"
-        ) from error
+        raise UserError(f"{source} must answer {_numbers(size)} for each observation") from error
     if actions.shape != (rows, size) or actions.dtype.kind not in "fiu":
         raise UserError(
             f"{source} answered {actions.dtype} of shape {actions.shape}: it must be "

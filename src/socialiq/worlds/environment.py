@@ -220,7 +220,7 @@ class _Guarded(gymnasium.Wrapper):
             wanted = self.observation_space.shape
             fault = "NaN or infinity" if seen.shape == wanted else f"shape {seen.shape}"
             raise UserError(
-                f"{self._name} gave an observation of {fault}: its space has {wanted} finite numbers"
+                f"{self._name} gave an observation of {fault}: its space has {wanted}, finite"
             )
         return seen
 

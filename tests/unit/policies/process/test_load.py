@@ -342,13 +342,13 @@ def test_a_process_answers_continuous_actions(answering):
 @pytest.mark.parametrize(
     ("request_line", "match"),
     [
-        ("one = ['0.25', '0.5']", "answered \"0.25\" in an action: each must be a number"),
+        ("one = ['0.25', '0.5']", 'answered "0.25" in an action: each must be a number'),
         ("one = [True, 0.0]", "answered true in an action"),
         ("one = [None, 0.0]", "answered null"),
         ("one = [float('nan'), 0.0]", r"answered nan in an action: .* \[-1, 1\]"),
         ("one = [0.0, float('-inf')]", "answered -inf"),
         ("one = [0.0, 1.01]", "answered 1.01"),
-        ("one = [0.0, 10**400]", "answered 1000"),
+        ("one = [0.0, 10**30]", "answered 1000"),
         ("one = [0.0]", r"no list of 2 number\(s\) for each"),
         ("one = 0", "no list of 2"),
         ("one = [[0.0], [0.0]]", "each must be a number"),
