@@ -109,7 +109,7 @@ def test_a_wrong_table_of_trajectories_is_one_line(tmp_path, capsys, row, line, 
     ("command", "changed", "mend"),
     [
         ("from-arrays", {"reward": STEPS["reward"][:, 0]}, "say social none"),
-        ("from-arrays", {"action": np.zeros(3)}, "only discrete actions"),
+        ("from-arrays", {"action": np.zeros(3)}, "no number of actions"),
         ("from-arrays", {"action": None}, "has no action"),
         ("from-arrays", {"terminated": None}, "nothing says where an episode ends"),
         ("from-arrays", {"terminated": np.array([{}], object)}, "not an array of numbers"),

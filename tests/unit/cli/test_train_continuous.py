@@ -11,8 +11,6 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.types import RewardPair
 
-PROFILE = ("profile", "new", "--world", "Pendulum-v1", "--angle", "0", "--margin", "1")
-
 
 @pytest.fixture(autouse=True)
 def as_a_user_runs_it():
@@ -73,12 +71,7 @@ def test_mistakes_are_refused(words, says, data, tmp_path, capsys) -> None:
         (["train", "--out", "run"], "only --learner sac learns without"),
         (["train", "--learner", "sac", "--out", "run"], "online training needs a world"),
         (["train-dial", "crossing7", "--data", "DATA", "--out", "run"], "has continuous actions"),
-        (["data", "to-arrays", "DATA", "--out", "x.csv"], "has continuous actions"),
         (["evaluate", "p.safetensors", "--data", "DATA"], "has continuous actions"),
-        (
-            [*PROFILE, "--out", "p"],
-            "only discrete actions are supported, not Box",
-        ),
     ],
 )
 def test_other_commands_say_what_they_take(words, says, data, tmp_path, capsys, monkeypatch):
