@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.nn.view import ROW, OneHot
+from socialiq.nn.view import ROW, OneHot, row_width
 
 MOST_LAYERS = 100
 MOST_TIMES = 10_000
@@ -65,15 +65,16 @@ def view_is_possible(view: Any) -> bool:
             type(low) is int and type(size) is int and size > 0
             for low, size in zip(view.lows, view.sizes, strict=True)
         )
-    pooled, relative, scale = view.choice
-    plain = type(pooled) is bool and type(relative) is bool and isinstance(scale, float)
+    pooled, relative, scale, ahead = view.choice
+    plain = isinstance(scale, float) and all(type(one) is bool for one in (pooled, relative, ahead))
+    plain = plain and (relative or not ahead)
     if not (type(view.n_features) is int and type(view.times) is int):
         return False
     listed = view.n_features - bool(view.times)
     rows = listed % ROW == 0 and listed > ROW and 0 <= view.times <= MOST_TIMES
     if not (plain and rows and np.isfinite(scale) and pooled == bool(view.weights)):
         return False
-    inputs = ROW + (6 if relative else 0)  # of one vehicle, as `View` lists them
+    inputs = row_width(view.choice)
     encoded = (view.width - view.times - (ROW - 1)) // 2 if pooled else 0
     return not pooled or (
         chained(view.weights, view.biases, inputs) and len(view.biases[-1]) == encoded

@@ -210,7 +210,7 @@ def content_of_view(view: Encoding | None) -> tuple[dict[str, np.ndarray], dict[
     arrays = {f"view_weight_{i}": weight for i, weight in enumerate(view.weights)}
     arrays |= {f"view_bias_{i}": bias for i, bias in enumerate(view.biases)}
     described: dict[str, Any] = {
-        **view.choice._asdict(),
+        **view.choice.described(),
         "layers": len(view.weights),
         "n_features": view.n_features,
     }
@@ -230,7 +230,7 @@ def view_of(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> Enco
     return View(
         tuple(arrays[f"view_weight_{i}"] for i in layers),
         tuple(arrays[f"view_bias_{i}"] for i in layers),
-        Choice(*(described[name] for name in Choice._fields)),
+        Choice.of_described(described),
         described["n_features"],
         described.get("times", 0),
     )

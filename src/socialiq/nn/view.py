@@ -11,6 +11,7 @@ gridworld an input for each value of a feature makes this easy.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -81,11 +82,24 @@ class Choice(NamedTuple):
             so that their order doesn't matter; else the rows are concatenated.
         relative: Add each vehicle's position, velocity and heading relative to the ego.
         scale: Factor on positions and velocities: 5 maps 20 m and 4 m/s to 1.
+        ahead: Add how close each vehicle comes to the ego in the next seconds (`closeness`).
     """
 
     pooled: bool
     relative: bool
     scale: float
+    ahead: bool = False
+
+    def described(self) -> dict[str, Any]:
+        """Return the properties as a file has them: `ahead` only where it is true."""
+        found = self._asdict()
+        return found if self.ahead else {name: found[name] for name in self._fields[:-1]}
+
+    @staticmethod
+    def of_described(described: Mapping[str, Any]) -> Choice:
+        """Return the properties of `described`."""
+        given = (described[name] for name in Choice._fields[:-1])
+        return Choice(*given, described.get("ahead", False))
 
 
 CHOICES: dict[str, Choice | None] = {
@@ -97,8 +111,19 @@ CHOICES: dict[str, Choice | None] = {
     "set_scaled": Choice(True, False, 5.0),
     "set_relative": Choice(True, True, 1.0),
     "set": Choice(True, True, 5.0),
+    "set_ahead": Choice(True, True, 5.0, True),
 }
-"""Views by name: "flat" is the thesis' plain list, "set" has all three properties."""
+"""Views by name: "flat" is the plain list of the thesis, "set" has three properties, "set_ahead"
+all four."""
+
+SECONDS = tuple(0.5 * number for number in range(11))
+"""s ahead at which `closeness` looks."""
+
+PER_SECOND = 0.2
+"""Unit of velocities, 20 m/s, over that of positions, 100 m."""
+
+BESIDE, ALONG = 0.05, 0.15
+"""5 m and 15 m; vehicles further beside or along are not close."""
 
 _ENCODER = (64, 64)  # widths of the shared layers of all vehicles
 
@@ -147,7 +172,7 @@ class View(eqx.Module):
                 f"view {name} reads rows of {ROW} numbers, one for each vehicle, and this world's "
                 f"observation has {listed}: use the view flat"
             )
-        sizes = (_row_width(choice), *_ENCODER) if choice.pooled else ()
+        sizes = (row_width(choice), *_ENCODER) if choice.pooled else ()
         keys = jax.random.split(key, len(sizes))
         layers = [
             eqx.nn.Linear(inputs, outputs, key=one)
@@ -166,7 +191,7 @@ class View(eqx.Module):
         own = ROW - 1 + self.times
         if self.choice.pooled:
             return own + 2 * _ENCODER[-1]
-        return own + (self.n_features // ROW - 1) * _row_width(self.choice)
+        return own + (self.n_features // ROW - 1) * row_width(self.choice)
 
     def __call__(self, observation: Shaped[Any, "*batch feature"]) -> Shaped[Any, "*batch width"]:
         """Encode observations along the last axis; the time comes first."""
@@ -203,9 +228,13 @@ class View(eqx.Module):
             ego = ego[..., None, :]
             scale, along = self.choice.scale, ego[..., 5:]
             offset = others[..., 1:3] - ego[..., 1:3]
-            columns += [scale * one for one in _turned(offset, along)]
-            columns += [scale * one for one in _turned(others[..., 3:5] - ego[..., 3:5], along)]
+            place, motion = (
+                _turned(one, along) for one in (offset, others[..., 3:5] - ego[..., 3:5])
+            )
+            columns += [scale * one for one in (*place, *motion)]
             columns += _turned(others[..., 5:], along)
+            if self.choice.ahead:
+                columns.append(closeness(xp.concatenate(place, -1), xp.concatenate(motion, -1)))
         return xp.concatenate(columns, axis=-1) * others[..., :1]
 
 
@@ -247,11 +276,37 @@ class PresentRows:
         return np.concatenate([*known, self.view.absolute(ego), *pooled], axis=-1)
 
 
+def closeness(place: Any, motion: Any) -> Any:
+    """Return how close vehicles come to the ego at each of `SECONDS`, if all keep their velocities.
+
+    A rule that brakes for who comes into the strip ahead needs a quotient of distances and speeds,
+    which a small network learns from many rows only. These are such quantities: the product of two
+    hats, 5 m to either side and 15 m before and behind, and the same times the distance ahead.
+
+    Args:
+        place: Relative position along the ego's heading and to its left, in units of 100 m, last
+            axis of length 2.
+        motion: Relative velocity, in units of 20 m/s.
+
+    Returns:
+        Last axis: for each moment the closeness, in [0, 1]; then for each the closeness times the
+        distance ahead in units of 15 m.
+    """
+    xp = place.__array_namespace__()
+    seconds = PER_SECOND * np.asarray(SECONDS, np.float32)
+    ahead = (place[..., :1] + motion[..., :1] * seconds) / ALONG
+    beside = (place[..., 1:] + motion[..., 1:] * seconds) / BESIDE
+    hats = [xp.maximum(1.0 - xp.abs(one), 0.0) for one in (ahead, beside)]
+    close = hats[0] * hats[1]
+    return xp.concatenate([close, close * ahead], axis=-1)
+
+
 def _turned(vector: Any, along: Any) -> list[Any]:
     """Return components along a heading (cos, sin) and to its left, last axes of length 1."""
     x, y, cos, sin = vector[..., :1], vector[..., 1:], along[..., :1], along[..., 1:]
     return [x * cos + y * sin, y * cos - x * sin]
 
 
-def _row_width(choice: Choice) -> int:
-    return ROW + (6 if choice.relative else 0)
+def row_width(choice: Choice) -> int:
+    """Return the number of features of another vehicle."""
+    return ROW + (6 if choice.relative else 0) + (2 * len(SECONDS) if choice.ahead else 0)

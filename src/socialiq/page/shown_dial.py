@@ -14,7 +14,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import rollout_dial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.view import OneHot
+from socialiq.nn.view import OneHot, View
 from socialiq.reading import read_bytes
 from socialiq.storage import open_csv, packaged_results
 from socialiq.worlds.intersection.batch import Batch
@@ -108,7 +108,7 @@ def own_dial(path: Path) -> ShownDial:
         path: Dial file that fits the intersection (`cli.drivers.refuse_misfit`).
 
     Raises:
-        UserError: If it can't be read, is no dial, reads single values of features, or has no whole
+        UserError: If it can't be read, is no dial, has a view that the page lacks, or no whole
             angle from 0 to 90 degrees.
     """
     dial = DialPolicy.load(path)
@@ -116,6 +116,8 @@ def own_dial(path: Path) -> ShownDial:
         raise UserError(
             f"{path} reads features one-hot, as in a gridworld: train it at the intersection"
         )
+    if isinstance(dial.turned.view, View) and dial.turned.view.choice.ahead:
+        raise UserError(f"{path} has the view set_ahead, which the page lacks: train it with set")
     low, high = math.ceil(max(dial.low, 0.0)), math.floor(min(dial.high, 90.0))
     if low > high:
         raise UserError(

@@ -10,7 +10,7 @@ import torch  # pyright: ignore[reportMissingImports]
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import ROW, Choice, OneHot, View
+from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, ROW, SECONDS, Choice, OneHot, View
 
 _ACTIVATIONS = {"relu": torch.nn.ReLU, "elu": torch.nn.ELU, "tanh": torch.nn.Tanh}
 
@@ -157,17 +157,25 @@ class ViewModule(torch.nn.Module):
 
     def _relative(self, ego: torch.Tensor, others: torch.Tensor) -> list[torch.Tensor]:
         scale, along = self.choice.scale, ego[..., 5:]
-        return [
-            scale * _turned(others[..., 1:3] - ego[..., 1:3], along),
-            scale * _turned(others[..., 3:5] - ego[..., 3:5], along),
-            _turned(others[..., 5:], along),
-        ]
+        place = _turned(others[..., 1:3] - ego[..., 1:3], along)
+        motion = _turned(others[..., 3:5] - ego[..., 3:5], along)
+        columns = [scale * place, scale * motion, _turned(others[..., 5:], along)]
+        return [*columns, _closeness(place, motion)] if self.choice.ahead else columns
 
 
 def _turned(vector: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
     """Return components along a heading (cos, sin) and to its left."""
     x, y, cos, sin = vector[..., :1], vector[..., 1:], along[..., :1], along[..., 1:]
     return torch.cat([x * cos + y * sin, y * cos - x * sin], dim=-1)
+
+
+def _closeness(place: torch.Tensor, motion: torch.Tensor) -> torch.Tensor:
+    """Return `nn.view.closeness` of tensors."""
+    seconds = PER_SECOND * torch.tensor(SECONDS, device=place.device)
+    ahead = (place[..., :1] + motion[..., :1] * seconds) / ALONG
+    beside = (place[..., 1:] + motion[..., 1:] * seconds) / BESIDE
+    close = torch.relu(1.0 - ahead.abs()) * torch.relu(1.0 - beside.abs())
+    return torch.cat([close, close * ahead], dim=-1)
 
 
 def _before(policy: QPolicy | ActorPolicy) -> torch.nn.Module:

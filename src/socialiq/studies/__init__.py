@@ -38,6 +38,7 @@ STUDIES = {
     "audits": "audits.study",
     "angle-trait": "angle_trait.study",
     "recorded-junction": "recorded_junction.study",
+    "recorded-junction-ahead": "recorded_junction.ahead",
     "theory": "theory.study",
     "classic-control": "classic_control.study",
     "mujoco-imitation": "mujoco_imitation.study",

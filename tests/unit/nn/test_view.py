@@ -12,7 +12,16 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.nn.q_network import QNetwork, affine_layers
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import CHOICES, ROW, Choice, OneHot, PresentRows, View
+from socialiq.nn.view import (
+    CHOICES,
+    ROW,
+    SECONDS,
+    Choice,
+    OneHot,
+    PresentRows,
+    View,
+    closeness,
+)
 
 VEHICLES = 4  # the ego's row, two others, and an empty row
 NAMES = sorted(CHOICES)
@@ -123,6 +132,20 @@ def test_relative_columns_do_not_change_when_the_scene_is_turned_and_shifted() -
     assert before.shape[-1] == ROW + 6
     np.testing.assert_allclose(after[..., ROW:], before[..., ROW:], atol=1e-12)
     assert (np.abs(after[:, :2, 1:ROW] - before[:, :2, 1:ROW]).max(axis=-1) > 0.1).all()
+
+
+def test_closeness_is_of_the_moments_at_which_a_vehicle_is_near_the_ego() -> None:
+    """It is 30 m ahead and comes 10 m nearer each second; 2.5 m beside, or 5 m."""
+    place, motion = np.array([[0.3, 0.025], [0.3, 0.05]]), np.array([[-0.5, 0.0], [-0.5, 0.0]])
+    found = closeness(place, motion)
+    assert found.shape == (2, 2 * len(SECONDS))
+    beside = 0.5  # 2.5 m of 5 m
+    at = {2.0: 1 / 3, 2.5: 2 / 3, 3.0: 1.0, 3.5: 2 / 3, 4.0: 1 / 3}
+    wanted = [beside * at.get(second, 0.0) for second in SECONDS]
+    np.testing.assert_allclose(found[0, : len(SECONDS)], wanted, atol=1e-12)
+    ahead = np.array([30 - 10 * second for second in SECONDS]) / 15
+    np.testing.assert_allclose(found[0, len(SECONDS) :], wanted * ahead, atol=1e-12)
+    np.testing.assert_allclose(found[1], 0.0, atol=1e-12)  # 5 m beside
 
 
 def test_pooling_is_the_sum_and_the_greatest_of_every_vehicles_code() -> None:

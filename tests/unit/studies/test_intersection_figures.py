@@ -10,7 +10,6 @@ from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection import thesis_values
 from socialiq.experiments.intersection.experts import expert_name
-from socialiq.nn.view import CHOICES
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of
 from socialiq.social.returns import TARGET_KINDS
@@ -26,6 +25,7 @@ from socialiq.studies.intersection.plan import (
     TARGETS,
     TEMPERATURES,
     TRAINED,
+    VIEWS,
     Config,
     learner_name,
 )
@@ -141,7 +141,7 @@ def names(config):
         ]
         + [f"drivers/{name}" for name in NAMES],
         "timeouts": [f"timeouts/through/{mode}/{first}" for mode in ("prosocial", "altruistic")],
-        "views": [f"views/{view}/{seed}" for view, seed in product(CHOICES, seeds)],
+        "views": [f"views/{view}/{seed}" for view, seed in product(VIEWS, seeds)],
         "strengths": [joined("strengths", *one) for one in product(STRENGTHS, MODES, seeds)],
         "targets": [
             joined("targets", *one)

@@ -17,7 +17,7 @@ from socialiq.foreign import optional
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.view import ROW, OneHot, View
+from socialiq.nn.view import ALONG, BESIDE, PER_SECOND, ROW, SECONDS, OneHot, View, row_width
 
 OPSET = 17
 IR_VERSION = 8
@@ -225,11 +225,14 @@ class _Graph:
         row = self.gather(list(range(first, first + ROW)), f"{name}.read")
         parts = [self.scaled(row, [1.0] + [scale] * 4 + [1.0] * 2, f"{name}.absolute")]
         if view.choice.relative:
-            parts.append(self._relative(name, first, scale))
+            turned = self._turned(name, first)
+            parts.append(self.scaled(turned, [scale] * 4 + [1.0] * 2, f"{name}.relative"))
+            if view.choice.ahead:
+                parts.append(self._closeness(name, turned))
         value = parts[0]
         if len(parts) > 1:
             value = self.add("Concat", parts, f"{name}.told", axis=1)
-        width = ROW * len(parts) - (len(parts) - 1)
+        width = row_width(view.choice)
         value = self._where_present(value, first, width, f"{name}.shown")
         for layer, (weight, bias) in enumerate(zip(view.weights, view.biases, strict=True)):
             value = self.affine(value, weight, bias, f"encoder_{layer}", f"{name}.layer_{layer}")
@@ -242,7 +245,7 @@ class _Graph:
     def _where_present(self, value: str, first: int, width: int, made: str) -> str:
         return self.add("Mul", [value, self.gather([first] * width, f"{made}.presence")], made)
 
-    def _relative(self, name: str, first: int, scale: float) -> str:
+    def _turned(self, name: str, first: int) -> str:
         """Add position, velocity and heading along the ego's heading and to its left.
 
         A vector (x, y) turned by the heading (cos, sin) is (x cos + y sin, y cos - x sin).
@@ -252,8 +255,27 @@ class _Graph:
             read = self.gather([first + place for place in places], f"{name}.{label}.read")
             offset = self.add("Sub", [read, f"ego.{label}"], f"{name}.{label}.offset")
             turned.append(self.add("Mul", [offset, f"ego.{label}.heading"], f"{name}.{label}"))
-        total = self.add("Add", turned, f"{name}.turned")
-        return self.scaled(total, [scale] * 4 + [1.0] * 2, f"{name}.relative")
+        return self.add("Add", turned, f"{name}.turned")
+
+    def _closeness(self, name: str, turned: str) -> str:
+        """Add `nn.view.closeness`; a hat is relu(1 - relu(u) - relu(-u))."""
+        one = self.constant("closeness.one", np.ones(len(SECONDS), np.float32))
+        moved, hats = [], []
+        for place, (label, unit) in enumerate((("ahead", ALONG), ("beside", BESIDE))):
+            weight = np.zeros((len(SECONDS), 6))
+            weight[:, place], weight[:, 2 + place] = 1 / unit, PER_SECOND / unit * np.array(SECONDS)
+            both = []
+            for sign, side in ((1.0, "plus"), (-1.0, "minus")):
+                shared, made = f"closeness.{label}.{side}", f"{name}.{label}.{side}"
+                value = self.affine(turned, sign * weight, np.zeros(len(SECONDS)), shared, made)
+                both.append(self.add("Relu", [value], f"{made}.part"))
+            moved.append(f"{name}.{label}.plus")
+            left = self.add("Sub", [one, both[0]], f"{name}.{label}.left")
+            left = self.add("Sub", [left, both[1]], f"{name}.{label}.rest")
+            hats.append(self.add("Relu", [left], f"{name}.{label}.hat"))
+        close = self.add("Mul", hats, f"{name}.close")
+        parts = [close, self.add("Mul", [close, moved[0]], f"{name}.close_ahead")]
+        return self.add("Concat", parts, f"{name}.closeness", axis=1)
 
     def _ego(self) -> None:
         """Add the reference for the relative view; headings are rotated, but not shifted."""

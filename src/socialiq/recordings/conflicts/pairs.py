@@ -16,6 +16,7 @@ from socialiq.recordings.conflicts import occupancy
 from socialiq.recordings.conflicts.areas import Area, area_of, swept
 from socialiq.recordings.conflicts.around import OnWay, on_way
 from socialiq.recordings.conflicts.config import ConflictConfig
+from socialiq.recordings.conflicts.in_time import InTime
 from socialiq.recordings.conflicts.occupancy import Occupancy
 from socialiq.recordings.conflicts.ways import Way, frames_together, way_of
 from socialiq.recordings.episodes.scene import Scene
@@ -73,6 +74,14 @@ class Encounters:
         self._swept: dict[int, Any] = {}
         self._on_way: dict[tuple[int, int], OnWay] = {}
         self._areas: dict[tuple[int, int], Area | None] = {}
+        self._in_time: InTime | None = None
+
+    @property
+    def in_time(self) -> InTime:
+        """The ways by the time at which their vehicles are seen."""
+        if self._in_time is None or self._in_time.ways is not self.ways:
+            self._in_time = InTime(self.ways)
+        return self._in_time
 
     def area(self, one: int, other: int) -> Area | None:
         """Return the conflict area of two tracks, the first one's coordinates first."""
@@ -175,9 +184,9 @@ class Encounters:
     def meetings(self) -> list[Meeting]:
         """Return all conflicts, two for each pair, in the order of the tracks."""
         found = []
-        for ego in self.ways:
-            for other in self.ways:
-                made = self.meeting(ego, other) if ego != other else None
+        for ego, way in self.ways.items():
+            for other in self.in_time.seen(way.first, way.last):
+                made = self.meeting(ego, other.track) if ego != other.track else None
                 if made is not None:
                     found.append(made)
         return found

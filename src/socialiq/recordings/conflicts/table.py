@@ -153,7 +153,12 @@ def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
         return math.nan, math.nan
     lanelet = _lanelet_at(encounters, meeting.other, meeting.area.entry[1])
     before, between = -math.inf, False
-    for track, way in encounters.ways.items():
+    dt = meeting.ego.dt
+    # Who is seen first after the other arrives is no next one of the stream.
+    for way in encounters.in_time.earlier(after / dt):
+        if (way.first + encounters.in_time.longest) * dt < before:
+            break  # who is seen earlier entered earlier
+        track = way.track
         if track in (meeting.ego.track, meeting.other.track):
             continue
         area = encounters.area(meeting.ego.track, track)

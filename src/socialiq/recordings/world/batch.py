@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int8
+from jaxtyping import Float, Float32, Int8, Int64
 
 from socialiq.errors import UserError
 from socialiq.recordings.world.recorded_world import RecordedWorld
@@ -116,6 +116,18 @@ class JunctionBatch:
         self._run(commands, np.full(self.size, seeds is not None), entropy, np.zeros(self.size))
         self._waiting[chosen], self.begun[chosen] = False, True
         return self.observation
+
+    def take(self, other: JunctionBatch, rows: Int64[np.ndarray, " row"]) -> None:
+        """Take the states of another batch's episodes, which go on there undisturbed.
+
+        Args:
+            other: Batch of the same world.
+            rows: Its episode for each row here.
+        """
+        for mine, theirs in zip(self.traffic, other.traffic, strict=True):
+            mine[:] = theirs[rows]
+        self._made.observation[:] = other._made.observation[rows]
+        self._waiting[:], self.begun[:] = other._waiting[rows], other.begun[rows]
 
     def step(self, actions: Any, rows: Any = None) -> Decisions:
         """Take one decision in every episode, or in some.

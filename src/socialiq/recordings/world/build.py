@@ -28,7 +28,7 @@ from socialiq.recordings.world.right_of_way import yields
 
 LEAST_VEHICLES = 2
 MOST_VEHICLES = 2000
-"""Vehicles of one recording; pairs are kept for each two of them."""
+"""Vehicles of one recording; 16 bytes are kept for each two of them."""
 
 _APPROACH = 20.0  # m before the first conflict area: the influence zone, as at the intersection
 _BEYOND = 10.0  # m behind the last conflict area at which the ego has arrived
@@ -174,30 +174,35 @@ class _Part:
             self._route(place, way, len(line.x))
 
     def _pairs(self, config: WorldConfig) -> None:
-        """Add conflict areas and stretches of every ordered pair."""
-        rows = self.rows
-        for one in self.ways:
-            for other in self.ways:
-                area = None
-                found: list[Any] = []
-                if one.track != other.track and _meet(one, other):
-                    area = self._encounters.area(one.track, other.track)
-                    found = stretches(other, one, config.slack)
-                rows["stretch"].append(np.array(found).reshape(-1, 4))
-                rows["area_of"].append(-1 if area is None else len(rows["area"]))
+        """Add conflict areas and stretches of the ordered pairs that an episode may have.
+
+        A pair may be in an episode if its vehicles are seen at most `_APART` s apart.
+        """
+        rows, count = self.rows, len(self.ways)
+        place_of = {way.track: place for place, way in enumerate(self.ways)}
+        area_of, lengths = np.full(count**2, -1), np.zeros(count**2, np.int64)
+        for place, one in enumerate(self.ways):
+            apart = _APART / one.dt
+            for other in self._encounters.in_time.seen(one.first - apart, one.last + apart):
+                if one.track == other.track:
+                    continue
+                pair = place * count + place_of[other.track]
+                found = stretches(other, one, config.slack)
+                if found:
+                    rows["stretch"].append(np.array(found))
+                    lengths[pair] = len(found)
+                area = self._encounters.area(one.track, other.track)
                 if area is not None:
+                    area_of[pair] = len(rows["area"])
                     rows["area"].append((area.entry[0], area.exit[0], area.entry[1], area.exit[1]))
                     rows["area_yields"].append(yields(self._encounters, one, other, area))
                     rows["area_merges"].append(int(area.kind == Conflict.MERGING))
+        self.area_of, self.stretches = area_of.reshape(count, count), lengths
 
     def _route(self, place: int, way: Way, points: int) -> None:
         """Add the influence zone, the origin and the arrival of a vehicle as the ego."""
-        count, rows = len(self.ways), self.rows
-        areas = [
-            rows["area"][number]
-            for number in rows["area_of"][place * count : (place + 1) * count]
-            if number >= 0
-        ]
+        rows, numbers = self.rows, self.area_of[place]
+        areas = [rows["area"][number] for number in numbers[numbers >= 0].tolist()]
         begin = float(way.along[0])
         ahead = [one for one in areas if one[1] > begin]
         end = (points - 2) * SPACING
@@ -210,26 +215,26 @@ class _Part:
         rows["egos"].append(bool(ahead) and arrival - begin >= _LEAST_WAY)
 
 
-def _meet(one: Way, other: Way) -> bool:
-    """Whether two vehicles are seen so close in time that an episode may have both."""
-    return max(one.first, other.first) - min(one.last, other.last) <= _APART / one.dt
-
-
 def _joined(parts: Sequence[_Part], kept: Sequence[set[int]]) -> dict[str, list[Any]]:
     """Return the rows of all recordings, with the first places of ragged columns."""
     columns: dict[str, list[Any]] = {name: [] for name in LAYOUT}
-    firsts = ("recording_first", "pair_first", "line_first", "state_first", "stretch_first")
-    for name in (*firsts, "closed_first"):
+    firsts = ("recording_first", "pair_first", "line_first", "state_first", "closed_first")
+    for name in firsts:
         columns[name].append(0)
+    columns["stretch_first"].append(np.zeros(1, np.int64))
     for part, tracks in zip(parts, kept, strict=True):
         vehicles, areas = len(columns["identity"]), len(columns["area"])
-        for name in ("line", "state", "stretch", "closed"):
+        for name in ("line", "state", "closed"):
             for one in part.rows[name]:
                 columns[f"{name}_first"].append(columns[f"{name}_first"][-1] + len(one))
                 columns[name].append(one)
+        columns["stretch"] += part.rows["stretch"]
+        stretches_before = columns["stretch_first"][-1][-1]
+        columns["stretch_first"].append(stretches_before + np.cumsum(part.stretches))
         for name in ("identity", "length", "width", "arrival", "origin", "zone", "state_step"):
             columns[name] += part.rows[name]
-        columns["area_of"] += [n + areas if n >= 0 else -1 for n in part.rows["area_of"]]
+        numbers = part.area_of.ravel()
+        columns["area_of"].append(np.where(numbers >= 0, numbers + areas, -1))
         for name in ("area", "area_yields", "area_merges"):
             columns[name] += part.rows[name]
         columns["egos"] += [
@@ -238,12 +243,12 @@ def _joined(parts: Sequence[_Part], kept: Sequence[set[int]]) -> dict[str, list[
             if part.rows["egos"][place] and way.track in tracks
         ]
         columns["recording_first"].append(len(columns["identity"]))
-        columns["pair_first"].append(len(columns["area_of"]))
+        columns["pair_first"].append(columns["pair_first"][-1] + len(numbers))
     return columns
 
 
 def _column(name: str, values: list[Any]) -> np.ndarray:
     dtype, shape = LAYOUT[name]
-    if name in ("line", "state", "stretch", "closed", "drivers"):
+    if name in ("line", "state", "stretch", "closed", "drivers", "area_of", "stretch_first"):
         return np.concatenate([np.zeros((0, *shape)), *values]).astype(dtype)
     return np.array(values, dtype).reshape(-1, *shape)

@@ -17,6 +17,7 @@ from socialiq.recordings.conflicts import occupancy
 from socialiq.recordings.conflicts.around import leader, on_way
 from socialiq.recordings.conflicts.pairs import Encounters
 from socialiq.recordings.conflicts.ways import Way
+from socialiq.recordings.road.paths import wrapped
 
 STANDING = 0.5
 """m/s; a slower vehicle stands."""
@@ -78,14 +79,19 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
 
 def on_way_of(way: Way, closures: list[Closure]) -> list[Closed]:
     """Return the closures that a vehicle on a way meets, the nearest to its start first."""
-    found = []
-    for one in closures:
-        seen = way.line.coordinates(np.array([one.x]), np.array([one.y]))
-        turned = (float(seen.heading[0]) - one.heading + math.pi) % (2 * math.pi) - math.pi
-        inside = 0.0 < float(seen.along[0]) < way.line.length
-        if inside and abs(float(seen.lateral[0])) < _BESIDE and abs(turned) < math.pi / 6:
-            found.append(Closed(float(seen.along[0]), one.begin, one.end))
-    return sorted(found)
+    if not closures:
+        return []
+    x, y, heading = (np.array(column) for column in list(zip(*closures, strict=True))[:3])
+    low, high = way.line.points.min(axis=0) - _BESIDE, way.line.points.max(axis=0) + _BESIDE
+    places = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
+    if not len(places):
+        return []
+    seen = way.line.coordinates(x[places], y[places])
+    turned = np.abs(wrapped(seen.heading - heading[places]))
+    inside = (seen.along > 0) & (seen.along < way.line.length)
+    inside &= (np.abs(seen.lateral) < _BESIDE) & (turned < math.pi / 6)
+    met = zip(places[inside].tolist(), seen.along[inside].tolist(), strict=True)
+    return sorted(Closed(at, closures[one].begin, closures[one].end) for one, at in met)
 
 
 def _stands(way: Way) -> list[tuple[int, int]]:
@@ -108,8 +114,8 @@ def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
     if leader(way, along, others).gap < _AHEAD:
         return True
     now, met = frame * way.dt, False
-    for other in encounters.ways.values():
-        if other.track == way.track or not other.first <= frame <= other.last:
+    for other in encounters.in_time.seen(frame, frame):
+        if other.track == way.track:
             continue
         area = encounters.area(way.track, other.track)
         if area is None or along + way.length / 2 > area.exit[0]:
@@ -137,7 +143,9 @@ def _closure(encounters: Encounters, way: Way, begin: int, end: int, first_frame
     point, heading = way.line.points_at(np.array([at]))
     x, y = point[0].tolist()
     passed = -math.inf
-    for other in encounters.ways.values():
+    for other in encounters.in_time.earlier(begin):
+        if other.first + encounters.in_time.longest < passed:
+            break  # who is seen earlier passed earlier
         if other.track == way.track:
             continue
         closed = on_way_of(other, [Closure(x, y, float(heading[0]), 0.0, 0.0)])

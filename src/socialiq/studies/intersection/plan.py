@@ -113,6 +113,9 @@ PRESETS = {
 TRAINED = (("thesis", "online"), ("calibrated", "online"), ("calibrated", "offline"))
 SHIPPED = ("calibrated", "online")
 """Group whose learners are drawn beside the thesis' and included in the atlas."""
+VIEWS = tuple(name for name, choice in CHOICES.items() if choice is None or not choice.ahead)
+"""Views that are compared; `set_ahead` came later."""
+
 STRENGTHS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0)
 TEMPERATURES = (1.0, 0.3, 0.1, 0.03)
 ENDINGS = ("zero", "absorbing")
@@ -182,7 +185,7 @@ def _timeouts(config: Config) -> Iterator[Job]:
 
 
 def _views(config: Config) -> Iterator[Job]:
-    for view, seed in itertools.product(CHOICES, config.ablation_seeds):
+    for view, seed in itertools.product(VIEWS, config.ablation_seeds):
         structure = dqn.StaticConfig(view, steps=config.view_steps, steps_per_update=32)
         run = ExpertRun(structure, finer(dqn.Hyperparameters(seed=seed)))
         yield Job(f"views/{view}/{seed}", train_expert, run, cost=120.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from socialiq.errors import UserError, one_of
-from socialiq.learners.config import check_counts, check_shares
+from socialiq.learners.config import check_counts, check_not_negative, check_shares
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 
 RECORDED, PLANTED, BOTH = "recorded", "planted", "recorded and planted"
@@ -17,7 +17,13 @@ RECORDED, PLANTED, BOTH = "recorded", "planted", "recorded and planted"
 CUT = "recorded, views as whole episodes"
 """The recorded drivers, the end of a view taken for the end of an episode."""
 
-MIXTURES = (CUT, RECORDED, PLANTED, BOTH)
+SET = "recorded and planted, without closeness"
+"""The same as both, by networks that see no closeness (`nn.view`, "set")."""
+
+CHOSEN = "planted, the best of each angle"
+"""Not a mixture: at 0, 45 and 90 degrees the planted driver whose demonstrations earn most."""
+
+MIXTURES = (CUT, RECORDED, PLANTED, BOTH, SET, CHOSEN)
 """Demonstrations that dials learn from: of the recorded drivers, of planted ones, of all."""
 
 
@@ -52,8 +58,11 @@ class Config:
     """Hyperparameters of the dials, without the seed."""
     episodes: int = 600
     """Evaluation episodes of each driver, common to all."""
+    checked: int = 0
+    """Episodes of each mixture's first dial, at the first angle, in whose states the critics'
+    values are compared with rollouts; their seeds follow those of the evaluation. 0: none."""
     first_episode: int = 62_000_000
-    """Seed of the first one. Those from 50,000,000 on were used in development."""
+    """Seed of the first evaluation episode. Those from 50,000,000 on were used in development."""
 
     def __post_init__(self) -> None:
         """Refuse empty sizes and unknown mixtures."""
@@ -62,6 +71,7 @@ class Config:
         for mixture in self.mixtures:
             one_of("mixture", mixture, MIXTURES)
         check_counts(self, ("planted_episodes", "episodes"))
+        check_not_negative(self, ("checked",))
         check_shares(self, ("exploration",))
 
     def contents(self) -> dict[str, str]:

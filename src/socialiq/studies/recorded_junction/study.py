@@ -19,8 +19,17 @@ from socialiq.experiments.study import Context, Findings, Study, View
 from socialiq.plotting.style import figure, finish
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.statistics.comparisons import paired_difference
-from socialiq.studies.recorded_junction.config import MIXTURES, Config
-from socialiq.studies.recorded_junction.work import HUMAN, ROWS, WORLD, driven, plan, slug
+from socialiq.storage import read_json
+from socialiq.studies.recorded_junction.config import CHOSEN, MIXTURES, Config
+from socialiq.studies.recorded_junction.work import (
+    HUMAN,
+    ROWS,
+    VALUES,
+    WORLD,
+    driven,
+    plan,
+    slug,
+)
 from socialiq.types import Ending, Row
 
 _SIDES = ("r_env", "r_social")
@@ -41,7 +50,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
         }
         for angle, runs in dials.items():
             angles.append({"mixture": mixture, "asked": angle} | _row("dial", runs))
-        drivers.append(_row(f"clone: {mixture}", [found[f"clone {s}"] for s in config.seeds]))
+        clones = [found[f"clone {s}"] for s in config.seeds if f"clone {s}" in found]
+        if clones:
+            drivers.append(_row(f"clone: {mixture}", clones))
         turns += _turns(mixture, dials)
     data = []
     for path in (work / "world" / HUMAN, work / "planted" / ROWS):
@@ -58,7 +69,13 @@ def compute_tables(config: Config, context: Context) -> Findings:
         }
         for row in turns
     }
+    values = [
+        {"mixture": one} | read_json(work / "dials" / slug(one) / VALUES)
+        for one in config.mixtures
+        if config.checked and one != CHOSEN
+    ]
     tables = {"angles": angles, "turns": turns, "drivers": drivers, "data": data}
+    tables["values"] = values
     return Findings(tables, {"world_sha256": world.sha256} | summary)
 
 
@@ -132,10 +149,13 @@ def view(results: Results) -> Sequence[View]:
     shown = ("driver", "r_env", "r_social", "arrival", "at_fault", "struck", "timeout")
     others = [{name: row[name] for name in shown} for row in results.tables["drivers"]]
     turned = "From the first angle to the last, with 95 % intervals; range over seeds"
+    checked = results.tables.get("values", [])
+    more = [View(checked, "Values of r_env beside rollouts, at the first angle")] if checked else []
     return [
         View(rows, "Dials, means over training seeds"),
         View(results.tables["turns"], turned),
         View(others, "Beside them"),
+        *more,
     ]
 
 

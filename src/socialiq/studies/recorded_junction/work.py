@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.learners import clone_dial
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
-from socialiq.learners.offline.train import STAGES, train_together
+from socialiq.learners.offline.critic import Critic
+from socialiq.learners.offline.objective import ensemble_values
+from socialiq.learners.offline.train import STAGES, recorded, train_together
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -26,13 +33,26 @@ from socialiq.recordings.world.build import build
 from socialiq.recordings.world.config import WorldConfig
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.recordings.world.replay import replay
-from socialiq.storage import load_arrays, save_arrays
-from socialiq.studies.recorded_junction.config import BOTH, CUT, PLANTED, RECORDED, Config
+from socialiq.recordings.world.rollouts import visit
+from socialiq.social.angle import score, weights
+from socialiq.storage import load_arrays, save_arrays, write_json
+from socialiq.studies.recorded_junction.config import (
+    BOTH,
+    CHOSEN,
+    CUT,
+    PLANTED,
+    RECORDED,
+    SET,
+    Config,
+)
 from socialiq.studies.recorded_junction.planted import record, references, rules
+from socialiq.types import RewardPair, Row
 
 WORLD, HUMAN, ROWS, DRIVEN = (
     f"{name}.safetensors" for name in ("world", "human", "planted", "driven")
 )
+VALUES = "values.json"
+_CHOSEN_AT = (0.0, 45.0, 90.0)  # degrees
 _SIDE_BY_SIDE = 500
 _KIND, _VERSION = "study-recorded-junction", 1
 
@@ -63,6 +83,9 @@ class Training:
     seeds: tuple[int, ...]
     structure: StaticConfig
     numbers: Hyperparameters
+    angle: float
+    checked: int
+    first_checked: int
 
 
 @dataclass(frozen=True)
@@ -88,9 +111,11 @@ def plan(config: Config) -> list[Job]:
     ]
     for mixture in config.mixtures:
         name = slug(mixture)
-        given = Training(mixture, config.seeds, config.structure, config.numbers)
+        checks = config.angles[0], config.checked, config.first_episode + config.episodes
+        given = Training(mixture, config.seeds, config.structure, config.numbers, *checks)
         cost = len(config.seeds) * config.structure.updates / 30
-        found.append(Job(f"dials/{name}", train, given, ("world", "planted"), cost=cost))
+        learn = train_chosen if mixture == CHOSEN else train
+        found.append(Job(f"dials/{name}", learn, given, ("world", "planted"), cost=cost))
         drives = Driving(mixture, config.seeds, config.angles, **driving)
         inputs = ("world", f"dials/{name}")
         found.append(Job(f"driven/{name}", drive_dials, drives, inputs, cost=60.0))
@@ -131,10 +156,11 @@ def train(
     """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
     human, planted = tables.load(inputs["world"] / HUMAN), tables.load(inputs["planted"] / ROWS)
     both = concatenate([human, planted])
-    data = {CUT: human, RECORDED: human, PLANTED: planted, BOTH: both}
+    data = {CUT: human, RECORDED: human, PLANTED: planted, BOTH: both, SET: both}
     world = RecordedWorld.load(inputs["world"] / WORLD)
     whole = 0 if config.mixture == CUT else world.config.decisions
-    static = dataclasses.replace(config.structure, whole_episode=whole)
+    view = "set" if config.mixture == SET else config.structure.view
+    static = dataclasses.replace(config.structure, whole_episode=whole, view=view)
     numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
 
     def callbacks(stage: str) -> Callbacks:
@@ -148,6 +174,75 @@ def train(
         stages["dial"].policy(run).save(folder / f"dial_{seed}.safetensors")
         clone = QPolicy.of(network_of(clones, run), 1.0, {"clone": config.mixture, "seed": seed})
         clone.save(folder / f"clone_{seed}.safetensors")
+    if config.checked:
+        critics = jax.tree.map(lambda leaf: leaf[0], stages["critics"].state.target_network)
+        _, unit = recorded(data[config.mixture], whole)
+        row = compared(world, stages["dial"].policy(0), critics, unit, config)
+        write_json(folder / VALUES, row)
+
+
+def train_chosen(
+    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Clone, as one dial for each seed, the planted driver that earns most at each of three angles.
+
+    What they earn is the mean score of their own demonstrations.
+    """
+    planted = tables.load(inputs["planted"] / ROWS)
+    names = best_of(planted, _CHOSEN_AT)
+    modes = [planted.mode_names.index(name) for name in names]
+    sets = [planted.select(np.flatnonzero(planted.episode_modes == mode)) for mode in modes]
+    one = config.structure
+    shape = {"hidden": one.hidden, "view": one.view, "batch_size": one.batch_size}
+    updates = one.critic_factor * one.updates  # as many as an offline dial's critics
+    static = clone_dial.StaticConfig(demonstrators=_CHOSEN_AT, updates=updates, **shape)
+    numbers = [clone_dial.Hyperparameters(seed=seed) for seed in config.seeds]
+    learner = clone_dial.CloneDial.of(static, sets)
+    trained = learner.train(numbers, Callbacks(lambda one: on_progress(one.done / one.total)))
+    for run, seed in enumerate(config.seeds):
+        trained.policy(run).save(folder / f"dial_{seed}.safetensors")
+
+
+def best_of(data: Demonstrations, angles: Sequence[float]) -> list[str]:
+    """Return for each angle the mode whose episodes have the greatest mean score.
+
+    Args:
+        data: Whole episodes of all modes.
+        angles: In degrees.
+    """
+    totals = np.stack(data.returns("to_go", 1.0))[:, data.episode_starts]
+    means = [
+        totals[:, data.episode_modes == mode].mean(axis=1) for mode in range(len(data.mode_names))
+    ]
+    scores = [[score(weights(angle), RewardPair(*mean)) for mean in means] for angle in angles]
+    return [data.mode_names[int(np.argmax(one))] for one in scores]
+
+
+def compared(
+    world: RecordedWorld, dial: DialPolicy, critics: Critic, unit: Any, config: Training
+) -> Row:
+    """Return the critics' r_env beside that of rollouts, in states that a dial visits.
+
+    In some of them the choice decides whether a collision at fault follows.
+    """
+    policy, seeds = dial.at(config.angle), np.arange(config.checked) + config.first_checked
+    batch = JunctionBatch(world, config.checked)
+    found = visit(batch, lambda seen: policy.predict(seen)[0], seeds)
+    time = jnp.asarray(found.time / world.config.decisions)
+    seen, rows = jnp.asarray(found.observation), np.arange(len(found.time))
+    direction = RewardPair(*(jnp.full(len(rows), one) for one in weights(config.angle)))
+    values = np.asarray(ensemble_values(critics, seen, time, direction, unit).mean(axis=0))
+    believed, earned = values[..., 0], found.branched.returns[..., 0]
+    fault = found.branched.at_fault
+    decisive = fault.any(axis=1) & ~fault.all(axis=1)
+    row: Row = {"states": len(rows), "decisive": float(decisive.mean())}
+    row |= {"value": float(believed[rows, found.action].mean())}
+    row |= {"return": float(earned[rows, found.action].mean())}
+    for name, action in (("braking", 0), ("accelerating", world.n_actions - 1)):
+        row |= {f"value_{name}": float(believed[decisive, action].mean())}
+        row |= {f"return_{name}": float(earned[decisive, action].mean())}
+        row |= {f"at_fault_{name}": float(fault[decisive, action].mean())}
+    return row
 
 
 def drive_references(
@@ -170,8 +265,9 @@ def drive_dials(
     for seed in config.seeds:
         dial = DialPolicy.load(made / f"dial_{seed}.safetensors")
         drivers += [Reference(f"dial {seed} {a:g}", dial.at(a), a) for a in config.angles]
-        clone = QPolicy.load(made / f"clone_{seed}.safetensors")
-        drivers.append(Reference(f"clone {seed}", clone))
+        if config.mixture != CHOSEN:
+            clone = QPolicy.load(made / f"clone_{seed}.safetensors")
+            drivers.append(Reference(f"clone {seed}", clone))
     _drive(RecordedWorld.load(inputs["world"] / WORLD), drivers, config, folder)
 
 
