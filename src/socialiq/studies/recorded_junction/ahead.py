@@ -1,8 +1,7 @@
 """The study again with networks that see how close others come, and with more demonstrations.
 
 Dials of `recorded-junction` turn and collide. Here networks see the closeness of the next seconds
-(`nn.view.closeness`); one mixture is trained without it too, to compare. A dial that clones the
-planted driver that earns most at each angle has no critics. The critics' values are compared with
+(`nn.view.closeness`); one mixture is trained without it too, to compare. The critics' values are compared with
 rollouts in the world.
 """
 
@@ -13,14 +12,14 @@ from dataclasses import dataclass, field
 
 from socialiq.learners.offline.config import StaticConfig
 from socialiq.studies.recorded_junction import config, study
-from socialiq.studies.recorded_junction.config import BOTH, CHOSEN, SET
+from socialiq.studies.recorded_junction.config import BOTH, SET
 
 
 @dataclass(frozen=True)
 class Config(config.Config):
     """Configuration of the study; the defaults are the committed results."""
 
-    mixtures: tuple[str, ...] = (BOTH, SET, CHOSEN)
+    mixtures: tuple[str, ...] = (BOTH, SET)
     """Sets of demonstrations, each with its dials; of `MIXTURES`."""
     seeds: tuple[int, ...] = (2103, 2104, 2105)
     """Training seeds. 100 to 199 were used in development."""

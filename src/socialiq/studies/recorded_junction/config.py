@@ -20,10 +20,7 @@ CUT = "recorded, views as whole episodes"
 SET = "recorded and planted, without closeness"
 """The same as both, by networks that see no closeness (`nn.view`, "set")."""
 
-CHOSEN = "planted, the best of each angle"
-"""Not a mixture: at 0, 45 and 90 degrees the planted driver whose demonstrations earn most."""
-
-MIXTURES = (CUT, RECORDED, PLANTED, BOTH, SET, CHOSEN)
+MIXTURES = (CUT, RECORDED, PLANTED, BOTH, SET)
 """Demonstrations that dials learn from: of the recorded drivers, of planted ones, of all."""
 
 

@@ -20,7 +20,7 @@ from socialiq.plotting.style import figure, finish
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.storage import read_json
-from socialiq.studies.recorded_junction.config import CHOSEN, MIXTURES, Config
+from socialiq.studies.recorded_junction.config import MIXTURES, Config
 from socialiq.studies.recorded_junction.work import (
     HUMAN,
     ROWS,
@@ -50,9 +50,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         }
         for angle, runs in dials.items():
             angles.append({"mixture": mixture, "asked": angle} | _row("dial", runs))
-        clones = [found[f"clone {s}"] for s in config.seeds if f"clone {s}" in found]
-        if clones:
-            drivers.append(_row(f"clone: {mixture}", clones))
+        drivers.append(_row(f"clone: {mixture}", [found[f"clone {s}"] for s in config.seeds]))
         turns += _turns(mixture, dials)
     data = []
     for path in (work / "world" / HUMAN, work / "planted" / ROWS):
@@ -72,7 +70,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     values = [
         {"mixture": one} | read_json(work / "dials" / slug(one) / VALUES)
         for one in config.mixtures
-        if config.checked and one != CHOSEN
+        if config.checked
     ]
     tables = {"angles": angles, "turns": turns, "drivers": drivers, "data": data}
     tables["values"] = values

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,8 @@ import numpy as np
 from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
-from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.experiments.jobs import Job, ProgressCallback
-from socialiq.learners import clone_dial
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.learners.offline.critic import Critic
@@ -34,11 +32,10 @@ from socialiq.recordings.world.config import WorldConfig
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.recordings.world.replay import replay
 from socialiq.recordings.world.rollouts import visit
-from socialiq.social.angle import score, weights
+from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.studies.recorded_junction.config import (
     BOTH,
-    CHOSEN,
     CUT,
     PLANTED,
     RECORDED,
@@ -52,7 +49,6 @@ WORLD, HUMAN, ROWS, DRIVEN = (
     f"{name}.safetensors" for name in ("world", "human", "planted", "driven")
 )
 VALUES = "values.json"
-_CHOSEN_AT = (0.0, 45.0, 90.0)  # degrees
 _SIDE_BY_SIDE = 500
 _KIND, _VERSION = "study-recorded-junction", 1
 
@@ -114,8 +110,7 @@ def plan(config: Config) -> list[Job]:
         checks = config.angles[0], config.checked, config.first_episode + config.episodes
         given = Training(mixture, config.seeds, config.structure, config.numbers, *checks)
         cost = len(config.seeds) * config.structure.updates / 30
-        learn = train_chosen if mixture == CHOSEN else train
-        found.append(Job(f"dials/{name}", learn, given, ("world", "planted"), cost=cost))
+        found.append(Job(f"dials/{name}", train, given, ("world", "planted"), cost=cost))
         drives = Driving(mixture, config.seeds, config.angles, **driving)
         inputs = ("world", f"dials/{name}")
         found.append(Job(f"driven/{name}", drive_dials, drives, inputs, cost=60.0))
@@ -181,43 +176,6 @@ def train(
         write_json(folder / VALUES, row)
 
 
-def train_chosen(
-    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
-    """Clone, as one dial for each seed, the planted driver that earns most at each of three angles.
-
-    What they earn is the mean score of their own demonstrations.
-    """
-    planted = tables.load(inputs["planted"] / ROWS)
-    names = best_of(planted, _CHOSEN_AT)
-    modes = [planted.mode_names.index(name) for name in names]
-    sets = [planted.select(np.flatnonzero(planted.episode_modes == mode)) for mode in modes]
-    one = config.structure
-    shape = {"hidden": one.hidden, "view": one.view, "batch_size": one.batch_size}
-    updates = one.critic_factor * one.updates  # as many as an offline dial's critics
-    static = clone_dial.StaticConfig(demonstrators=_CHOSEN_AT, updates=updates, **shape)
-    numbers = [clone_dial.Hyperparameters(seed=seed) for seed in config.seeds]
-    learner = clone_dial.CloneDial.of(static, sets)
-    trained = learner.train(numbers, Callbacks(lambda one: on_progress(one.done / one.total)))
-    for run, seed in enumerate(config.seeds):
-        trained.policy(run).save(folder / f"dial_{seed}.safetensors")
-
-
-def best_of(data: Demonstrations, angles: Sequence[float]) -> list[str]:
-    """Return for each angle the mode whose episodes have the greatest mean score.
-
-    Args:
-        data: Whole episodes of all modes.
-        angles: In degrees.
-    """
-    totals = np.stack(data.returns("to_go", 1.0))[:, data.episode_starts]
-    means = [
-        totals[:, data.episode_modes == mode].mean(axis=1) for mode in range(len(data.mode_names))
-    ]
-    scores = [[score(weights(angle), RewardPair(*mean)) for mean in means] for angle in angles]
-    return [data.mode_names[int(np.argmax(one))] for one in scores]
-
-
 def compared(
     world: RecordedWorld, dial: DialPolicy, critics: Critic, unit: Any, config: Training
 ) -> Row:
@@ -265,9 +223,8 @@ def drive_dials(
     for seed in config.seeds:
         dial = DialPolicy.load(made / f"dial_{seed}.safetensors")
         drivers += [Reference(f"dial {seed} {a:g}", dial.at(a), a) for a in config.angles]
-        if config.mixture != CHOSEN:
-            clone = QPolicy.load(made / f"clone_{seed}.safetensors")
-            drivers.append(Reference(f"clone {seed}", clone))
+        clone = QPolicy.load(made / f"clone_{seed}.safetensors")
+        drivers.append(Reference(f"clone {seed}", clone))
     _drive(RecordedWorld.load(inputs["world"] / WORLD), drivers, config, folder)
 
 
