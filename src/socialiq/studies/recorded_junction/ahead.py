@@ -1,8 +1,8 @@
 """The study again with networks that see how close others come, and with more demonstrations.
 
 Dials of `recorded-junction` turn and collide. Here networks see the closeness of the next seconds
-(`nn.view.closeness`); one mixture is trained without it too, to compare. The critics' values are compared with
-rollouts in the world.
+(`nn.view.closeness`); the same mixture is learned without it too. The critics' values are compared
+with rollouts in the world.
 """
 
 from __future__ import annotations
