@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,6 +20,8 @@ from socialiq.foreign import one_line
 from socialiq.outputs import refuse_existing
 from socialiq.plotting.style import png
 from socialiq.recordings.identity.duplicates import check_names
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.road.network import Sign
 from socialiq.recordings.simulated_source import signs_of_simulation
 from socialiq.recordings.world.build import Made, build
 from socialiq.recordings.world.config import LEVELS, Lights, WorldConfig
@@ -96,11 +99,8 @@ class MakeWorld:
         recordings = load_all(self.recordings, self.road)
         check_names([one.tracks.recording for one in recordings])
         made = build(recordings, config)
-        for one in () if self.json else recordings:
-            signs = signs_of_simulation(one.tracks)
-            if signs:
-                name = one_line(one.tracks.recording, 60)
-                sys.stderr.write(f"{name} is simulated, not human: {one_line(signs[0])}\n")
+        for remark in () if self.json else _remarks(recordings):
+            sys.stderr.write(f"{remark}\n")
         summary = self.write(made)
         if self.json:
             print_json(summary)
@@ -161,6 +161,19 @@ class MakeWorld:
         print_table(rows)
         if "compared" in summary:
             print_table(summary["compared"], "Recorded and simulated: quartiles, distance")
+
+
+def _remarks(recordings: Sequence[Recording]) -> Iterator[str]:
+    """Yield what must be known of recordings before their world is used."""
+    for one in recordings:
+        name, signs = one_line(one.tracks.recording, 60), signs_of_simulation(one.tracks)
+        if signs:
+            yield f"{name} is simulated, not human: {one_line(signs[0])}"
+        if any(lanelet.sign == Sign.LIGHT for lanelet in one.road.lanelets.values()):
+            yield (
+                f"{name} has traffic lights, whose states are not read: lines are closed where "
+                "vehicles were seen to stand, or never with --lights none"
+            )
 
 
 _COUNTS = ("vehicles", "egos", "closures")

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.recordings import files
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import RoadNetwork
+from socialiq.recordings.road.network import RoadNetwork, Sign
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,16 @@ def test_a_dial_of_a_world_learns_from_demonstrations_alone(folder, tmp_path, ca
     tiny = ["--preset", "offline-regularised", "--updates", "2", "--hidden", "4"]
     assert main([*call, *tiny, "--json"]) == 0
     assert (tmp_path / "run" / "dial_0.safetensors").is_file()
+
+
+def test_lights_whose_states_are_not_read_are_named(tmp_path, capsys):
+    lanes = crossing_road().lanelets
+    lit = {**lanes, 1: dataclasses.replace(lanes[1], sign=Sign.LIGHT)}
+    files.save(tmp_path / "lit.safetensors", Recording(tracks(), RoadNetwork(lit)))
+    out = tmp_path / "world.safetensors"
+    assert main(["data", "world", str(tmp_path / "lit.safetensors"), "--out", str(out)]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "ZAM_Made-1_1_T-1 has traffic lights, whose states are not read" in line
 
 
 def test_a_report_that_fails_leaves_no_file(folder, tmp_path, monkeypatch, capsys):

@@ -142,10 +142,10 @@ def test_closeness_is_of_the_moments_at_which_a_vehicle_is_near_the_ego() -> Non
     beside = 0.5  # 2.5 m of 5 m
     at = {2.0: 1 / 3, 2.5: 2 / 3, 3.0: 1.0, 3.5: 2 / 3, 4.0: 1 / 3}
     wanted = [beside * at.get(second, 0.0) for second in SECONDS]
-    np.testing.assert_allclose(found[0, : len(SECONDS)], wanted, atol=1e-12)
+    np.testing.assert_allclose(found[0, : len(SECONDS)], wanted, atol=1e-6)
     ahead = np.array([30 - 10 * second for second in SECONDS]) / 15
-    np.testing.assert_allclose(found[0, len(SECONDS) :], wanted * ahead, atol=1e-12)
-    np.testing.assert_allclose(found[1], 0.0, atol=1e-12)  # 5 m beside
+    np.testing.assert_allclose(found[0, len(SECONDS) :], wanted * ahead, atol=1e-6)
+    np.testing.assert_allclose(found[1], 0.0, atol=1e-6)  # 5 m beside
 
 
 def test_pooling_is_the_sum_and_the_greatest_of_every_vehicles_code() -> None:

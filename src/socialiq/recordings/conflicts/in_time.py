@@ -32,7 +32,7 @@ class InTime:
         self._every = every
         self.longest = max((len(way.along) for way in every), default=0)
 
-    def seen(self, first: float, last: float) -> list[Way]:
+    def seen(self, first: int | float, last: int | float) -> list[Way]:
         """Return the ways that are seen between two frames, both included, in their order.
 
         Args:
@@ -44,7 +44,7 @@ class InTime:
         places = sorted(self._order[begin:end].tolist())
         return [self._every[place] for place in places if self._every[place].last >= first]
 
-    def earlier(self, frame: float) -> Iterator[Way]:
+    def earlier(self, frame: int | float) -> Iterator[Way]:
         """Yield the ways that are seen first at a frame or before it, the latest first."""
         end = int(np.searchsorted(self._first, frame, side="right"))
         for place in self._order[:end][::-1].tolist():

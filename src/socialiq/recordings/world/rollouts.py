@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.types import Ending
-from socialiq.worlds.intersection.state import Contact
+from socialiq.worlds.highway.state import Contact
 
 Act = Callable[[Float32[np.ndarray, "row feature"]], Int64[np.ndarray, " row"]]
 """A policy: actions of observations."""
@@ -68,7 +68,8 @@ def branch(batch: JunctionBatch, rows: Int64[np.ndarray, " state"], policy: Act)
         collided = made.ending == int(Ending.COLLISION)
         at_fault |= ended & collided & (made.contact == int(Contact.EGO_STRUCK))
         running &= ~ended
-        action[running] = policy(copies.observation[running])
+        if running.any():
+            action[running] = policy(copies.observation[running])
     return Branched(returns.reshape(-1, count, 2), at_fault.reshape(-1, count))
 
 

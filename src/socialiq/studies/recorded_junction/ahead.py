@@ -1,8 +1,7 @@
 """The study again with networks that see how close others come, and with more demonstrations.
 
 Dials of `recorded-junction` turn and collide. Here networks see the closeness of the next seconds
-(`nn.view.closeness`); the same mixture is learned without it too. The critics' values are compared
-with rollouts in the world.
+(`nn.view.closeness`); the same mixture is learned without it too.
 """
 
 from __future__ import annotations
@@ -35,9 +34,6 @@ class Config(config.Config):
     """Static config of the dials, without the length of an episode, which is the world's."""
     episodes: int = 400
     """Evaluation episodes of each driver, common to all."""
-    checked: int = 30
-    """Episodes of each mixture's first dial, at the first angle, in whose states the critics'
-    values are compared with rollouts; their seeds follow those of the evaluation. 0: none."""
     first_episode: int = 64_000_000
     """Seed of the first evaluation episode. Those from 50,000,000 on were used in development."""
 

@@ -8,6 +8,7 @@ drivers and the planted ones drive the same episodes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,7 +21,7 @@ from socialiq.plotting.style import figure, finish
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.storage import read_json
-from socialiq.studies.recorded_junction.config import MIXTURES, Config
+from socialiq.studies.recorded_junction.config import CUT, MIXTURES, RECORDED, Config
 from socialiq.studies.recorded_junction.work import (
     HUMAN,
     ROWS,
@@ -33,7 +34,11 @@ from socialiq.studies.recorded_junction.work import (
 from socialiq.types import Ending, Row
 
 _SIDES = ("r_env", "r_social")
-_INKS = ("#a6a6a6", "#1b7837", "#2166ac", "#c23b22")
+_INKS = ("#a6a6a6", "#1b7837", "#2166ac", "#c23b22", "#b58900")
+_APART = 1.0  # both rewards; the angles of a shorter line are not written
+
+CLONE = "clone: "
+"""Beginning of the name of a clone, before its mixture's."""
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
@@ -50,7 +55,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
         }
         for angle, runs in dials.items():
             angles.append({"mixture": mixture, "asked": angle} | _row("dial", runs))
-        drivers.append(_row(f"clone: {mixture}", [found[f"clone {s}"] for s in config.seeds]))
+        if mixture != CUT or RECORDED not in config.mixtures:  # both have the same rows
+            drivers.append(_row(CLONE + mixture, [found[f"clone {s}"] for s in config.seeds]))
         turns += _turns(mixture, dials)
     data = []
     for path in (work / "world" / HUMAN, work / "planted" / ROWS):
@@ -119,25 +125,39 @@ def _turns(mixture: str, dials: dict[float, list[Outcomes]]) -> list[Row]:
 
 def draw(results: Results) -> dict[str, Figure]:
     """Draw r_social over r_env: a line for each mixture's dials, points for the others."""
-    drawn = figure(6.4, 4.6)
+    drawn = figure(7.6, 4.6)
     axes = drawn.subplots()
-    for mixture, ink in zip(MIXTURES, _INKS, strict=True):
+    inks = dict(zip(MIXTURES, _INKS, strict=True))
+    for mixture, ink in inks.items():
         rows = [row for row in results.tables["angles"] if row["mixture"] == mixture]
-        if not rows:
-            continue
-        x, y = ([row[side] for row in rows] for side in _SIDES)
-        axes.plot(x, y, marker="o", markersize=3, color=ink, label=f"dial: {mixture}")
-        for row in (rows[0], rows[-1]):
-            place = row["r_env"], row["r_social"]
-            axes.annotate(f"{row['asked']:g}°", place, fontsize=7, textcoords="offset points",
-                          xytext=(4, 4))  # fmt: skip
+        if rows:
+            _line(axes, rows, ink, f"dial: {mixture}")
+    others = iter("*>soD^vP")
     for row in results.tables["drivers"]:
-        axes.plot(row["r_env"], row["r_social"], marker="s", markersize=4, color="#6e6e6e")
-        axes.annotate(row["driver"], (row["r_env"], row["r_social"]), fontsize=6,
-                      textcoords="offset points", xytext=(4, -7))  # fmt: skip
+        name = row["driver"]
+        of = name.removeprefix(CLONE)
+        style = {"color": inks[of], "marker": "X"} if of in inks else {"marker": next(others)}
+        style = {"color": "#6e6e6e", "linestyle": "", "markersize": 6} | style
+        axes.plot(row["r_env"], row["r_social"], label=name, **style)
     labels = {"xlabel": "mean r_env of an episode", "ylabel": "mean r_social of an episode"}
-    finish(axes, "", 7, **labels)
+    finish(axes, **labels)
+    handles, names = axes.get_legend_handles_labels()
+    drawn.legend(handles, names, loc="outside right upper", frameon=False, fontsize=7)
     return {"trade_off": drawn}
+
+
+def _line(axes: Any, rows: Sequence[Row], ink: str, label: str) -> None:
+    """Draw the dials of a mixture, with the angle at both ends if they differ."""
+    x, y = ([row[side] for row in rows] for side in _SIDES)
+    axes.plot(x, y, marker="o", markersize=3, color=ink, label=label)
+    first, last = rows[0], rows[-1]
+    ends = [(first, "left", -4), (last, "right", 4)]
+    if np.hypot(x[-1] - x[0], y[-1] - y[0]) < _APART:
+        ends = []
+    for row, side, shift in ends:
+        place = row["r_env"], row["r_social"]
+        axes.annotate(f"{row['asked']:g}°", place, fontsize=7, textcoords="offset points",
+                      xytext=(-shift, shift), ha=side, color=ink)  # fmt: skip
 
 
 def view(results: Results) -> Sequence[View]:
