@@ -1,7 +1,7 @@
 """The study again with networks that see how close others come, and with more demonstrations.
 
 Dials of `recorded-junction` turn and collide. Here networks see the closeness of the next seconds
-(`nn.view.closeness`); the same mixture is learned without it too.
+(`nn.view.closeness`). Another mixture is learned without it, to tell what of the two helps.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 
 from socialiq.learners.offline.config import StaticConfig
 from socialiq.studies.recorded_junction import config, study
-from socialiq.studies.recorded_junction.config import BOTH, SET
+from socialiq.studies.recorded_junction.config import BOTH
 
 
 @dataclass(frozen=True)
 class Config(config.Config):
     """Configuration of the study; the defaults are the committed results."""
 
-    mixtures: tuple[str, ...] = (BOTH, SET)
+    mixtures: tuple[str, ...] = (BOTH,)
     """Sets of demonstrations, each with its dials; of `MIXTURES`."""
     seeds: tuple[int, ...] = (2103, 2104, 2105)
     """Training seeds. 100 to 199 were used in development."""
