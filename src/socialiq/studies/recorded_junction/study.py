@@ -136,11 +136,10 @@ def draw(results: Results) -> dict[str, Figure]:
     for row in results.tables["drivers"]:
         name = row["driver"]
         of = name.removeprefix(CLONE)
-        style = {"color": inks[of], "marker": "X"} if of in inks else {"marker": next(others)}
-        style = {"color": "#6e6e6e", "linestyle": "", "markersize": 6} | style
-        axes.plot(row["r_env"], row["r_social"], label=name, **style)
-    labels = {"xlabel": "mean r_env of an episode", "ylabel": "mean r_social of an episode"}
-    finish(axes, **labels)
+        ink, marker = (inks[of], "X") if of in inks else ("#6e6e6e", next(others))
+        place = row["r_env"], row["r_social"]
+        axes.plot(*place, label=name, color=ink, marker=marker, markersize=6, linestyle="")
+    finish(axes, xlabel="mean r_env of an episode", ylabel="mean r_social of an episode")
     handles, names = axes.get_legend_handles_labels()
     drawn.legend(handles, names, loc="outside right upper", frameon=False, fontsize=7)
     return {"trade_off": drawn}
