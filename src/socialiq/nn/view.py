@@ -98,8 +98,8 @@ class Choice(NamedTuple):
     @staticmethod
     def of_described(described: Mapping[str, Any]) -> Choice:
         """Return the properties of `described`."""
-        given = (described[name] for name in Choice._fields[:-1])
-        return Choice(*given, described.get("ahead", False))
+        pooled, relative, scale = (described[name] for name in Choice._fields[:-1])
+        return Choice(pooled, relative, scale, described.get("ahead", False))
 
 
 CHOICES: dict[str, Choice | None] = {
