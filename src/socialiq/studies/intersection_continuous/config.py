@@ -17,7 +17,9 @@ from socialiq.learners.continuous.config import (
     IQStaticConfig,
     StaticConfig,
 )
-from socialiq.learners.dial import config as dial
+from socialiq.learners.dial.config import INTERSECTION
+from socialiq.learners.dial.config import Hyperparameters as DiscreteHyperparameters
+from socialiq.learners.dial.config import StaticConfig as DiscreteStaticConfig
 from socialiq.learners.iq_learn.config import Endings
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
@@ -52,7 +54,7 @@ DIAL = dataclasses.replace(EXPERT, dial=True, high_share=0.4)
 """The same at every angle, with the angles of the preset of discrete actions."""
 
 DISCRETE = dataclasses.replace(
-    dial.INTERSECTION.structure,
+    INTERSECTION.structure,
     demonstrations=False,
     hidden=(128, 128),
     replay_batch=128,
@@ -96,9 +98,9 @@ class Config:
     """Hyperparameters of experts and continuous dials, without angle and seed."""
     continuous: StaticConfig = DIAL
     """Static config of the continuous dials."""
-    discrete: dial.StaticConfig = DISCRETE
+    discrete: DiscreteStaticConfig = DISCRETE
     """Static config of the discrete dials."""
-    discrete_numbers: dial.Hyperparameters = dial.INTERSECTION.numbers
+    discrete_numbers: DiscreteHyperparameters = INTERSECTION.numbers
     """Hyperparameters of the discrete dials, without the seed."""
     learner: IQStaticConfig = LEARNER
     """Static config of the learners; the baseline has no prior."""
