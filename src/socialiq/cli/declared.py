@@ -13,7 +13,19 @@ from pathlib import Path
 
 import socialiq
 
-_PLAIN = {"str", "int", "float", "bool", "tuple", "list", "Path", "Literal", "Annotated", "tyro"}
+_PLAIN = {
+    "str",
+    "int",
+    "float",
+    "bool",
+    "tuple",
+    "list",
+    "Path",
+    "Literal",
+    "Annotated",
+    "Any",
+    "tyro",
+}
 """Names in an annotation that make no options of their own."""
 
 

@@ -50,19 +50,19 @@ EXPERT = StaticConfig(
 )
 """Soft actor-critic on R(α), which sees the time."""
 
-DIAL = dataclasses.replace(EXPERT, dial=True, high_share=0.4)
-"""The same at every angle, with the angles of the preset of discrete actions."""
+DIAL = dataclasses.replace(EXPERT, high_share=0.4)
+"""The same, trained at every angle (`plan` makes it a dial), with the angles of the preset of
+discrete actions."""
 
 DISCRETE = dataclasses.replace(
     INTERSECTION.structure,
-    demonstrations=False,
     hidden=(128, 128),
     replay_batch=128,
     updates=EXPERT.updates,
     replay_capacity=EXPERT.replay_capacity,
 )
 """The preset of discrete actions in the continuous dial's budget: its updates, rows, environment
-steps and widths, and like it without demonstrations."""
+steps and widths; like it, it is trained without demonstrations (`plan`)."""
 
 LEARNER = IQStaticConfig(
     **_NETWORK,

@@ -84,17 +84,18 @@ def plan(config: Config) -> list[Job]:
     seeded = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
     given = partial(Training, options=config.options, environments=config.environments)
     told = DiscreteTraining(
-        config.discrete,
+        dataclasses.replace(config.discrete, demonstrations=False),
         tuple(dataclasses.replace(config.discrete_numbers, seed=seed) for seed in config.seeds),
         config.discrete_options,
         config.environments,
     )
+    dial_of_all = dataclasses.replace(config.continuous, dial=True)
     recording = Recording(episodes=config.pool_episodes, options=config.options)
     return [
         Job(EXPERTS, train_soft, given(config.expert, tuple(experts)), cost=200.0),
         Job(DEMONSTRATIONS, record_trained, recording, (EXPERTS,), cost=10.0),
         *_learners(config, given),
-        Job(CONTINUOUS, train_soft, given(config.continuous, tuple(seeded)), cost=300.0),
+        Job(CONTINUOUS, train_soft, given(dial_of_all, tuple(seeded)), cost=300.0),
         Job(DISCRETE, train_discrete, told, cost=200.0),
         *_evaluations(config),
     ]

@@ -41,7 +41,7 @@ class Config:
 
     roads: tuple[str, ...] = SCENES
     """Scenes of `worlds.highway.scenes`."""
-    seeds: tuple[int, ...] = (2300,)
+    seeds: tuple[int, ...] = (2300, 2301, 2302, 2303, 2304)
     """Training seeds; every network of a seed is trained with it."""
     expert_updates: int = 3000
     """Gradient steps of an expert."""
