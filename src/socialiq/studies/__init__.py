@@ -49,9 +49,6 @@ STUDIES = {
 }
 """Name on the command line, and the study's module."""
 
-WITHOUT_RESULTS = ("roads",)
-"""Studies that have not been run at their full size yet: nothing is committed."""
-
 
 def module_of(name: str) -> str:
     """Return the full name of a study's module.

@@ -15,7 +15,7 @@ from socialiq.experiments.study import run, save
 from socialiq.experiments.tables import matching
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies import STUDIES, WITHOUT_RESULTS, find
+from socialiq.studies import STUDIES, find
 
 TINY = {
     "worlds": {"episodes": 20},
@@ -284,10 +284,10 @@ def test_what_must_hold_of_its_tables(study):
 
 def test_the_other_studies_have_results():
     found = {name for name in STUDIES if (packaged_results() / name).is_dir()}
-    assert found == {*STUDIES} - {*WITHOUT_RESULTS}
+    assert found == {*STUDIES}
 
 
-@pytest.mark.parametrize("name", [one for one in STUDIES if one not in WITHOUT_RESULTS])
+@pytest.mark.parametrize("name", STUDIES)
 def test_the_packaged_results_are_shown_by_every_study(name, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", name, "--from", "results"]) == 0

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 
 from socialiq.learners.offline.config import StaticConfig
 from socialiq.studies.recorded_junction import config, study
-from socialiq.studies.recorded_junction.config import BOTH
+from socialiq.studies.recorded_junction.config import BOTH, PLANTED, RECORDED, SET
 
 
 @dataclass(frozen=True)
 class Config(config.Config):
     """Configuration of the study; the defaults are the committed results."""
 
-    mixtures: tuple[str, ...] = (BOTH,)
+    mixtures: tuple[str, ...] = (BOTH, SET, PLANTED, RECORDED)
     """Sets of demonstrations, each with its dials; of `MIXTURES`."""
     seeds: tuple[int, ...] = (2103, 2104, 2105)
     """Training seeds. 100 to 199 were used in development."""
@@ -34,6 +34,8 @@ class Config(config.Config):
     """Static config of the dials, without the length of an episode, which is the world's."""
     episodes: int = 400
     """Evaluation episodes of each driver, common to all."""
+    checked: int = 30
+    """Episodes of each mixture's first dial in whose states values are compared with rollouts."""
     first_episode: int = 64_000_000
     """Seed of the first evaluation episode. Those from 50,000,000 on were used in development."""
 
