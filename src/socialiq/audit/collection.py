@@ -11,6 +11,7 @@ from jaxtyping import Int64
 
 from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.consistency import Recorder
+from socialiq.audit.evidence.drive import ByRule
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.profile import Profile
@@ -19,12 +20,15 @@ from socialiq.audit.request import Request
 from socialiq.audit.resolve_policy import (
     References,
     is_code,
+    reference_dial,
     resolve_policy,
     resolve_references,
 )
 from socialiq.errors import UserError
 from socialiq.evaluation.play import SoftPolicy
 from socialiq.policies.record import Loaded
+from socialiq.worlds.context_policy import ContextPolicy
+from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.world import Intersection
 
 
@@ -39,6 +43,7 @@ class Collection(NamedTuple):
         loaded: The policy.
         references: Drivers to compare with.
         seeds: Seeds of the episodes.
+        by_rule: The declared rule of the angle; None without one.
     """
 
     request: Request
@@ -48,6 +53,7 @@ class Collection(NamedTuple):
     loaded: Loaded
     references: References
     seeds: Int64[np.ndarray, " episode"]
+    by_rule: ByRule | None = None
 
     @staticmethod
     def of(
@@ -64,8 +70,19 @@ class Collection(NamedTuple):
         """
         found = resolve_references(world, request.references, loaded.record, request.trust)
         closing.callback(found.close)
-        none = np.zeros(0, np.int64)
-        return Collection(request, profile, traffic, world, loaded, found, none)
+        none, by_rule = np.zeros(0, np.int64), None
+        if profile.rule is not None:
+            if loaded.record.kind == "dial":
+                raise UserError(
+                    "a dial has one angle here: write its policy with `socialiq turn --angle-rule`"
+                )
+            if request.soft:
+                raise UserError("a declared rule is tested with best actions: leave out --soft")
+            dial = None if isinstance(world, GridWorld) else reference_dial(request.references)
+            by_rule = ByRule(profile.rule, dial)
+            if dial is not None:
+                ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
+        return Collection(request, profile, traffic, world, loaded, found, none, by_rule)
 
     def on(self, seeds: Int64[np.ndarray, " episode"]) -> Collection:
         """Return the collection on episodes of these seeds."""
@@ -80,6 +97,8 @@ class Collection(NamedTuple):
         draws_by_seed = isinstance(self.world, Intersection | Junction) and isinstance(
             self.loaded.policy, SoftPolicy
         )
+        if self.by_rule is not None:
+            raise UserError("a declared rule is tested in one process: leave out --processes")
         if self.request.soft and not draws_by_seed:
             raise UserError(
                 "this policy draws its actions in order: leave out --soft, or --processes"
@@ -100,6 +119,7 @@ class Collection(NamedTuple):
             deterministic=not request.soft,
             threads=request.threads,
             side_by_side=side_by_side,
+            by_rule=self.by_rule,
         )
         if isinstance(policy, Recorder):
             angle = self.profile.angle

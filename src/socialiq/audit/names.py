@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from socialiq.audit.evidence.drive_junction import DRIVER
+from socialiq.audit.evidence.outcomes import AS_DECLARED
 from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 
 OPTIMUM = "optimum_"
@@ -26,6 +27,7 @@ _NAMES = {
     "gap_3s": "goes at gaps of 3 s",
     "gap_4s": "goes at gaps of 4 s",
     RANDOM: "chooses at random",
+    AS_DECLARED: "decides as declared",
     **{f"set_{mode}": text for mode, text in _TRAINED.items()},
     **{f"expert_{mode}": f"simpler network, {text}" for mode, text in _TRAINED.items()},
 }

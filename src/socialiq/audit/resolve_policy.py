@@ -141,6 +141,21 @@ def resolve_references(
     return References([one for one, _ in found], records, itself, close)
 
 
+def reference_dial(named: Sequence[str | Path]) -> DialPolicy:
+    """Return the one dial among the user's references, with which a declared rule is tested.
+
+    Raises:
+        UserError: If there is none, or more than one.
+    """
+    dials = [Path(one) for one in named if kind_of(Path(one)) == "dial"]
+    if len(dials) != 1:
+        raise UserError(
+            "a declared rule is tested against one dial at the intersection: add "
+            "--reference DIAL.safetensors, once"
+        )
+    return DialPolicy.load(dials[0])
+
+
 def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[str, Any]) -> bool:
     """Whether a reference is the policy under audit itself, by their records as JSON.
 

@@ -152,8 +152,10 @@ def _tests(report: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return a row for each test, at most 80 columns wide together."""
     regret = report["tests"]["regret"]
     measured = {name: number(regret[name]) for name in ("low", "high")}
+    by_rule = "angle_rule" in report["declaration"]
+    first = "decision loss" if by_rule else "reward below best"
     rows = [
-        {"test": "reward below best", "result": outcome(regret["decision"])}
+        {"test": first, "result": outcome(regret["decision"])}
         | {"estimate": number(regret["regret"])}
         | measured
         | {"asked for": f"at most {number(regret['margin'])}"}

@@ -17,6 +17,7 @@ from socialiq.audit.profile.reader import load
 from socialiq.audit.profile.template import declare
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
+from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
 from socialiq.worlds.registry import WORLDS, make
 
@@ -33,6 +34,9 @@ class New:
     Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
+    angle_rule: Path | None = None
+    """TOML file of a rule that gives the angle by the situation. --angle then only weighs whole
+    episodes in the tables of an audit."""
     owner: str = "unnamed owner"
     """Name of the owner."""
     margin: float = 1.0
@@ -66,13 +70,15 @@ class New:
             _date(self.date),
             confidence=self.confidence,
             allow_code=self.allow_code,
+            rule=None if self.angle_rule is None else load_rule(self.angle_rule),
         )
         write_atomically(self.out, declared.source, self.replace)
         _show(self.out, declared)
         return 0
 
     def _largest_loss(self) -> float | None:
-        if self.largest_loss is not None or self.world not in WORLDS:
+        # The limits of the rewards are those of a constant angle.
+        if self.largest_loss is not None or self.world not in WORLDS or self.angle_rule:
             return self.largest_loss
         possible = possible_loss(make(self.world), self.angle)
         # A margin beyond it excludes nothing, which the audit says.
@@ -115,8 +121,10 @@ def _date(text: str) -> datetime.date:
 
 
 def _facts(declared: Declaration) -> dict[str, str | float | None]:
+    rule = {} if declared.rule is None else {"angle_rule": declared.rule.words}
     return {
         "angle": declared.angle,
+        **rule,
         "world": declared.scenario.world,
         "margin": declared.margin.regret,
         "largest_loss": declared.margin.largest_loss,

@@ -44,6 +44,20 @@ class StateAngles(NamedTuple):
     context: Int64[np.ndarray, " state"]
 
 
+class ContextLosses(NamedTuple):
+    """Decision losses of a policy's episodes, by the context of each decision.
+
+    Attributes:
+        declared: Loss at the rule's angle, reward.
+        by_angle: Loss at each candidate angle.
+        decisions: Number of decisions.
+    """
+
+    declared: Float64[np.ndarray, "episode context"]
+    by_angle: Float64[np.ndarray, "episode context candidate"]
+    decisions: Int64[np.ndarray, "episode context"]
+
+
 def state_angles(table: Table, rule: AngleRule) -> StateAngles:
     """Return the angle and the context of each state of an enumerated world.
 
@@ -209,3 +223,39 @@ def _weights(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return cos α and sin α of each angle, exact at multiples of 90 degrees."""
     pairs = np.array([exact_weights(one) for one in degrees.tolist()])
     return pairs[:, 0], pairs[:, 1]
+
+
+class DecisionLosses:
+    """Losses of every decision in an enumerated world, to be looked up while a policy drives.
+
+    Args:
+        table: The world or its reachable part.
+        rule: The rule.
+        candidates: Further angles at which the losses are measured, in degrees.
+    """
+
+    def __init__(self, table: Table, rule: AngleRule, candidates: tuple[float, ...]) -> None:
+        angles = state_angles(table, rule)
+        self.contexts, self._context = len(rule.contexts), angles.context
+        self._declared = decision_loss(table, angles.degrees)
+        self._by_angle = np.stack([decision_loss(table, one) for one in candidates], axis=-1)
+
+    def begin(self, episodes: int) -> ContextLosses:
+        """Return losses of so many episodes, all 0, which `note` adds to."""
+        shape = (episodes, self.contexts)
+        by_angle = np.zeros((*shape, self._by_angle.shape[-1]))
+        return ContextLosses(np.zeros(shape), by_angle, np.zeros(shape, np.int64))
+
+    def note(
+        self,
+        losses: ContextLosses,
+        episode: Int64[np.ndarray, " row"],
+        time: Int64[np.ndarray, " row"],
+        state: Int64[np.ndarray, " row"],
+        action: Int64[np.ndarray, " row"],
+    ) -> None:
+        """Add the losses of one decision of some episodes."""
+        place = (episode, self._context[state])
+        losses.declared[place] += self._declared[time, state, action]
+        losses.by_angle[place] += self._by_angle[time, state, action]
+        losses.decisions[place] += 1

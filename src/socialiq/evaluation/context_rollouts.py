@@ -9,13 +9,12 @@ a constant angle the losses of an episode add up to the dial's score less the po
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq.evaluation.branching import equivalent_actions
-from socialiq.evaluation.play import BatchActor, BatchSimulator, Episodes, TimedActor, summed
+from socialiq.evaluation.context import ContextLosses
+from socialiq.evaluation.play import BatchSimulator, Episodes, actor_of, summed
 from socialiq.evaluation.simulate import Actor, simulate
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle_rule import AngleRule
@@ -24,20 +23,6 @@ from socialiq.worlds.intersection.batch import Batch, State
 from socialiq.worlds.situation import angles_of
 
 _COPIES = 1024  # copies of the simulator side by side
-
-
-class ContextLosses(NamedTuple):
-    """Decision losses of a policy's episodes, by the context of each decision.
-
-    Attributes:
-        declared: Loss at the rule's angle, reward.
-        by_angle: Loss at each candidate angle.
-        decisions: Number of decisions.
-    """
-
-    declared: Float64[np.ndarray, "episode context"]
-    by_angle: Float64[np.ndarray, "episode context candidate"]
-    decisions: Int64[np.ndarray, "episode context"]
 
 
 def losses_of(
@@ -60,7 +45,7 @@ def losses_of(
         candidates: Further angles at which the losses are measured, in degrees.
         deterministic: Whether the policy takes its best action.
     """
-    inner = TimedActor(BatchActor(policy, deterministic), policy, batch)
+    inner = actor_of(batch, policy, deterministic)
     actor = LossActor(batch, inner, seeds, reference, rule, candidates)
     episodes = summed(simulate(BatchSimulator(batch), actor, seeds), len(seeds))
     return episodes, actor.losses

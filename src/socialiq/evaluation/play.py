@@ -107,11 +107,16 @@ def play(
     Raises:
         UserError: If there are no seeds.
     """
+    return simulate(BatchSimulator(batch), actor_of(batch, policy, deterministic), seeds)
+
+
+def actor_of(batch: Batch, policy: Policy, deterministic: bool = True) -> Actor:
+    """Return the actor of a policy that drives a batch, as in `play`."""
     actor: Actor = BatchActor(policy, deterministic)
     if not deterministic and isinstance(policy, SoftPolicy):
         decisions = math.ceil(batch.options.duration * batch.options.policy_frequency) + 1
         actor = SoftActor(policy, batch.size, decisions)
-    return simulate(BatchSimulator(batch), TimedActor(actor, policy, batch), seeds)
+    return TimedActor(actor, policy, batch)
 
 
 def sees_time(policy: Any, options: Options) -> bool:

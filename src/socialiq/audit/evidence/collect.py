@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Int64
 
 from socialiq.audit.evidence.drive import (
+    ByRule,
     drive_environment,
     drive_grid,
     drive_intersection,
     exact_optima,
+    exactly_as_declared,
     fates,
 )
 from socialiq.audit.evidence.drive_junction import (
@@ -20,7 +22,7 @@ from socialiq.audit.evidence.drive_junction import (
     rules_at_junction,
     trivial_at_junction,
 )
-from socialiq.audit.evidence.outcomes import Evidence, Reference
+from socialiq.audit.evidence.outcomes import AS_DECLARED, Evidence, Reference
 from socialiq.audit.evidence.strata import gridworld_strata, intersection_strata
 from socialiq.audit.evidence.trivial import (
     trivial_at_intersection,
@@ -31,12 +33,17 @@ from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
+from socialiq.evaluation.context import DecisionLosses
 from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.types import Policy
+from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.policies import policy as rule
+
+CANDIDATES = tuple(15.0 * step for step in range(7))
+"""Angles at which the decision losses of the policy are measured in each context, in degrees."""
 
 SIDE_BY_SIDE = 512  # episodes at once; memory doesn't grow with their number
 
@@ -59,6 +66,7 @@ def collect_evidence(
     deterministic: bool = True,
     threads: int = 1,
     side_by_side: int | None = None,
+    by_rule: ByRule | None = None,
 ) -> Evidence:
     """Run the policy, its references and trivial drivers on the same episodes.
 
@@ -77,12 +85,15 @@ def collect_evidence(
         threads: Number of threads of the intersection or the recorded junction.
         side_by_side: Number of their episodes at once. The last bits of a network's
             output may depend on it, so parts of one collection need the same number.
+        by_rule: A declared rule of the angle, in a gridworld or at the intersection: decision
+            losses are measured too.
 
     Raises:
         UserError: If the policy's answers are invalid, or two drivers have one name.
     """
     if isinstance(world, GridWorld):
-        return _in_grid(world, policy, seeds, references, name, deterministic)
+        driver = Reference(name, policy)
+        return _in_grid(world, driver, seeds, references, deterministic, by_rule)
     if isinstance(world, Environment):
         return _in_environment(world, Reference(name, policy), seeds, references, deterministic)
     if isinstance(world, Junction):
@@ -90,36 +101,43 @@ def collect_evidence(
         return _at_junction(world, batch, Reference(name, policy), seeds, references, deterministic)
     batch = world.batch(side_by_side or min(SIDE_BY_SIDE, len(seeds)), threads)
     drivers = [*(Reference(name, rule(name)) for name in RULES), *references]
+    if by_rule is not None and by_rule.dial is not None:
+        drivers += [Reference(AS_DECLARED, ContextPolicy.of(by_rule.dial, by_rule.rule))]
+    driver = Reference(name, policy)
     return Evidence(
         scenario=world.description,
         seeds=seeds,
-        policy=drive_intersection(batch, Reference(name, policy), seeds, deterministic),
-        references=tuple(drive_intersection(batch, one, seeds) for one in drivers),
+        policy=drive_intersection(batch, driver, seeds, deterministic, by_rule, CANDIDATES),
+        references=tuple(drive_intersection(batch, one, seeds, by_rule=by_rule) for one in drivers),
         strata=_strata(world.batch(min(SIDE_BY_SIDE, len(seeds))), seeds, intersection_strata),
-        trivial=trivial_at_intersection(batch, seeds),
+        trivial=trivial_at_intersection(batch, seeds, by_rule),
     )
 
 
 def _in_grid(
     world: GridWorld,
-    policy: Policy,
+    policy: Reference,
     seeds: Seeds,
     references: Sequence[Reference],
-    name: str,
     deterministic: bool,
+    by_rule: ByRule | None,
 ) -> Evidence:
     table = tabulate(world).reachable_part()
     fate = fates(table, seeds)
+    losses = None if by_rule is None else DecisionLosses(table, by_rule.rule, CANDIDATES)
     handed = [
-        drive_grid(table, one.policy, fate, one.name, angles=one.angles) for one in references
+        drive_grid(table, one.policy, fate, one.name, angles=one.angles, losses=losses)
+        for one in references
     ]
+    if by_rule is not None and losses is not None:
+        handed += [exactly_as_declared(table, by_rule.rule, fate, losses)]
     return Evidence(
         scenario=world.description,
         seeds=seeds,
-        policy=drive_grid(table, policy, fate, name, deterministic),
-        references=(*exact_optima(table, fate), *handed),
+        policy=drive_grid(table, policy.policy, fate, policy.name, deterministic, losses=losses),
+        references=(*exact_optima(table, fate, losses), *handed),
         strata=gridworld_strata(fate, world.chance),
-        trivial=trivial_in_grid(table, fate, seeds),
+        trivial=trivial_in_grid(table, fate, seeds, losses),
     )
 
 

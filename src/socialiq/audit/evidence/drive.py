@@ -8,15 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, Int8, Int64
 
-from socialiq.audit.evidence.outcomes import Outcomes, Reference
+from socialiq.audit.evidence.outcomes import AS_DECLARED, Outcomes, Reference
 from socialiq.audit.profile.environment import LARGEST_SEED, Environment
+from socialiq.evaluation.context import (
+    ContextLosses,
+    DecisionLosses,
+    by_turning,
+    state_angles,
+)
+from socialiq.evaluation.context_rollouts import losses_of
 from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
 from socialiq.evaluation.simulators import FixedChance, GymActor, GymSimulator, TableSimulator
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
+from socialiq.nn.dial_policy import DialPolicy
 from socialiq.policies.interface import checked_actions
 from socialiq.social.angle import exact_weights, score
+from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.enumerate import Table
 from socialiq.worlds.highway.state import Contact
@@ -46,6 +55,7 @@ def drive_grid(
     name: str,
     deterministic: bool = True,
     angles: tuple[float, ...] = (),
+    losses: DecisionLosses | None = None,
 ) -> Outcomes:
     """Run a policy on the episodes of these fates, all side by side.
 
@@ -60,11 +70,13 @@ def drive_grid(
         name: Name of the driver.
         deterministic: Passed to `predict`.
         angles: Angles for `Outcomes`.
+        losses: Losses at a declared rule; None without one.
 
     Raises:
         UserError: If its answers are not one of the world's actions for each episode.
     """
-    return _driven(table, GridActor(table, policy, name, deterministic), fate, name, angles)
+    actor = GridActor(table, policy, name, deterministic)
+    return _driven(table, actor, fate, name, angles, losses=losses)
 
 
 def _driven(
@@ -74,13 +86,31 @@ def _driven(
     name: str,
     angles: tuple[float, ...],
     expected: RewardPair | None = None,
+    losses: DecisionLosses | None = None,
 ) -> Outcomes:
     episodes = len(fate)
     simulator = TableSimulator(table, episodes, FixedChance(fate))
     steps = simulate(simulator, actor, np.arange(episodes))
+    found = None if losses is None else losses.begin(episodes)
+    if losses is not None and found is not None:
+        steps = _noted(steps, losses, found, episodes)
     totals, ending, _, length = _summed(steps, episodes)
+    lost = None if found is None else found.declared.sum(axis=1)
     contact = np.where(ending == Ending.COLLISION, int(Contact.EGO_STRUCK), int(Contact.NONE))
-    return Outcomes(name, totals, ending, contact.astype(np.int8), length, angles, expected)
+    struck = contact.astype(np.int8)
+    return Outcomes(name, totals, ending, struck, length, angles, expected, lost, found)
+
+
+def _noted(
+    steps: Iterator[Step], losses: DecisionLosses, found: ContextLosses, episodes: int
+) -> Iterator[Step]:
+    """Pass on the decisions, after their losses were added."""
+    time = np.zeros(episodes, np.int64)
+    for one in steps:
+        which, rows = one.episode[one.running], one.running
+        losses.note(found, which, time[which], one.observation[rows], one.action[rows])
+        time[which] += 1
+        yield one
 
 
 class GridActor:
@@ -118,6 +148,7 @@ def drive_actions(
     actions: Int[np.ndarray, "time episode"],
     fate: Float[np.ndarray, "episode draw"],
     name: str,
+    losses: DecisionLosses | None = None,
 ) -> Outcomes:
     """Run fixed actions, whatever happens, on the episodes of these fates.
 
@@ -126,8 +157,9 @@ def drive_actions(
         actions: Action of each episode at each time.
         fate: Result of `fates`.
         name: Name of the driver.
+        losses: As for `drive_grid`.
     """
-    return _driven(table, _FixedActor(actions), fate, name, angles=())
+    return _driven(table, _FixedActor(actions), fate, name, angles=(), losses=losses)
 
 
 class _FixedActor:
@@ -198,7 +230,29 @@ def outcomes_of(
     return Outcomes(name, *_summed(steps, episodes), angles)
 
 
-def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple[Outcomes, ...]:
+def exactly_as_declared(
+    table: Table,
+    rule: AngleRule,
+    fate: Float[np.ndarray, "episode draw"],
+    losses: DecisionLosses,
+) -> Outcomes:
+    """Run the exact dial turned by a declared rule, which loses nothing by it.
+
+    Args:
+        table: The world's reachable part.
+        rule: The rule.
+        fate: Result of `fates`.
+        losses: As for `drive_grid`.
+    """
+    chances = by_turning(table, state_angles(table, rule))
+    exact = horizon_evaluation(table.mdp, chances, table.world.horizon).totals
+    actor = _TimedActor(chances.argmax(axis=2))
+    return _driven(table, actor, fate, AS_DECLARED, (), exact, losses)
+
+
+def exact_optima(
+    table: Table, fate: Float[np.ndarray, "episode draw"], losses: DecisionLosses | None = None
+) -> tuple[Outcomes, ...]:
     """Run the exact optima of a gridworld on episodes of given fates, one for each vertex.
 
     Together they are the best at every angle, so the largest J(α) among them is J*(α) itself.
@@ -207,6 +261,7 @@ def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple
     Args:
         table: The world's reachable part.
         fate: Result of `fates`.
+        losses: As for `drive_grid`.
     """
     horizon, found = table.world.horizon, []
     best: AttainableSet = attainable_set(table.mdp, horizon)
@@ -219,7 +274,8 @@ def exact_optima(table: Table, fate: Float[np.ndarray, "episode draw"]) -> tuple
             table.mdp, optimum.probabilities(table.mdp.n_actions), horizon
         ).totals
         name = f"optimum_{vertex:02d}"
-        found.append(_driven(table, _TimedActor(optimum.actions), fate, name, (low, high), exact))
+        actor = _TimedActor(optimum.actions)
+        found.append(_driven(table, actor, fate, name, (low, high), exact, losses))
     return tuple(found)
 
 
@@ -265,6 +321,8 @@ def drive_intersection(
     driver: Reference,
     seeds: Int64[np.ndarray, " episode"],
     deterministic: bool = True,
+    by_rule: ByRule | None = None,
+    candidates: tuple[float, ...] = (),
 ) -> Outcomes:
     """Run a driver on one episode of the intersection for each seed.
 
@@ -273,8 +331,17 @@ def drive_intersection(
         driver: The driver.
         seeds: Seeds of the episodes.
         deterministic: Whether it takes its best action.
+        by_rule: A declared rule and its reference dial; None without one.
+        candidates: Angles at which decision losses are measured besides, in degrees.
     """
-    made = episodes_of(batch, driver.policy, seeds, deterministic)
+    found = None
+    if by_rule is None:
+        made = episodes_of(batch, driver.policy, seeds, deterministic)
+    else:
+        assert by_rule.dial is not None  # `Collection.of` refuses a rule without it
+        made, found = losses_of(
+            batch, driver.policy, seeds, by_rule.dial, by_rule.rule, candidates, deterministic
+        )
     return Outcomes(
         name=driver.name,
         totals=np.stack(made.totals, axis=1),
@@ -282,4 +349,18 @@ def drive_intersection(
         contact=made.contact.astype(np.int8),
         length=made.length,
         angles=driver.angles,
+        lost=None if found is None else found.declared.sum(axis=1),
+        contexts=found,
     )
+
+
+class ByRule(NamedTuple):
+    """A declared rule of the angle.
+
+    Attributes:
+        rule: The rule.
+        dial: Reference dial, which the rule turns; None in a gridworld, where the optima are known.
+    """
+
+    rule: AngleRule
+    dial: DialPolicy | None

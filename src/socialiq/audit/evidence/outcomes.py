@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int8, Int64
 
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.errors import UserError
+from socialiq.evaluation.context import ContextLosses
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Ending, Policy, RewardPair
 from socialiq.worlds.highway.state import Contact
@@ -50,6 +51,8 @@ class Outcomes:
         angles: Angles in degrees for which a reference was made: none, one, or the two ends of
             the interval in which it is the exact optimum (the second may exceed 360).
         expected: Exact expectation of the totals, where it is known.
+        lost: Decision loss of each episode at a declared rule; None without one.
+        contexts: The same by context, of the policy under audit.
     """
 
     name: str
@@ -59,6 +62,8 @@ class Outcomes:
     length: Int64[np.ndarray, " episode"]
     angles: tuple[float, ...] = ()
     expected: RewardPair | None = None
+    lost: Float[np.ndarray, " episode"] | None = None
+    contexts: ContextLosses | None = None
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.totals).all():
@@ -136,11 +141,36 @@ class Evidence:
         """Return the totals of each reference less the policy's, episode by episode."""
         return np.stack([one.totals for one in self.references]) - self.policy.totals
 
+    def by_rule(self) -> Evidence:
+        """Return the evidence in which a driver's totals are its decision losses, negative.
+
+        So the regret at 0 degrees is the loss at the declared rule, and the reference that decides
+        as declared has none.
+        """
+
+        def turned(one: Outcomes) -> Outcomes:
+            assert one.lost is not None  # of a declared rule, every driver's is measured
+            totals = np.stack([-one.lost, np.zeros_like(one.lost)], axis=1)
+            # The exact optimum of every decision can't be bettered.
+            exact = one.name == AS_DECLARED and one.expected is not None
+            expected = RewardPair(0.0, 0.0) if exact else None
+            return dataclasses.replace(one, totals=totals, expected=expected)
+
+        return dataclasses.replace(
+            self,
+            policy=turned(self.policy),
+            references=tuple(map(turned, self.references)),
+            trivial=tuple(map(turned, self.trivial)),
+        )
+
     def without(self, names: Collection[str]) -> Evidence:
         """Return the evidence without the references of these names."""
         kept = tuple(one for one in self.references if one.name not in names)
         return dataclasses.replace(self, references=kept)
 
+
+AS_DECLARED = "as_declared"
+"""Reference that decides as a declared rule says: the dial, or in a gridworld the exact one."""
 
 _AUDIT = 7212  # makes these draws independent of other draws from the same seed
 

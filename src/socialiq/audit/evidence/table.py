@@ -19,6 +19,9 @@ from socialiq.worlds.highway.state import Contact
 MEASURED = ("r_env", "r_social", "ending", "decisions")
 """Columns of each driver."""
 
+LOSS = "loss"
+"""Column of each driver, besides, of a declared rule of the angle: its decision loss."""
+
 _INDEX = ("episode", "seed")
 
 LARGEST_REWARD = 1e12
@@ -55,7 +58,8 @@ def write_table(evidence: Evidence) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     drivers = evidence.drivers
-    writer.writerow(_head(evidence.strata, [one.name for one in drivers]))
+    measured = _measured(evidence.policy.lost is not None)
+    writer.writerow(_head(evidence.strata, [one.name for one in drivers], measured))
     columns: list[list[object]] = [
         list(range(evidence.episodes)),
         evidence.seeds.tolist(),
@@ -64,13 +68,18 @@ def write_table(evidence: Evidence) -> str:
     for one in drivers:
         endings = [kind_of_ending(one, place) for place in range(evidence.episodes)]
         columns += [*one.totals.T.tolist(), endings, one.length.tolist()]
+        columns += [] if one.lost is None else [one.lost.tolist()]
     writer.writerows(zip(*columns, strict=True))
     return text.getvalue()
 
 
-def _head(strata: Mapping[str, object], drivers: list[str]) -> list[str]:
-    measured = [f"{_no_formula(name)}.{column}" for name in drivers for column in MEASURED]
-    return [*_INDEX, *strata, *measured]
+def _measured(by_rule: bool) -> tuple[str, ...]:
+    return (*MEASURED, LOSS) if by_rule else MEASURED
+
+
+def _head(strata: Mapping[str, object], drivers: list[str], measured: tuple[str, ...]) -> list[str]:
+    columns = [f"{_no_formula(name)}.{column}" for name in drivers for column in measured]
+    return [*_INDEX, *strata, *columns]
 
 
 _QUOTED = tuple("=+-@\t\r'")
@@ -87,6 +96,7 @@ def read_table(
     policy: str,
     attributes: Mapping[str, ReferenceAttributes],
     trivial: Sequence[str] = (),
+    by_rule: bool = False,
 ) -> Evidence:
     """Read the result of `write_table`, exactly.
 
@@ -96,6 +106,7 @@ def read_table(
         policy: Name of the policy.
         attributes: The references by name, in any order; the table has each of them once.
         trivial: Names of the trivial drivers, which follow the references.
+        by_rule: Whether a rule of the angle is declared, so that there are decision losses.
 
     Returns:
         The evidence. Contacts of episodes without a collision, which nothing depends on, are none.
@@ -106,8 +117,9 @@ def read_table(
     try:
         rows = _rows(content)
         head = next(rows, [])
-        first, names = _names(head, policy, [*attributes, *trivial])
-        found = _filled(rows, head[len(_INDEX) : first], first, names)
+        measured = _measured(by_rule)
+        first, names = _names(head, policy, [*attributes, *trivial], measured)
+        found = _filled(rows, head[len(_INDEX) : first], first, names, measured)
     except (ValueError, KeyError, OverflowError, csv.Error) as error:
         raise UserError(f"it is not a table of episodes: {one_line(str(error))}") from error
     drivers = [
@@ -134,17 +146,19 @@ def _rows(content: bytes) -> Iterator[list[str]]:
     return csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
 
 
-def _names(head: list[str], policy: str, others: Sequence[str]) -> tuple[int, list[str]]:
+def _names(
+    head: list[str], policy: str, others: Sequence[str], measured: tuple[str, ...]
+) -> tuple[int, list[str]]:
     """Return the first column of the drivers, and the drivers' names in order."""
     ours = f"{_no_formula(policy)}.{MEASURED[0]}"
     if ours not in head:
         raise ValueError(f"no column {ours}")
     first, known = head.index(ours), {_no_formula(name): name for name in others}
-    titles = [one.removesuffix(f".{MEASURED[0]}") for one in head[first :: len(MEASURED)]]
+    titles = [one.removesuffix(f".{MEASURED[0]}") for one in head[first :: len(measured)]]
     names = [policy, *(known.pop(title) for title in titles[1:])]
     if known:
         raise ValueError(f"no columns of {next(iter(known.values()))}")
-    if head != _head(dict.fromkeys(head[len(_INDEX) : first]), names):
+    if head != _head(dict.fromkeys(head[len(_INDEX) : first]), names, measured):
         raise ValueError("its columns are others")
     return first, names
 
@@ -157,33 +171,45 @@ class _Columns(NamedTuple):
     totals: np.ndarray
     kinds: np.ndarray
     lengths: np.ndarray
+    lost: np.ndarray | None
 
     def of(self, driver: int, name: str, attributes: ReferenceAttributes) -> Outcomes:
         """Return the outcomes of a driver."""
         ending, contact = np.ascontiguousarray(self.kinds[:, driver].T)
         totals, lengths = self.totals[:, driver].copy(), self.lengths[:, driver].copy()
-        return Outcomes(name, totals, ending, contact, lengths, *attributes)
+        lost = None if self.lost is None else self.lost[:, driver].copy()
+        return Outcomes(name, totals, ending, contact, lengths, *attributes, lost)
 
 
-def _filled(rows: Iterator[list[str]], strata: list[str], first: int, names: list[str]) -> _Columns:
-    width = first + len(MEASURED) * len(names)
+def _filled(
+    rows: Iterator[list[str]],
+    strata: list[str],
+    first: int,
+    names: list[str],
+    measured: tuple[str, ...],
+) -> _Columns:
+    width = first + len(measured) * len(names)
     seeds: list[int] = []
     labels: list[list[str]] = []
     totals: list[np.ndarray] = []
     kinds: list[np.ndarray] = []
     lengths: list[np.ndarray] = []
+    lost: list[np.ndarray] = []
     for row in rows:
         if len(row) != width:
             raise ValueError(f"row {len(seeds) + 1} has {len(row)} columns, not {width}")
         seeds.append(int(row[1]))
         labels.append(row[len(_INDEX) : first])
-        cells = [row[first + place :: len(MEASURED)] for place in range(len(MEASURED))]
+        cells = [row[first + place :: len(measured)] for place in range(len(measured))]
         pairs = np.array([list(map(float, one)) for one in cells[:2]]).T
         if not (np.abs(pairs) <= LARGEST_REWARD).all():
             raise ValueError(f"row {len(seeds)} has a reward that is no audit's")
         totals.append(pairs)
         kinds.append(np.array([_KINDS[one] for one in cells[2]], np.int8))
         lengths.append(np.array(list(map(int, cells[3])), np.int64))
+        lost += [np.array(list(map(float, cells[4])))] if len(cells) > len(MEASURED) else []
+        if lost and not (np.abs(lost[-1]) <= LARGEST_REWARD).all():
+            raise ValueError(f"row {len(seeds)} has a loss that is no audit's")
     if not seeds:
         raise ValueError("no episodes")
     columns = zip(*labels, strict=True)
@@ -193,4 +219,5 @@ def _filled(rows: Iterator[list[str]], strata: list[str], first: int, names: lis
         np.array(totals),
         np.array(kinds),
         np.array(lengths),
+        np.array(lost) if lost else None,
     )

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int64
 
 from socialiq.audit.evidence.drive import (
+    ByRule,
     drive_actions,
     drive_environment,
     drive_intersection,
@@ -20,6 +21,7 @@ from socialiq.audit.evidence.drive import (
 )
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import Environment
+from socialiq.evaluation.context import DecisionLosses
 from socialiq.evaluation.simulate import SoftActor
 from socialiq.policies.interface import Interface
 from socialiq.worlds.enumerate import Table
@@ -114,19 +116,25 @@ class UniformActor:
         return action
 
 
-def trivial_at_intersection(batch: Batch, seeds: Seeds) -> tuple[Outcomes, ...]:
+def trivial_at_intersection(
+    batch: Batch, seeds: Seeds, by_rule: ByRule | None = None
+) -> tuple[Outcomes, ...]:
     """Run random actions, drawn by the seeds; the constant ones are among the references.
 
     Args:
         batch: The episodes that run side by side.
         seeds: Seeds of the episodes.
+        by_rule: As for `drive.drive_intersection`.
     """
     driver = Reference(RANDOM, UniformPolicy(len(ACTIONS)))
-    return (drive_intersection(batch, driver, seeds, deterministic=False),)
+    return (drive_intersection(batch, driver, seeds, deterministic=False, by_rule=by_rule),)
 
 
 def trivial_in_grid(
-    table: Table, fate: Float[np.ndarray, "episode draw"], seeds: Seeds
+    table: Table,
+    fate: Float[np.ndarray, "episode draw"],
+    seeds: Seeds,
+    losses: DecisionLosses | None = None,
 ) -> tuple[Outcomes, ...]:
     """Run the first action, the last action, and random ones, drawn by the seeds.
 
@@ -136,6 +144,7 @@ def trivial_in_grid(
         table: The world's reachable part.
         fate: Result of `drive.fates`.
         seeds: Seeds of the episodes.
+        losses: As for `drive.drive_grid`.
     """
     names, horizon = table.world.actions, table.world.horizon
     rows = [np.random.default_rng([_RANDOM, seed]) for seed in seeds.tolist()]
@@ -145,7 +154,9 @@ def trivial_in_grid(
         f"{PREFIX}{names[-1]}": np.full_like(drawn, len(names) - 1),
         RANDOM: drawn,
     }
-    return tuple(drive_actions(table, actions, fate, name) for name, actions in chosen.items())
+    return tuple(
+        drive_actions(table, actions, fate, name, losses) for name, actions in chosen.items()
+    )
 
 
 def trivial_in_environment(world: Environment, seeds: Seeds) -> tuple[Outcomes, ...]:

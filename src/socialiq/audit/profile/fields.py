@@ -6,14 +6,19 @@ import re
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from socialiq.social.angle_rule import FORMAT as RULE_FORMAT
+from socialiq.social.angle_rule import LARGEST, MOST_CASES, MOST_CONDITIONS, MOST_POINTS
 from socialiq.worlds import SCENE_IDS
 from socialiq.worlds.environment import NAME_PATTERN
 from socialiq.worlds.highway.options import MOST_SPEEDS
 from socialiq.worlds.registry import WORLDS
 
-Kind = Literal["number", "text", "sha256", "world", "date", "options"]
+Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule"]
 
 FORMAT = 1
+
+RULE = "angle_rule"
+"""Table of a declared rule of the angle."""
 
 LONGEST_TEXT = 200  # characters
 
@@ -71,6 +76,7 @@ class Field:
             "id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",
+            "rule": "a table with format, world, default and [[angle_rule.when]]",
         }[self.kind]
 
 
@@ -159,6 +165,14 @@ FIELDS = (
     ),
     _share("competence.min_arrival", "Smallest share of episodes that arrive."),
     _share("competence.max_timeout", "Largest share of episodes that run out of time."),
+    Field(
+        RULE,
+        "rule",
+        "Rule that gives the angle of each decision by the situation: the first case whose "
+        "conditions hold, or the default. With it the field angle doesn't decide; it is the angle "
+        "at which tables and pictures weigh whole episodes.",
+        required=False,
+    ),
 )
 """Every field in the order of a profile. Their meanings are part of a profile's bytes: changing one
 changes the hash of every new declaration."""
@@ -189,7 +203,7 @@ def schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Declaration of a driving policy's social angle (profile.toml)",
         "description": "Dates are TOML dates; as JSON they are texts of the form 2026-01-31.",
-        **_table(properties, list(properties)),
+        **_table(properties, [one for one in properties if one != RULE]),
     }
 
 
@@ -211,6 +225,8 @@ def _constraints(field: Field) -> dict[str, Any]:
         low = "exclusiveMinimum" if field.above_low else "minimum"
         high = "exclusiveMaximum" if field.below_high else "maximum"
         return {"type": "number", low: field.low, high: field.high}
+    if field.kind == "rule":
+        return _rule_schema()
     number = {"type": "number", "minimum": -LARGEST_NUMBER, "maximum": LARGEST_NUMBER}
     return {
         "text": {
@@ -235,3 +251,32 @@ def _constraints(field: Field) -> dict[str, Any]:
             },
         },
     }[field.kind]
+
+
+def _rule_schema() -> dict[str, Any]:
+    """Return the form of a rule of the angle; `social.angle_rule` says what its parts mean."""
+    degrees = {"type": "number", "minimum": 0, "exclusiveMaximum": 360}
+    number = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
+    points = {"type": "array", "minItems": 2, "maxItems": MOST_POINTS}
+    interpolated = {
+        "by": {"type": "string"},
+        "at": {**points, "items": number},
+        "degrees": {**points, "items": degrees},
+    }
+    angle = {"anyOf": [degrees, _table(interpolated, list(interpolated))]}
+    limits = {**_table({"at_least": number, "at_most": number}, []), "minProperties": 1}
+    case = {
+        "type": "object",
+        "properties": {"angle": angle},
+        "required": ["angle"],
+        "additionalProperties": limits,
+        "minProperties": 2,
+        "maxProperties": MOST_CONDITIONS + 1,
+    }
+    parts = {
+        "format": {"const": RULE_FORMAT},
+        "world": {"type": "string"},
+        "default": angle,
+        "when": {"type": "array", "items": case, "maxItems": MOST_CASES},
+    }
+    return _table(parts, ["format", "world", "default"])

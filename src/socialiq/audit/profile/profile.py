@@ -10,6 +10,7 @@ from typing import Any
 
 from socialiq.audit.profile.scenario import World, identity, world_of
 from socialiq.errors import UserError
+from socialiq.social.angle_rule import AngleRule
 
 WRONG_WORLD = '{path} is of another world: this scenario has "{value}"'
 
@@ -78,6 +79,8 @@ class Profile:
         scenario: Scenario of the audit.
         competence: Safety floor.
         source: The file's bytes.
+        rule: Rule that gives the angle by the situation; None for the angle alone. With a rule,
+            `angle` weighs whole episodes in tables and pictures, and doesn't decide.
     """
 
     angle: float
@@ -89,6 +92,7 @@ class Profile:
     scenario: Scenario
     competence: Floor
     source: bytes = field(repr=False, compare=False)
+    rule: AngleRule | None = None
 
     @property
     def sha256(self) -> str:

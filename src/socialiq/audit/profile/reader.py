@@ -14,6 +14,7 @@ from socialiq.audit.profile.fields import (
     FIELDS,
     LONGEST_TEXT,
     MOST_OPTIONS,
+    RULE,
     SHA256_PATTERN,
     TABLES,
     WORLD_PATTERN,
@@ -26,7 +27,9 @@ from socialiq.audit.profile.scenario import World, check_options, identity, worl
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.recordings.recording import refuse_recording
+from socialiq.social.angle_rule import AngleRule
 from socialiq.worlds.registry import WORLDS
+from socialiq.worlds.situation import check_rule
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
 
@@ -92,6 +95,7 @@ class _Reader:
         values = {one.path: self._value(one) for one in FIELDS}
         self._check_loss(values)
         self._check_scenario(values)
+        rule = self._rule(values.pop(RULE), values["scenario.world"])
         parts: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
         for path, value in values.items():
             table, _, key = path.rpartition(".")
@@ -107,6 +111,7 @@ class _Reader:
             scenario=Scenario(**parts["scenario"]),
             competence=Floor(**parts["competence"]),
             source=source,
+            rule=rule,
         )
 
     def refuse(self, path: str, message: str) -> NoReturn:
@@ -169,6 +174,17 @@ class _Reader:
         except UserError as error:
             self.refuse("scenario.world", str(error))
 
+    def _rule(self, given: Any, world: str) -> AngleRule | None:
+        """Read a rule of the angle, and check that the world has its features."""
+        if given is None:
+            return None
+        try:
+            rule = AngleRule.of(given)
+            check_rule(rule, world)
+        except UserError as error:
+            self.refuse(RULE, _quoted(str(error), quoted=False))
+        return rule
+
     def _check_loss(self, values: Mapping[str, Any]) -> None:
         """Refuse a bound within the margin, by which no policy could fail."""
         loss, margin = values["margin.largest_loss"], values["margin.regret"]
@@ -211,6 +227,8 @@ def _fits(one: Declared, given: Any) -> bool:
         return over and (given < one.high if one.below_high else given <= one.high)
     if one.kind == "date":
         return type(given) is datetime.date  # a datetime is a date too
+    if one.kind == "rule":
+        return isinstance(given, dict)
     if one.kind == "options":
         return isinstance(given, dict) and len(given) <= MOST_OPTIONS
     if not isinstance(given, str):

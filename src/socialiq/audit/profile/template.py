@@ -8,10 +8,11 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from socialiq.audit.profile.fields import FIELDS, FORMAT
+from socialiq.audit.profile.fields import FIELDS, FORMAT, RULE
 from socialiq.audit.profile.profile import Floor, Margin, Profile
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.scenario import identity, world_of
+from socialiq.social.angle_rule import AngleRule
 
 _WIDTH = 88
 
@@ -39,6 +40,7 @@ def declare(
     confidence: float = 0.95,
     competence: Floor = FLOOR,
     allow_code: bool = False,
+    rule: AngleRule | None = None,
 ) -> Profile:
     """Return a profile whose `source` is its canonical text, with the hashes of the world.
 
@@ -52,6 +54,7 @@ def declare(
         confidence: Confidence of the verdict.
         competence: Safety floor.
         allow_code: Whether an environment's module may be imported, to be hashed.
+        rule: Rule that gives the angle by the situation.
 
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
@@ -67,6 +70,7 @@ def declare(
         **identity(built),
         "scenario.world": world,
         "scenario.options": given,
+        RULE: rule,
     }
     for table, part in (("margin", margin), ("competence", competence)):
         values |= {f"{table}.{name}": value for name, value in vars(part).items()}
@@ -78,6 +82,9 @@ def _text(values: Mapping[str, Any]) -> str:
     table = ""
     for field in FIELDS:
         if not field.required and values[field.path] is None:
+            continue
+        if field.kind == "rule":  # a table of its own, the last one
+            lines += [*_comment(field.meaning), values[field.path].as_toml(field.path)]
             continue
         parent, _, key = field.path.rpartition(".")
         if parent != table:

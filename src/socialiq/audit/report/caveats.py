@@ -13,8 +13,9 @@ from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination
 from socialiq.audit.verdict.regret import RegretTest
 from socialiq.policies.process.isolation import NONE
+from socialiq.social.angle_rule import AngleRule
 
-About = Literal["loss", "margin", "look", "seed", "code", "episodes"]
+About = Literal["rule", "loss", "margin", "look", "seed", "code", "episodes"]
 
 
 class Caveat(NamedTuple):
@@ -68,6 +69,24 @@ def caveats_of_replay(shown: int, chosen: int) -> list[Caveat]:
         "by one: the policy's answers depend on more than the observation alone."
     )
     return [Caveat("episodes", text)]
+
+
+def caveats_of_rule(rule: AngleRule | None, angle: float) -> list[Caveat]:
+    """Return what a declared rule of the angle means for the rest of the report.
+
+    Args:
+        rule: The rule; None without one.
+        angle: Declared angle at which whole episodes are weighed, degrees.
+    """
+    if rule is None:
+        return []
+    text = (
+        f"A rule of the angle is declared: {rule.words}. The first test is of decision losses: "
+        "what each decision costs by the angle of its situation, if the best reference of that "
+        f"angle drives on. Other tables and pictures weigh whole episodes at {angle:g} degrees "
+        "and don't decide."
+    )
+    return [Caveat("rule", text)]
 
 
 def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Caveat]:

@@ -34,7 +34,8 @@ class Claim(NamedTuple):
 
 def claims(report: Mapping[str, Any]) -> list[Claim]:
     """Return the nodes of the tree, the root first."""
-    angle = f"{report['declaration']['angle']:g}"
+    where = f"at {report['declaration']['angle']:g} degrees"
+    where = "by its rule of the angle" if "angle_rule" in report["declaration"] else where
     world = report["declaration"]["scenario"]["world"]
     tests = report["tests"]
     floor = joint_decision(Decision(one["decision"]) for one in tests["competence"]).value
@@ -49,7 +50,7 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
         ),
         Claim(
             "G1",
-            f"In the simulated world {world} the policy behaves as declared at {angle} degrees",
+            f"In the simulated world {world} the policy behaves as declared {where}",
             _OF[whole],
             "report.json: verdict",
             ("C1", "S1"),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
+from socialiq.audit.evidence.collect import CANDIDATES
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
 from socialiq.audit.evidence.strata import stratified
@@ -16,10 +18,17 @@ from socialiq.audit.profile.junction import is_junction
 from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.report.auditor_claims import claims_of_auditor
-from socialiq.audit.report.caveats import Caveat, caveats, caveats_of_loss, caveats_of_replay
+from socialiq.audit.report.caveats import (
+    Caveat,
+    caveats,
+    caveats_of_loss,
+    caveats_of_replay,
+    caveats_of_rule,
+)
 from socialiq.audit.report.episodes import path_of, selected
 from socialiq.audit.report.seeds import seeds_of
 from socialiq.audit.seeds.commitment import Draw
+from socialiq.audit.verdict.contexts import followed_angles
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination
 from socialiq.audit.verdict.shift import Shift, sentence_of
@@ -102,13 +111,13 @@ def content(audited: Audited) -> dict[str, Any]:
             "format": FORMAT,
             "verdict": _verdict(verdict),
             "caveats": [one._asdict() for one in _caveats(audited)],
-            "declaration": {**to_json(profile), "sha256": profile.sha256},
+            "declaration": _declaration(profile),
             "policy": {
                 "record": dict(audited.policy),
                 "deterministic": audited.deterministic,
                 "means": driver_row(evidence.policy, angle),
             },
-            "tests": _tests(verdict),
+            "tests": _tests(verdict) | _contexts(audited),
             "discrimination": audited.discrimination,
             "consistency": audited.consistency,
             "references": audited.references(left_out=False),
@@ -140,13 +149,15 @@ def _caveats(audited: Audited) -> list[Caveat]:
     profile, regret = audited.profile, audited.verdict.regret
     world = profile.scenario.world
     # Making an environment may run code; its limits are not known anyway.
-    possible = possible_loss(profile.world(), profile.angle) if world in WORLDS else None
+    limited = world in WORLDS and profile.rule is None
+    possible = possible_loss(profile.world(), profile.angle) if limited else None
     drawn, look, others = audited.drawn, audited.look, audited.discrimination
     traces = [one for rows in audited.traces.values() for one in rows]
     # In an environment nothing is run again; a policy that draws its actions may draw others.
     asked = traces if world in WORLDS and audited.deterministic else []
     shown = sum(one is not None for one in asked)
     return [
+        *caveats_of_rule(profile.rule, profile.angle),
         *caveats_of_loss(regret, possible),
         *caveats(drawn, look, audited.policy, others, world),
         *caveats_of_replay(shown, len(asked)),
@@ -201,6 +212,25 @@ def _attributes_of(evidence: Evidence) -> list[dict[str, Any]]:
 def _tests(verdict: Verdict) -> dict[str, Any]:
     names = ("regret", "rationalised", "alpha_hat", "identifiability", "calibration", "competence")
     return {name: getattr(verdict, name) for name in names}
+
+
+def _declaration(profile: Profile) -> dict[str, Any]:
+    """Return the declaration; one of a constant angle has no field of a rule."""
+    found = {**to_json(dataclasses.replace(profile, rule=None)), "sha256": profile.sha256}
+    del found["rule"]
+    if profile.rule is None:
+        return found
+    rule = {"words": profile.rule.words, "content": profile.rule.as_json()}
+    return found | {"angle_rule": rule}
+
+
+def _contexts(audited: Audited) -> dict[str, Any]:
+    """Return the angle that the policy follows in each context of a declared rule."""
+    rule, losses = audited.profile.rule, audited.evidence.policy.contexts
+    if rule is None or losses is None:
+        return {}
+    confidence = audited.profile.confidence
+    return {"contexts": followed_angles(rule, losses, CANDIDATES, confidence)}
 
 
 def _hashes(audited: Audited) -> dict[str, str]:

@@ -11,6 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from socialiq.audit.evidence.collect import CANDIDATES
+from socialiq.audit.evidence.context_table import PATH as CONTEXTS
+from socialiq.audit.evidence.context_table import write_contexts
 from socialiq.audit.evidence.outcomes import Evidence
 from socialiq.audit.evidence.table import write_table
 from socialiq.audit.profile.profile import Profile
@@ -117,8 +120,17 @@ def files_of(
 
 
 def tables_of(evidence: Sequence[Evidence]) -> dict[str, bytes]:
-    """Return the tables of all episodes, by path: the declared traffic first."""
-    return {evidence_path(number): write_table(one).encode() for number, one in enumerate(evidence)}
+    """Return the tables of all episodes, by path: the declared traffic first.
+
+    With a declared rule of the angle the policy's decision losses by context are among them.
+    """
+    found = {
+        evidence_path(number): write_table(one).encode() for number, one in enumerate(evidence)
+    }
+    contexts = evidence[0].policy.contexts
+    if contexts is not None:
+        found[CONTEXTS] = write_contexts(contexts, CANDIDATES).encode()
+    return found
 
 
 def evidence_path(traffic: int) -> str:

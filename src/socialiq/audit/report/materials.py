@@ -35,7 +35,9 @@ def materials(report: Mapping[str, Any]) -> bytes:
             "socialiq:kind": record["kind"],
             "socialiq:sha256": record["sha256"],
             "socialiq:hash-covers": record["covers"],
-            "socialiq:declared-angle": f"{declared['angle']:g} degrees",
+            "socialiq:declared-angle": declared["angle_rule"]["words"]
+            if "angle_rule" in declared
+            else f"{declared['angle']:g} degrees",
             "socialiq:decision": verdict["decision"],
             "socialiq:episodes": str(verdict["episodes"]),
             "socialiq:world": declared["scenario"]["world"],
@@ -49,8 +51,10 @@ def materials(report: Mapping[str, Any]) -> bytes:
 def _metrics(report: Mapping[str, Any]) -> list[Metric]:
     tests = report["tests"]
     regret = tests["regret"]
-    angle = f"{regret['angle']:g}"
-    found = [_metric(f"regret at {angle} degrees per episode", regret, regret["regret"])]
+    name = f"regret at {regret['angle']:g} degrees per episode"
+    if "angle_rule" in report["declaration"]:
+        name = "decision loss at the declared rule per episode"
+    found = [_metric(name, regret, regret["regret"])]
     found += [_metric(f"share of {one['name']}", one, one["share"]) for one in tests["competence"]]
     return found
 

@@ -14,7 +14,12 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from socialiq.audit.evidence.collect import CANDIDATES
 from socialiq.audit.evidence.consistency import Consistency
+from socialiq.audit.evidence.context_table import PATH as CONTEXTS
+from socialiq.audit.evidence.context_table import read_contexts
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
 from socialiq.audit.evidence.table import ReferenceAttributes, read_table
 from socialiq.audit.profile.profile import Profile
@@ -29,6 +34,7 @@ from socialiq.audit.verdict.dependence import dependence
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
+from socialiq.social.angle_rule import AngleRule
 from socialiq.types import RewardPair
 
 TOLERANCE = 1e-9
@@ -138,12 +144,35 @@ def evidence_of(
         if path not in files:
             raise UserError(f"{path} is missing")
         try:
-            one = read_table(files[path], scenarios[number], policy, attributes[number], trivial)
+            one = read_table(
+                files[path],
+                scenarios[number],
+                policy,
+                attributes[number],
+                trivial,
+                profile.rule is not None,
+            )
         except UserError as error:
             raise UserError(f"{path}: {error}") from error
         _check_seeds(one, drawn.derived(purpose), report["seeds"]["episodes"], path)
         found.append(one)
+    if profile.rule is not None:
+        found[0] = _with_contexts(found[0], files, profile.rule)
     return found
+
+
+def _with_contexts(evidence: Evidence, files: Mapping[str, bytes], rule: AngleRule) -> Evidence:
+    """Read the policy's decision losses by context, which add up to those of its episodes."""
+    if CONTEXTS not in files:
+        raise UserError(f"{CONTEXTS} is missing")
+    try:
+        found = read_contexts(files[CONTEXTS], evidence.episodes, len(rule.contexts), CANDIDATES)
+    except UserError as error:
+        raise UserError(f"{CONTEXTS}: {error}") from error
+    if not np.array_equal(found.declared.sum(axis=1), evidence.policy.lost):
+        raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
+    policy = dataclasses.replace(evidence.policy, contexts=found)
+    return dataclasses.replace(evidence, policy=policy)
 
 
 def _check_seeds(evidence: Evidence, seed: int, episodes: int, path: str) -> None:

@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from socialiq.audit.evidence.context_table import PATH as CONTEXTS
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.report.folder import (
     MANIFEST,
@@ -280,4 +281,5 @@ def _unknown(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]
     traffic = report["shift"]["traffic"] if report["shift"] else []
     known = {REPORT, PROFILE, *SEALS, *views_of(report), *(one["film"] for one in episodes)}
     known |= {evidence_path(number) for number in range(len(traffic) + 1)}
+    known |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
     return sorted(files.keys() - known)

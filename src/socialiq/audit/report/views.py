@@ -120,6 +120,11 @@ def others(report: Mapping[str, Any], named: int = 3) -> str:
     return f"{found['would_pass']} of {found['of']} other drivers would pass it too{which}."
 
 
+def compatible_angles(context: Mapping[str, Any]) -> str:
+    """Return the angles that are compatible with the driving in a context of a rule."""
+    return ", ".join(degrees(one["angle"]) for one in context["by_angle"] if one["compatible"])
+
+
 def options(found: dict[str, Any]) -> str:
     """Return the options of a world in one line."""
     return ", ".join(f"{name} = {value}" for name, value in found.items()) or "defaults"
@@ -155,6 +160,7 @@ FILTERS = {
         arcs,
         meaning,
         options,
+        compatible_angles,
         headline,
         outcome,
         criterion,

@@ -13,8 +13,7 @@ from socialiq.audit.evidence.trivial import GO_AND_WAIT
 from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.findings import Finding
-from socialiq.audit.verdict.regrets import Regrets
-from socialiq.audit.verdict.verdict import decide_on, enough_resamples, whole_error
+from socialiq.audit.verdict.verdict import decide, enough_resamples, whole_error
 
 
 @dataclass(frozen=True)
@@ -105,6 +104,4 @@ def finding_of(found: Discrimination) -> list[Finding]:
 def _decision(
     profile: Profile, evidence: Evidence, error: float, seed: int, resamples: int
 ) -> Decision:
-    margin, floor = profile.margin, profile.competence
-    regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
-    return decide_on(evidence, regrets, profile.angle, margin.regret, floor, error).decision
+    return decide(profile, evidence, seed, resamples, error).decision

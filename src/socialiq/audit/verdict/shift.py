@@ -116,6 +116,8 @@ def other_traffic(profile: Profile) -> tuple[Traffic, ...]:
         UserError: If the world has no other traffic.
     """
     declared = profile.scenario
+    if profile.rule is not None:
+        raise UserError("a declared rule is not tested in other traffic: leave out --shift")
     world = profile.world() if declared.world in OTHER_TRAFFIC else None
     if world is None or isinstance(world, Environment | Junction):
         raise UserError(f"{declared.world} has one traffic only: leave out --shift")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
@@ -94,6 +94,32 @@ def decide_on(
     return join_tests(regret, evidence.policy, floor, error)
 
 
+def decide(
+    profile: Profile,
+    evidence: Evidence,
+    seed: int,
+    resamples: int,
+    error: float,
+    regrets: Regrets | None = None,
+) -> Decisive:
+    """Test a driver by a declaration: of its regret at an angle, or of its loss at a rule.
+
+    Args:
+        profile: The declaration.
+        evidence: The driver as policy, and its references.
+        seed: Seed of the resampling.
+        resamples: Number of resamples.
+        error: Largest chance of a wrong pass, and of a wrong fail.
+        regrets: Regrets of the evidence, if they are known.
+    """
+    margin, floor, angle = profile.margin, profile.competence, profile.angle
+    if profile.rule is not None:
+        evidence, regrets, angle = evidence.by_rule(), None, 0.0
+    regrets = regrets or Regrets(evidence, seed, resamples, margin.largest_loss)
+    found = decide_on(evidence, regrets, angle, margin.regret, floor, error)
+    return replace(found, regret=replace(found.regret, angle=profile.angle))
+
+
 def join_tests(regret: RegretTest, policy: Outcomes, floor: Floor, error: float) -> Decisive:
     """Join the regret test, made at its share of the error, with the floor's (`decide_on`)."""
     competence = floor_tests(policy, floor, error, error / 2)
@@ -146,14 +172,14 @@ def judge(
     resamples = enough_resamples(error, resamples)
     angle, margin = profile.angle, profile.margin
     regrets = Regrets(evidence, seed, resamples, margin.largest_loss)
-    found = decide_on(evidence, regrets, angle, margin.regret, profile.competence, error)
+    found = decide(profile, evidence, seed, resamples, error, regrets)
     undecided = found.decision is Decision.INCONCLUSIVE
     ellipse = confidence_ellipse(evidence.policy.totals, profile.confidence)
     identified = not ellipse.holds_origin
     env, social = evidence.policy.totals.T.copy()
     return Verdict(
         decision=found.decision,
-        reason=reason_of(found),
+        reason=reason_of(found, profile.rule is not None),
         episodes=evidence.episodes,
         needed=_needed(found) if undecided else None,
         error=error,
@@ -178,12 +204,18 @@ def _needed(found: Decisive) -> int | None:
     return max(known) if len(known) == len(needs) else None
 
 
-def reason_of(found: Decisive) -> str:
-    """Return the reason why a policy passed, failed, or neither, in one sentence."""
+def reason_of(found: Decisive, by_rule: bool = False) -> str:
+    """Return the reason why a policy passed, failed, or neither, in one sentence.
+
+    Args:
+        found: Tests and decision.
+        by_rule: Whether a rule of the angle is declared.
+    """
     regret, competence = found.regret, found.competence
+    where = "by the declared rule" if by_rule else f"at the declared {regret.angle:g} degrees"
     if found.decision is Decision.FAIL:
-        return _failed(regret, [one for one in competence if one.decision is Decision.FAIL])
-    where = f"at the declared {regret.angle:g} degrees"
+        broken = [one for one in competence if one.decision is Decision.FAIL]
+        return _failed(regret, broken, where)
     if found.decision is Decision.PASS:
         less = f"at most {_number(regret.high)} less" if regret.high > 0.0 else "no less"
         text = (
@@ -212,7 +244,7 @@ def _capital(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _failed(regret: RegretTest, broken: list[FloorTest]) -> str:
+def _failed(regret: RegretTest, broken: list[FloorTest], where: str) -> str:
     parts = []
     if regret.broken:
         parts.append(
@@ -222,7 +254,7 @@ def _failed(regret: RegretTest, broken: list[FloorTest]) -> str:
     elif regret.decision is Decision.FAIL:
         assumed = "; if no loss of that driver is too rare to show"
         parts.append(
-            f"at the declared {regret.angle:g} degrees it earns at least {_number(regret.low)} "
+            f"{where} it earns at least {_number(regret.low)} "
             f"less per episode than the best reference driver ({_number(regret.margin)} less is "
             f"allowed{assumed if regret.bound == 'bootstrap' else ''})"
         )

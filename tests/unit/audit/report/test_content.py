@@ -48,6 +48,10 @@ FREE = (
 )
 
 
+OF_A_RULE = ("angle_rule", "contexts")
+"""Properties of a report on a declared rule of the angle alone."""
+
+
 def objects(schema):
     """Every object of a schema with named properties."""
     if isinstance(schema, list):
@@ -64,7 +68,7 @@ def test_the_schema_is_valid_and_demands_every_property():
     found = list(objects(SHIPPED))
     assert len(found) > 30
     for one in found:
-        assert one["required"] == list(one["properties"])
+        assert one["required"] == [name for name in one["properties"] if name not in OF_A_RULE]
         assert one["additionalProperties"] == (one is SHIPPED["$defs"]["record"])
 
 
