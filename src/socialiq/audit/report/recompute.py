@@ -169,7 +169,8 @@ def _with_contexts(evidence: Evidence, files: Mapping[str, bytes], rule: AngleRu
         found = read_contexts(files[CONTEXTS], evidence.episodes, len(rule.contexts), CANDIDATES)
     except UserError as error:
         raise UserError(f"{CONTEXTS}: {error}") from error
-    if not np.array_equal(found.declared.sum(axis=1), evidence.policy.lost):
+    lost = evidence.policy.lost
+    if lost is None or not np.array_equal(found.declared.sum(axis=1), lost):
         raise UserError(f"the losses in {CONTEXTS} don't add up to those of the episodes")
     policy = dataclasses.replace(evidence.policy, contexts=found)
     return dataclasses.replace(evidence, policy=policy)
