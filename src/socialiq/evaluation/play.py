@@ -110,7 +110,7 @@ def play(
     return simulate(BatchSimulator(batch), actor_of(batch, policy, deterministic), seeds)
 
 
-def actor_of(batch: Batch, policy: Policy, deterministic: bool = True) -> Actor:
+def actor_of(batch: RoadBatch, policy: Policy, deterministic: bool = True) -> Actor:
     """Return the actor of a policy that drives a batch, as in `play`."""
     actor: Actor = BatchActor(policy, deterministic)
     if not deterministic and isinstance(policy, SoftPolicy):
