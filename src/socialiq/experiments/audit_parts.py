@@ -30,6 +30,7 @@ from socialiq.types import RewardPair
 from socialiq.worlds.grid_world import GridWorld
 
 _KIND, _VERSION, _FILE = "audit-part", 2, "part.safetensors"
+# In the order of the fields of `Outcomes`.
 _COLUMNS = ("totals", "ending", "contact", "length")
 
 
@@ -191,7 +192,7 @@ def _read(folder: Path) -> Evidence:
     drivers = [
         Outcomes(
             one["name"],
-            **{column: arrays[f"{number}/{column}"] for column in _COLUMNS},
+            *(arrays[f"{number}/{column}"] for column in _COLUMNS),
             angles=tuple(one["angles"]),
             expected=None if one["expected"] is None else RewardPair(*one["expected"]),
         )

@@ -109,8 +109,8 @@ class SignFlips(NamedTuple):
 def sign_flips(sums: Float[np.ndarray, "test cluster"], seed: int, draws: int = 2000) -> SignFlips:
     """Return `sign_flip` of several tests on common clusters, and p-values corrected for all.
 
-    Every pattern of signs is applied to all tests at once, and |Σ sums| / sqrt(Σ sums²) is compared
-    with the largest over the tests: the step-down procedure of Westfall and Young (1993, algorithm
+    Every pattern of signs is applied to all tests at once, and `|Σ sums| / sqrt(Σ sums²)` is
+    compared with the largest over the tests: the step-down procedure of Westfall and Young (1993, algorithm
     2.8). It controls the probability of any false rejection, as Holm's does, but tests that depend
     on each other cost less, and the smallest p-value doesn't rise with their number.
 
