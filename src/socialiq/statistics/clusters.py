@@ -110,9 +110,9 @@ def sign_flips(sums: Float[np.ndarray, "test cluster"], seed: int, draws: int = 
     """Return `sign_flip` of several tests on common clusters, and p-values corrected for all.
 
     Every pattern of signs is applied to all tests at once, and `|Σ sums| / sqrt(Σ sums²)` is
-    compared with the largest over the tests: the step-down procedure of Westfall and Young (1993, algorithm
-    2.8). It controls the probability of any false rejection, as Holm's does, but tests that depend
-    on each other cost less, and the smallest p-value doesn't rise with their number.
+    compared with the largest over the tests: the step-down procedure of Westfall and Young (1993,
+    algorithm 2.8). It controls the probability of any false rejection, as Holm's does, but tests
+    that depend on each other cost less, and the smallest p-value doesn't rise with their number.
 
     Args:
         sums: Sum of the differences of each cluster; 0 where a test has no row of a cluster.
