@@ -11,6 +11,7 @@ from typing import Any
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 
 import jax
+import jaxtyping
 import pytest
 
 from socialiq.worlds import registry
@@ -89,6 +90,14 @@ def table5() -> Table:
 @pytest.fixture(scope="session")
 def table7() -> Table:
     return tabulated("crossing7")
+
+
+@pytest.fixture
+def as_a_user_runs_it() -> Iterator[None]:
+    """Disable run-time type checks, which users don't have and which refuse some mistakes first."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture(scope="session", name="compiled", autouse=True)

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import jaxtyping
@@ -17,11 +17,8 @@ from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
 
 @pytest.fixture(autouse=True)
-def as_a_user_runs_it() -> Iterator[None]:
-    """Run-time type checks, which users don't have, would refuse some attacks first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+def attackers_are_users(as_a_user_runs_it: None) -> None:
+    pass
 
 
 @pytest.fixture(scope="session")

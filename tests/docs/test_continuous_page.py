@@ -4,19 +4,13 @@ import re
 import shlex
 from pathlib import Path
 
-import jaxtyping
 import pytest
 
 from socialiq.cli.main import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "continuous.md").read_text()
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it():
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ import re
 import shlex
 from pathlib import Path
 
-import jaxtyping
 import pytest
 
 from socialiq.cli.main import main
@@ -12,12 +11,7 @@ from socialiq.cli.main import main
 PAGE = (Path(__file__).parents[2] / "docs" / "environments.md").read_text()
 STATUSES = {"audit": (0, 1, 3)}
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it():
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 @pytest.mark.slow

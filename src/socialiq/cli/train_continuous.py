@@ -12,7 +12,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
-from socialiq.learners.continuous.vector_acting import VectorCollector
+from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.kernel import Learner, Trained
 from socialiq.recordings.recording import refuse_recording
 from socialiq.worlds import CONTINUOUS
@@ -147,5 +147,5 @@ def _at_intersection(
     return {
         "sizes": (listed + clock, width(options)),
         "chunk": static.updates_per_round,
-        "before_chunk": VectorCollector(env, rounds, static, runs),
+        "before_chunk": ActorVectorCollector(env, rounds, static, runs),
     }

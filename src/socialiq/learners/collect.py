@@ -69,6 +69,66 @@ class Collector:
         return self.sources[run](act, rng)
 
 
+class VectorCollector:
+    """Fills the replays of all runs from one vector environment: the `before_chunk` of `train`.
+
+    The environments of a run are next to each other. Every chunk begins with a reset that is
+    seeded by the run and the updates done. A subclass says how runs act.
+
+    Args:
+        env: As many environments for each run; as of `from_vector_env`.
+        rounds: Steps of each environment for a chunk.
+        hyperparameters: Of each run.
+
+    Raises:
+        UserError: If the environments can't be divided among the runs.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.vector.VectorEnv[Any, Any, Any],
+        rounds: int,
+        hyperparameters: Sequence[Any],
+    ) -> None:
+        if env.num_envs % len(hyperparameters):
+            raise UserError(
+                f"{env.num_envs} environments can't be divided among {len(hyperparameters)} runs"
+            )
+        self.env, self.rounds, self.numbers = env, rounds, tuple(hyperparameters)
+        self.each = env.num_envs // len(hyperparameters)
+        self._add = jax.jit(jax.vmap(replay.add_many), donate_argnums=0)
+
+    def __call__(self, runs: Runs, done: int) -> Runs:
+        """Let every run act with its present network, and store what happens."""
+        streams = [
+            np.random.default_rng(np.random.SeedSequence([one.seed, done])) for one in self.numbers
+        ]
+        firsts = [int(rng.integers(2**31)) for rng in streams]
+        # A list, which the type of the base class does not name.
+        seeds: Any = [first + row for first in firsts for row in range(self.each)]
+        observation, _ = self.env.reset(seed=seeds)
+        made = self.collected(runs, done, streams, observation)
+        ring = self._add(runs.carry.replay, made)
+        return runs._replace(carry=runs.carry._replace(replay=ring))
+
+    def collected(
+        self,
+        runs: Runs,
+        done: int,
+        streams: Sequence[np.random.Generator],
+        observation: np.ndarray,
+    ) -> Any:
+        """Return the columns of a chunk, (run, step), as the runs' replays have them.
+
+        Args:
+            runs: All runs.
+            done: Updates done.
+            streams: Random numbers of each run.
+            observation: What is seen first, of all environments.
+        """
+        raise NotImplementedError
+
+
 def soft(temperatures: Sequence[float]) -> Behaviour:
     """Act by softmax(Q/τ), with each run's τ."""
 

@@ -18,13 +18,7 @@ from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it():
-    """Run-time type checks, which users don't have, would refuse some mistakes first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 def table(path, angle):

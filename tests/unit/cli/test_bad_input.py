@@ -5,7 +5,6 @@ import os
 import sys
 
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -18,13 +17,7 @@ from socialiq.nn.q_policy import QPolicy
 from socialiq.outputs import claimed
 from socialiq.storage import packaged_results
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it():
-    """Run-time type checks, which users don't have, would refuse some mistakes first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -14,12 +13,7 @@ from socialiq.nn.actor_policy import ActorDial
 WORLD = "intersection-continuous"
 SMALL = ("--hidden", "8", "--batch-size", "8", "--updates", "2", "--updates-per-round", "2")
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it():
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 @pytest.fixture(scope="module")

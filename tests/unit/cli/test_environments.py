@@ -2,7 +2,6 @@
 
 import json
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -49,12 +48,9 @@ DRIVERS = ("--driver", "python:a_cli_road.py:goes", "--driver", "calm=python:a_c
 
 
 @pytest.fixture(autouse=True)
-def as_a_user_runs_it(tmp_path, monkeypatch):
+def code_of_a_user(tmp_path, monkeypatch, as_a_user_runs_it):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a_cli_road.py").write_text(CODE)
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def collect(out, *more, world="a_cli_road.py:make", drivers=DRIVERS):

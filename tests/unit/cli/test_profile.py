@@ -2,19 +2,12 @@
 
 import json
 
-import jaxtyping
 import pytest
 
 from socialiq.audit.profile.reader import load
 from socialiq.cli.main import main
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it():
-    """Run-time type checks, which users don't have, would refuse some mistakes first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 def new(path, *more):

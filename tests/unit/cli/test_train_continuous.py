@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -11,12 +10,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.types import RewardPair
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it():
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 @pytest.fixture(scope="module")

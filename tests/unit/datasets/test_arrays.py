@@ -1,6 +1,5 @@
 """Plain arrays become the table that the same arrays by hand make."""
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -14,10 +13,7 @@ REWARD = np.array([[1.0, 0.5], [2.0, 0.0], [3.0, -1.0], [4.0, 2.0], [5.0, 0.25]]
 LAST = np.array([0, 0, 1, 0, 1], np.bool_)
 FINAL = [[3.0], [7.0]]
 
-
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it(monkeypatch):
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 def made(**changed):

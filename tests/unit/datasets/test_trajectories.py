@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -22,9 +21,7 @@ class Trajectory:
     rews: Any = None
 
 
-@pytest.fixture(autouse=True)
-def as_a_user_runs_it(monkeypatch):
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
 def info(env, social, **more):

@@ -7,7 +7,6 @@ of which its fingerprint is made (`experiments.jobs`).
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -19,6 +18,7 @@ from gymnasium.vector import AutoresetMode
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.play import episodes_of
+from socialiq.experiments.engine import available_cores
 from socialiq.experiments.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq.experiments.intersection.episodes import BEST, DIAL, LAST
 from socialiq.experiments.intersection.fitting import (
@@ -34,7 +34,7 @@ from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.learners.dial.acting import DialCollector
-from socialiq.learners.dial.vector_acting import VectorCollector
+from socialiq.learners.dial.vector_acting import DialVectorCollector
 from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn import train as dqn_training
 from socialiq.learners.iq_learn import config as iq
@@ -129,7 +129,7 @@ def dial_collector(
     options: Options,
     environments: int,
     steps_per_update: int,
-) -> DialCollector | VectorCollector:
+) -> DialCollector | DialVectorCollector:
     """Return what collects dials' experience on the core, from intersections of each run.
 
     Several runs act together, on as many threads as there are runs, or cores if fewer.
@@ -147,13 +147,13 @@ def dial_collector(
         return DialCollector([source], structure, numbers)
     env = IntersectionVectorEnv(
         count * environments,
-        threads=min(count, os.cpu_count() or 1),
+        threads=min(count, available_cores()),
         autoreset_mode=AutoresetMode.SAME_STEP,
         clock=clock,
         **dataclasses.asdict(options),
     )
     rounds = -(-CHUNK * steps_per_update // environments)
-    return VectorCollector(env, rounds, structure, numbers)
+    return DialVectorCollector(env, rounds, structure, numbers)
 
 
 DIAL_STRUCTURE = dial.StaticConfig(

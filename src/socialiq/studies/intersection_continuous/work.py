@@ -26,7 +26,7 @@ from socialiq.learners.continuous.actor_critic import ActorCritic
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
 from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.train import train
-from socialiq.learners.continuous.vector_acting import VectorCollector
+from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
@@ -153,7 +153,7 @@ def _fit_actors(
     env = intersections(config.options, len(numbers) * config.environments, structure.times > 0)
     rounds = -(-CHUNK * structure.env_steps_per_update // config.environments)
     sizes = (Intersection(config.options).n_features + (structure.times > 0), width(config.options))
-    collector = VectorCollector(env, rounds, structure, numbers)
+    collector = ActorVectorCollector(env, rounds, structure, numbers)
     more = {"sizes": sizes, "before_chunk": collector}
     program = partial(train, learner, structure, numbers, datasets, **more)
     fit(program, folder, on_progress, [run_file(one) for one in numbers])

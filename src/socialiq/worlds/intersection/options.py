@@ -73,15 +73,7 @@ ContinuousActions = Literal["continuous", "continuous_steering"]
 
 @dataclass(frozen=True)
 class _SpawnOptions:
-    """Entry of vehicles.
-
-    Attributes:
-        initial_vehicle_count: highway-env's number: one spawn less than this is tried at the
-            start, each with probability 0.6.
-        spawn_probability: Probability of a spawn attempt after each decision.
-        destination: Destination of the ego; "left" is highway-env's o1. "random" draws one of the
-            three.
-    """
+    """Entry of vehicles; described in `Options`."""
 
     initial_vehicle_count: int = 5
     spawn_probability: float = 0.3
@@ -90,14 +82,7 @@ class _SpawnOptions:
 
 @dataclass(frozen=True)
 class _TrafficOptions:
-    """The other drivers.
-
-    Attributes:
-        connected_lanes: Whether drivers search for leaders beyond the end of their lane, as
-            in intersection-v2.
-        population: Distribution of the other drivers' parameters; a name of `POPULATIONS`.
-        canonical: Break exact ties by the order of vehicles and lanes, not by rounding.
-    """
+    """The other drivers; described in `Options`."""
 
     connected_lanes: bool = False
     population: str = "highway_env"
@@ -108,43 +93,19 @@ class _TrafficOptions:
 class Options(RoadOptions, RewardOptions, _TrafficOptions, EgoOptions, _SpawnOptions, ClockOptions):
     """Scenario as configured in thesis 5.1.3, and options of its reward (4.1).
 
-    Fields stand in the order of the bases from last to first, which names of scenarios have.
+    Fields stand in the order of the bases from last to first, which names of scenarios have. Those
+    of every road are described in `ClockOptions`, `EgoOptions` and `RewardOptions`.
 
     Attributes:
-        simulation_frequency: Sub-steps of the physics per second.
-        policy_frequency: Decisions per second; divides the simulation frequency.
-        duration: Seconds after which an episode times out.
         initial_vehicle_count: highway-env's number: one spawn less than this is tried at the
             start, each with probability 0.6.
         spawn_probability: Probability of a spawn attempt after each decision.
         destination: Destination of the ego; "left" is highway-env's o1. "random" draws one of the
             three.
-        target_speeds: Speeds in m/s, equally spaced, that the ego's speed control steps through.
-        observed_vehicles: Rows of the observation, the ego's included.
         connected_lanes: Whether drivers search for leaders beyond the end of their lane, as
             in intersection-v2.
         population: Distribution of the other drivers' parameters; a name of `POPULATIONS`.
         canonical: Break exact ties by the order of vehicles and lanes, not by rounding.
-        progress_unit: Metres of advance that count as 1.
-        zone: Influence zone of the ego. "beyond_8_m" takes the thesis' 8 m as lane coordinate,
-            "travelled_8_m" as distance since the start; the others measure from the junction.
-        counted: Which neighbours within the conflict distance count: all, those that come from
-            another arm and haven't left the junction, or of these only those on an approach.
-        disruption: Eq 4.2's loss of speed with a dead zone, as in the text, or as printed,
-            which charges every neighbour at least the threshold.
-        crash: Whether the ego's collision replaces r_social or is added to it.
-        conflict_distance: Metres within which a neighbour counts.
-        progress_weight: w_p.
-        speed_weight: w_v.
-        collision_weight: w_c.
-        arrival_weight: w_a.
-        step_weight: w_s.
-        timeout_weight: w_t.
-        yielding_weight: w_y.
-        disruption_weight: w_d.
-        neighbour_collision_weight: Weight in r_social of the ego's collision.
-        speed_threshold: v_thresh of Eq 4.2, m/s.
-        speed_cap: v_cap of Eq 4.2, m/s.
 
     Raises:
         UserError: If a value is not supported.

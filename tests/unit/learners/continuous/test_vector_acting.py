@@ -8,7 +8,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners.continuous import config
 from socialiq.learners.continuous.sac import SoftActorCritic
-from socialiq.learners.continuous.vector_acting import VectorCollector
+from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.state import Runs, stack
 from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.options import ContinuousOptions
@@ -26,7 +26,7 @@ def collected(seeds: tuple[int, ...], rounds: int = 6, done: int = 0) -> Runs:
     env = intersections(ContinuousOptions(), 3 * len(seeds), clock=True)
     none = jnp.zeros(len(seeds), int)
     runs = Runs(state, carry, none, none, none)
-    return VectorCollector(env, rounds, STATIC, numbers)(runs, done)
+    return ActorVectorCollector(env, rounds, STATIC, numbers)(runs, done)
 
 
 def rows_of(runs: Runs, run: int) -> list[np.ndarray]:
@@ -58,4 +58,4 @@ def test_the_first_steps_are_uniform_and_later_ones_follow_the_actor() -> None:
 def test_environments_that_cannot_be_divided_are_refused() -> None:
     env = intersections(ContinuousOptions(), 3)
     with pytest.raises(UserError, match="can't be divided among 2 runs"):
-        VectorCollector(env, 1, STATIC, [config.Hyperparameters(seed=seed) for seed in (0, 1)])
+        ActorVectorCollector(env, 1, STATIC, [config.Hyperparameters(seed=seed) for seed in (0, 1)])

@@ -12,7 +12,7 @@ from socialiq.experiments.intersection.fitting import CHUNK, sizes_of, source_of
 from socialiq.learners.dial.acting import DialCollector
 from socialiq.learners.dial.config import INTERSECTION, Hyperparameters
 from socialiq.learners.dial.train import Dial
-from socialiq.learners.dial.vector_acting import VectorCollector
+from socialiq.learners.dial.vector_acting import DialVectorCollector
 from socialiq.learners.fit import _start_all
 from socialiq.learners.state import stack
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
@@ -33,7 +33,7 @@ def test_runs_that_act_together_collect_what_each_collects_alone() -> None:
     begun = [_start_all(learner, stack(NUMBERS)) for _ in range(2)]
     sources = [source_of(Options(), 4, 1, clock=True) for _ in NUMBERS]
     alone = DialCollector(sources, STATIC, NUMBERS)(begun[0], 400)
-    together = VectorCollector(vector_env(8), CHUNK // 4, STATIC, NUMBERS)(begun[1], 400)
+    together = DialVectorCollector(vector_env(8), CHUNK // 4, STATIC, NUMBERS)(begun[1], 400)
     one, other = alone.carry.replay, together.carry.replay
     assert one.added.tolist() == other.added.tolist() == [CHUNK, CHUNK]
     for expected, found in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
@@ -44,4 +44,4 @@ def test_runs_that_act_together_collect_what_each_collects_alone() -> None:
 
 def test_environments_that_runs_cannot_share_are_refused() -> None:
     with pytest.raises(UserError, match="can't be divided among 2 runs"):
-        VectorCollector(vector_env(3), 1, STATIC, NUMBERS)
+        DialVectorCollector(vector_env(3), 1, STATIC, NUMBERS)

@@ -3,7 +3,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -13,14 +12,6 @@ from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.settings import settings_of
 from socialiq.worlds.intersection.state import VEHICLE, buffers_of
-
-
-@pytest.fixture
-def as_a_user_runs_it() -> Iterator[None]:
-    """Disable run-time type checks, which would reject some mistakes first."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def car(x: float, y: float, degrees: float, speed: float, **fields: Any) -> np.ndarray:
