@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
+from socialiq.nn import actor_policy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.storage import kind_of, load_arrays, save_arrays
@@ -154,7 +155,10 @@ def load_values(path: Path) -> QPolicy | EnsemblePolicy:
     Raises:
         UserError: If the file is missing, damaged, or holds something else.
     """
-    return EnsemblePolicy.load(path) if kind_of(path) == KIND else QPolicy.load(path)
+    kind = kind_of(path)
+    if kind in (actor_policy.KIND, actor_policy.DIAL_KIND):
+        raise UserError(f"{path} has continuous actions: name a policy of discrete ones")
+    return EnsemblePolicy.load(path) if kind == KIND else QPolicy.load(path)
 
 
 def members_of(policy: Any) -> tuple[Any, ...]:

@@ -77,3 +77,9 @@ def test_mistakes_are_one_line(words, says, dial, capsys, tmp_path, monkeypatch)
     assert main(given) == 2
     line = capsys.readouterr().err
     assert says.replace("DIAL", str(dial)) in line and line.count("\n") == 1
+
+
+def test_in_a_world_of_discrete_actions_it_is_refused(dial, capsys) -> None:
+    assert main(["evaluate", str(dial), "--world", "crossing7"]) == 2
+    line = "has continuous actions: name a policy of discrete ones"
+    assert capsys.readouterr().err.count(line) == 1

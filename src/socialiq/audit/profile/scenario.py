@@ -18,6 +18,7 @@ from socialiq.worlds import IDS
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.options import MOST_SPEEDS
+from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.settings import ENV_SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
@@ -68,7 +69,7 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     if is_environment(name) and name not in IDS.values():
         check_options(options)
         return Environment.of(name, options, allow_code)
-    one_of("world", name, tuple(WORLDS))
+    one_of("world", name, (*WORLDS, *SCENES))
     kind = WORLDS[name].Options
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}
     for option in options:
