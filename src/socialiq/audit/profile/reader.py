@@ -75,19 +75,24 @@ def parse(content: bytes, name: str = "profile.toml") -> Profile:
     return _Reader(text, name).profile(content)
 
 
+_MULTI_LINE = ('"""', "'''")
+_TOKEN = re.compile(r"""\"\"\"|'''|"(?:[^"\\]|\\.)*"|'[^']*'|\#.*""")
+"""Beginning of a multi-line text, a text of one line, or a comment."""
+
+
 class _Reader:
     """Reader of one file; its errors name the line of the field."""
 
     def __init__(self, text: str, name: str) -> None:
         self._text, self._name = text, name
         for number, line in enumerate(text.split("\n"), 1):
-            # Without multi-line text `line_of` is exact.
-            if '"""' in line or "'''" in line:
-                self._stop(number, "multi-line text is not used here: write it on one line")
             # A dotted key takes `tomllib` time that grows with the square of its parts, and a
             # number of thousands of digits makes it raise something else.
             if len(line) > _LONGEST_LINE or line.count(".") > _MOST_DOTS:
                 self._stop(number, "this line is too long for a field: shorten it")
+            # Without multi-line text `line_of` is exact.
+            if any(token in _MULTI_LINE for token in _TOKEN.findall(line)):
+                self._stop(number, "multi-line text is not used here: write it on one line")
         self._content = self._parsed()
 
     def profile(self, source: bytes) -> Profile:

@@ -5,7 +5,7 @@ import hashlib
 import re
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from socialiq.audit.profile.fields import FIELDS
@@ -76,6 +76,8 @@ def test_one_changed_byte_is_another_declaration(text):
 
 
 @settings(max_examples=40)
+@example(angle=0.0, regret=1.0, owner="'''", day=datetime.date(2000, 1, 1))
+@example(angle=0.0, regret=1.0, owner='"#"""\\', day=datetime.date(2000, 1, 1))
 @given(
     angle=st.floats(0.0, 360.0, exclude_max=True),
     regret=st.floats(1e-6, 1e6),
@@ -188,6 +190,7 @@ def test_a_hostile_option_is_refused(declared, option, says):
         ("a = " + "[\n" * 20_000, "nested too deeply"),
         ("a = " + "9" * 5000, "too long for a field"),
         ('a = """x"""', "multi-line text"),
+        ("a = '''x'''", "multi-line text"),
         (".".join("a" * 200) + " = 1", "unknown field 'a'"),
         (".".join("a" * 300) + " = 1", "too long for a field"),
     ],
