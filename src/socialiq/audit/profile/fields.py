@@ -72,8 +72,8 @@ class Field:
         return {
             "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
             "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
-            "world": f"one of {', '.join([*WORLDS, *SCENE_IDS])}, a file of `socialiq data world`, a Gymnasium "
-            "id, MODULE:ID or MODULE:FUNCTION",
+            "world": f"one of {', '.join([*WORLDS, *SCENE_IDS])}, a file of `socialiq data world`, "
+            "a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",
             "rule": "a table with format, world, default and [[angle_rule.when]]",
