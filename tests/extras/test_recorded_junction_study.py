@@ -1,4 +1,4 @@
-"""Study at a recorded junction: the world is made again, and drivers that are rules drive it."""
+"""Studies at a recorded junction: the world is made again, and drivers that are rules drive it."""
 
 import os
 from pathlib import Path
@@ -14,6 +14,7 @@ from socialiq.experiments import results as store
 from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.storage import packaged_results
+from socialiq.studies.recorded_junction import ahead
 from socialiq.studies.recorded_junction.config import Config
 from socialiq.studies.recorded_junction.planted import references, rules
 from socialiq.studies.recorded_junction.work import HUMAN, WORLD, Made, make_world
@@ -27,14 +28,19 @@ pytestmark = [
 ]
 
 
-def test_world_demonstrations_and_rules_are_those_of_the_results(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "study"), [("recorded-junction", Config), ("recorded-junction-ahead", ahead.Config)]
+)
+def test_world_demonstrations_and_rules_are_those_of_the_results(
+    name: str, study: type[Config], tmp_path: Path
+) -> None:
     """Counts are equal, and so is what rules earn: they are discrete, without a network."""
-    committed = store.load(packaged_results() / "recorded-junction")
-    config = Config(recordings=FOLDER)
+    committed = store.load(packaged_results() / name)
+    config = study(recordings=FOLDER)
     make_world(Made(FOLDER, config.contents(), config.every), tmp_path, {}, lambda _share: None)
     world = RecordedWorld.load(tmp_path / WORLD)
-    counts = {name: committed.summary[name] for name in ("vehicles", "egos", "closures")}
-    assert {name: world.provenance[name] for name in counts} == counts
+    counts = {key: committed.summary[key] for key in ("vehicles", "egos", "closures")}
+    assert {key: world.provenance[key] for key in counts} == counts
     human = files.load(tmp_path / HUMAN).counts()["human"]
     data = {row["driver"]: row for row in committed.tables["data"]}
     assert human == (data["human"]["episodes"], data["human"]["decisions"])
