@@ -42,8 +42,6 @@ def test_pieces_have_the_seeds_and_settings_of_the_plan() -> None:
         record = piece["record"]
         key = (piece["task"], piece["method"])
         numbers = {k: v for k, v in record["numbers"].items() if k not in ("seed", "dataset")}
-        assert settings.setdefault(key, (record["structure"], numbers)) == (
-            record["structure"],
-            numbers,
-        )
+        structure = {"times": 0} | record["structure"]  # a later field, at its default
+        assert settings.setdefault(key, (structure, numbers)) == (structure, numbers)
     assert settings
