@@ -74,8 +74,7 @@ class FindConflicts:
         if self.out is not None:
             drawn = found.drawn(self.pictures, self.seed)
             asked = _Asked(self.choices, config, self.pictures, self.seed, sources_of(swap.swapped))
-            tables = {name: rows for name, rows in found.tables.items() if rows}
-            results = Results.of("recordings conflicts", asked, tables, found.summary)
+            results = Results.of("recordings conflicts", asked, found.tables, found.summary)
             save(results, self.out, drawn, self.replace)
         if self.json:
             print_json(found.summary | {"conflicts": found.tables["conflicts"]})

@@ -28,7 +28,7 @@ class Results:
     Attributes:
         study: Its name.
         config: Its resolved configuration: seeds, sizes, presets, hashes of the data.
-        tables: Rows by table name; each becomes a CSV file.
+        tables: Rows by table name; each that has a row becomes a CSV file.
         summary: Values that the claims ledger refers to.
         versions: Versions of Python and of the numerical libraries.
         files: Content of other files by path; written, but not read back.
@@ -79,7 +79,8 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         write_json(part / "config.json", head)
         write_json(part / "summary.json", results.summary)
         for name, rows in results.tables.items():
-            write_atomically(part / f"{name}.csv", as_csv(rows))
+            if rows:
+                write_atomically(part / f"{name}.csv", as_csv(rows))
         for name, png in pictures.items():
             write_atomically(part / f"{name}.png", png)
         for name, content in results.files.items():
@@ -119,7 +120,7 @@ def load(folder: Path) -> Results:
 
 
 def as_csv(rows: list[Row]) -> str:
-    """Return rows of equal keys as CSV text."""
+    """Return at least one row, of equal keys, as CSV text."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()

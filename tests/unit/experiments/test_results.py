@@ -23,6 +23,12 @@ def test_a_folder_round_trips(tmp_path):
     assert (tmp_path / "r" / "picture.png").read_bytes() == b"png"
 
 
+def test_a_table_without_rows_is_not_written(tmp_path):
+    found = store.Results.of("poc", Config(), {"rows": [{"a": 1}], "none": []}, {})
+    store.save(found, tmp_path / "r", {}, replace=False)
+    assert store.load(tmp_path / "r").tables == {"rows": [{"a": 1}]}
+
+
 def test_numbers_are_plain_and_rounded():
     import numpy as np
 
