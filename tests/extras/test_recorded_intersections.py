@@ -8,7 +8,10 @@ import pytest
 
 pytest.importorskip("shapely", reason="extra `data` is not installed")
 
+from socialiq.cli.main import main
 from socialiq.errors import UserError
+from socialiq.experiments.results import from_csv
+from socialiq.recordings import files
 from socialiq.recordings.episodes.ego_swap import check_distinct, demonstrations, swap
 from socialiq.recordings.held_out import recordings_of, split
 from socialiq.recordings.identity.duplicates import labelled
@@ -46,6 +49,16 @@ def test_everybody_is_an_episode_or_has_a_reason(swapped):
 def test_two_of_the_twelve_are_the_same_moments(swapped):
     with pytest.raises(UserError, match="USA_Lanker-1_17_T-1 and USA_Lanker-1_3_T-1 hold the same"):
         check_distinct([swapped["USA_Lanker-1_17_T-1"], swapped["USA_Lanker-1_3_T-1"]])
+
+
+def test_a_census_of_two_decisions_a_driver_has_no_posterior(recordings, tmp_path):
+    file, out = tmp_path / "short.safetensors", tmp_path / "census"
+    (short,) = (one for one in recordings if one.tracks.recording == "USA_Lanker-1_13_T-1")
+    files.save(file, short)
+    assert main(["data", "census", str(file), "--out", str(out)]) == 0
+    drivers = from_csv(out / "drivers.csv")
+    assert len(drivers) == 15 and all(one["decisions"] < 3 for one in drivers)
+    assert not (out / "posterior.csv").exists()
 
 
 def test_three_sites_and_ten_chains(recordings):

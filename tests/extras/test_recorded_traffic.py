@@ -6,7 +6,6 @@ Observation, reward pair and ending must be the simulator's. This needs the extr
 import dataclasses
 import itertools
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ pytest.importorskip("shapely", reason="extra `data` is not installed")
 from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
-from socialiq.experiments.results import from_csv
 from socialiq.recordings import files, simulated
 from socialiq.recordings.episodes.annotate import driven
 from socialiq.recordings.episodes.config import EpisodeConfig
@@ -37,7 +35,6 @@ from socialiq.worlds.intersection.core.geometry import LEFT, RIGHT, STRAIGHT
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
 
-FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 SIMULATORS = EpisodeConfig(contact="predicted", clock=True)
 DRIVERS = ("gap_3s", "random", "go", "stop_line", "gap_2s")
 DESTINATIONS = ("left", "straight", "right")
@@ -274,17 +271,6 @@ def test_the_census_writes_its_folder(recorded, tmp_path, capsys):
     capsys.readouterr()
     assert main(["data", "census", *recorded]) == 0
     assert "observed, not caused" in capsys.readouterr().out
-
-
-@pytest.mark.recorded
-@pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder")
-def test_a_census_of_two_decisions_a_driver_has_no_posterior(tmp_path):
-    xml, imported = Path(FOLDER) / "USA_Lanker-1_13_T-1.xml", tmp_path / "imported"
-    assert main(["data", "import", "commonroad", str(xml), "--out", str(imported)]) == 0
-    recording, out = str(imported / f"{xml.stem}.safetensors"), tmp_path / "census"
-    assert main(["data", "census", recording, "--out", str(out)]) == 0
-    assert len(from_csv(out / "drivers.csv")) == 15
-    assert not (out / "posterior.csv").exists()
 
 
 def mirrored(recording, name):

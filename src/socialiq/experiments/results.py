@@ -28,7 +28,7 @@ class Results:
     Attributes:
         study: Its name.
         config: Its resolved configuration: seeds, sizes, presets, hashes of the data.
-        tables: Rows by table name; each that has a row becomes a CSV file.
+        tables: Rows by table name; each becomes a CSV file.
         summary: Values that the claims ledger refers to.
         versions: Versions of Python and of the numerical libraries.
         files: Content of other files by path; written, but not read back.
@@ -49,11 +49,10 @@ class Results:
         summary: dict[str, Any],
         files: Mapping[str, bytes] | None = None,
     ) -> Results:
-        """Round the numbers, resolve the configuration, and note the versions."""
+        """Round the numbers, leave out empty tables, resolve the configuration, note versions."""
+        kept = {name: rounded(rows) for name, rows in tables.items() if rows}
         settings = dataclasses.asdict(config)
-        return Results(
-            study, settings, rounded(tables), rounded(summary), versions(), dict(files or {})
-        )
+        return Results(study, settings, kept, rounded(summary), versions(), dict(files or {}))
 
 
 def versions() -> dict[str, str]:
@@ -79,8 +78,7 @@ def save(results: Results, folder: Path, pictures: Mapping[str, bytes], replace:
         write_json(part / "config.json", head)
         write_json(part / "summary.json", results.summary)
         for name, rows in results.tables.items():
-            if rows:
-                write_atomically(part / f"{name}.csv", as_csv(rows))
+            write_atomically(part / f"{name}.csv", as_csv(rows))
         for name, png in pictures.items():
             write_atomically(part / f"{name}.png", png)
         for name, content in results.files.items():

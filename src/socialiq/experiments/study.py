@@ -126,8 +126,7 @@ def run(
         with work_folder(work) as folder:
             context = _finished(study, config, folder, on_stage, engine or Engine())
             found = study.tables(config, context)
-    kept = {name: rows for name, rows in found.tables.items() if rows}
-    return Results.of(study.name, config, kept, found.summary, found.files)
+    return Results.of(study.name, config, found.tables, found.summary, found.files)
 
 
 def _finished(

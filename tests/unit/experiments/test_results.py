@@ -23,10 +23,10 @@ def test_a_folder_round_trips(tmp_path):
     assert (tmp_path / "r" / "picture.png").read_bytes() == b"png"
 
 
-def test_a_table_without_rows_is_not_written(tmp_path):
+def test_an_empty_table_is_left_out(tmp_path):
     found = store.Results.of("poc", Config(), {"rows": [{"a": 1}], "none": []}, {})
     store.save(found, tmp_path / "r", {}, replace=False)
-    assert store.load(tmp_path / "r").tables == {"rows": [{"a": 1}]}
+    assert store.load(tmp_path / "r").tables == found.tables == {"rows": [{"a": 1}]}
 
 
 def test_numbers_are_plain_and_rounded():
