@@ -142,12 +142,11 @@ class Learner(eqx.Module):
         shape = (n_features, one.hidden, n_actions, one.activation, one.view)
         return QNetwork.initialise(key, *shape, scale=getattr(one, "input_scale", 1.0))
 
-    def learning_rate(
-        self,
-        hyperparameters: HyperparameterArrays,
-        done: Array,
-    ) -> Float[Array, ""] | float:
-        """Return the learning rate after so many updates: constant, or by the `schedule`."""
+    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Any:
+        """Return the learning rate after so many updates: constant, or by the `schedule`.
+
+        A subclass may return one for each part of its network (`TrainState.step`).
+        """
         if getattr(self.static, "schedule", "constant") == "constant":
             return hyperparameters.learning_rate
         return hyperparameters.learning_rate * (1.0 - done / self.static.updates)

@@ -46,12 +46,19 @@ class TrainState(NamedTuple):
     def step(
         self,
         gradient: Any,
-        learning_rate: Float[Array, ""] | float,
+        learning_rate: Any,
         polyak: Float[Array, ""] | float,
     ) -> TrainState:
-        """Take one Adam step; move the target network by the share `polyak` to the new network."""
+        """Take one Adam step; move the target network by the share `polyak` to the new network.
+
+        Args:
+            gradient: Of the network's arrays.
+            learning_rate: A scalar, or one for each part of the network: a prefix of its tree.
+            polyak: In [0, 1].
+        """
         direction, optimiser = _ADAM.update(gradient, self.optimiser)
-        network = optax.apply_updates(self.network, _scaled(-learning_rate, direction))
+        change = jax.tree.map(lambda rate, part: _scaled(-rate, part), learning_rate, direction)
+        network = optax.apply_updates(self.network, change)
         if self.target_network is None:
             return self._replace(network=network, optimiser=optimiser)
         # `optax.incremental_update` computes p new + (1 - p) old, which rounds otherwise than

@@ -1,5 +1,6 @@
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -24,6 +25,21 @@ def test_the_first_step_of_adam_is_the_learning_rate_by_the_sign_and_the_target_
     again = after.step({"w": jnp.zeros(2)}, learning_rate=0.0, polyak=1.0)
     np.testing.assert_array_equal(again.target_network["w"], after.network["w"])
     assert again.optimiser.count == 2
+
+
+def test_each_part_of_a_network_may_have_a_learning_rate_of_its_own() -> None:
+    weights = {"actor": {"w": jnp.ones(1)}, "critic": {"w": jnp.ones(1), "b": jnp.ones(1)}}
+    gradient = {"actor": {"w": jnp.ones(1)}, "critic": {"w": jnp.ones(1), "b": -jnp.ones(1)}}
+    state = TrainState.of(weights, has_target=False)
+    after = state.step(gradient, {"actor": 0.1, "critic": 0.5}, 0.0).network
+    np.testing.assert_allclose(after["actor"]["w"], [0.9], rtol=1e-5)
+    np.testing.assert_allclose(after["critic"]["w"], [0.5], rtol=1e-5)
+    np.testing.assert_allclose(after["critic"]["b"], [1.5], rtol=1e-5)
+    whole, parts = (
+        jax.tree.leaves(state.step(gradient, rate, 0.0).network)
+        for rate in (0.3, {"actor": 0.3, "critic": 0.3})
+    )
+    np.testing.assert_array_equal(whole, parts)
 
 
 def test_a_learner_without_a_target_network_has_none_after_a_step() -> None:

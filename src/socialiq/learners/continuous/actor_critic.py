@@ -189,6 +189,12 @@ class ActorCritic(Learner):
             return observation
         return jnp.concatenate([observation, *angle_columns(direction, ())], axis=-1)
 
+    def learning_rate(self, hyperparameters: HyperparameterArrays, done: Array) -> Any:
+        """Return the learning rates of actor, critics and temperature, as `Networks` of scalars."""
+        rate: Any = super().learning_rate(hyperparameters, done)
+        share = getattr(hyperparameters, "actor_rate", 1.0)
+        return Networks(rate * share, rate, rate)
+
     def temperature(self, network: Networks, hyperparameters: HyperparameterArrays) -> Scalar:
         """Return τ, without gradient."""
         if not self.static.tuned:

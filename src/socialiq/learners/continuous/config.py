@@ -147,7 +147,17 @@ class IQStaticConfig(Shared, CriticLoss, iq_learn.StaticConfig):
 
 
 @dataclass(frozen=True)
-class Tuning:
+class ActorRate:
+    """Learning rate of the actor."""
+
+    _: KW_ONLY
+    actor_rate: float = 1.0
+    """Learning rate of the actor, as a share of `learning_rate`, which critics and a tuned
+    temperature have (Garg et al. 2021 take 0.1)."""
+
+
+@dataclass(frozen=True)
+class Tuning(ActorRate):
     """Numbers of a tuned temperature."""
 
     _: KW_ONLY
@@ -156,17 +166,18 @@ class Tuning:
     log 2 (Haarnoja et al. 2018 take -1)."""
 
     def check_tuning(self) -> None:
-        """Refuse an entropy that is not finite.
+        """Refuse an actor's rate that is not positive, and an entropy that is not finite.
 
         Raises:
-            UserError: If it isn't.
+            UserError: If one is so.
         """
+        check_above_zero(self, ("actor_rate",))
         if not math.isfinite(self.entropy_target):
             raise UserError(f"entropy_target must be a finite number, got {self.entropy_target}")
 
 
 @dataclass(frozen=True)
-class TowardsData:
+class TowardsData(ActorRate):
     """Numbers of TD3+BC. Defaults: Fujimoto and Gu 2021."""
 
     _: KW_ONLY
@@ -212,4 +223,4 @@ class OfflineHyperparameters(TowardsData, config.Hyperparameters):
         """Refuse numbers outside their range, NaN among them."""
         super().__post_init__()
         check_not_negative(self, ("q_weight", "target_noise"))
-        check_above_zero(self, ("noise_clip",))
+        check_above_zero(self, ("noise_clip", "actor_rate"))

@@ -97,6 +97,25 @@ def test_a_dial_without_demonstrations_is_soft_actor_critic_at_all_angles(line) 
     assert not np.allclose(dial.at(0.0).predict(seen)[0], dial.at(90.0).predict(seen)[0])
 
 
+def test_the_actor_alone_learns_at_its_share_of_the_rate(line, drives, assert_same) -> None:
+    learner = ContinuousIQLearn.of(IQ, [drives], line)
+
+    def step(**numbers):
+        one = stack([dataclasses.replace(IQ_NUMBERS, **numbers)])[0]
+        state, carry = learner.initialise(one)
+        return state.network, learner.update(one, state, carry)[0].network
+
+    before, whole = step()
+    _, slow = step(actor_rate=0.25)
+    assert_same(whole.critics, slow.critics)
+    assert_same(whole, step(actor_rate=1.0)[1])
+    for old, fast, new in zip(
+        *map(jax.tree.leaves, (before.actor, whole.actor, slow.actor)), strict=True
+    ):
+        np.testing.assert_allclose(new - old, 0.25 * (fast - old), atol=1e-6)
+        assert np.abs(fast - old).max() > 1e-4
+
+
 def test_td3_bc_is_deterministic(drives) -> None:
     policy = sound(TD3BC, TD3, config.OfflineHyperparameters(), [drives]).policy(0)
     assert not policy.is_stochastic
@@ -205,6 +224,8 @@ def test_demonstrations_of_discrete_actions_are_refused(demonstrations) -> None:
         (lambda: config.Hyperparameters(entropy_target=np.nan), "entropy_target"),
         (lambda: config.IQHyperparameters(entropy_target=np.inf), "entropy_target"),
         (lambda: config.OfflineHyperparameters(q_weight=-1.0), "q_weight"),
+        (lambda: config.OfflineHyperparameters(actor_rate=0.0), "actor_rate"),
+        (lambda: config.IQHyperparameters(actor_rate=np.nan), "actor_rate"),
     ],
 )
 def test_settings_that_make_no_run_are_refused(make, says) -> None:
