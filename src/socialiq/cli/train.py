@@ -51,7 +51,8 @@ SharedOptions = tyro.conf.OmitArgPrefixes[
 ]
 CriticOptions = tyro.conf.OmitArgPrefixes[optional(CriticLoss)]
 TuningOptions = tyro.conf.OmitArgPrefixes[optional(Tuning)]
-DataOptions = tyro.conf.OmitArgPrefixes[optional(TowardsData)]
+# Both have the actor's rate; an option may be there once.
+DataOptions = tyro.conf.OmitArgPrefixes[optional(TowardsData, "actor_rate")]
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class Train:
     tuning: TuningOptions = field(  # pyright: ignore[reportInvalidTypeForm]
         default_factory=TuningOptions
     )
-    """Numbers of a tuned temperature."""
+    """Rate of the actor, and numbers of a tuned temperature."""
     towards_data: DataOptions = field(  # pyright: ignore[reportInvalidTypeForm]
         default_factory=DataOptions
     )
