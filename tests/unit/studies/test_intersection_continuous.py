@@ -13,7 +13,7 @@ from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.plotting.style import png
 from socialiq.studies.intersection_continuous.config import Config
 from socialiq.studies.intersection_continuous.study import STUDY, main_table
-from socialiq.studies.intersection_continuous.work import CONTINUOUS, DISCRETE
+from socialiq.studies.intersection_continuous.work import CONTINUOUS, DISCRETE, KINDS
 
 SMALL: dict[str, Any] = {"hidden": (8,), "updates": 2}
 PLAIN = Config()
@@ -24,6 +24,7 @@ TINY = Config(
     angles=(0.0, 45.0, 90.0),
     expert=dataclasses.replace(PLAIN.expert, **SMALL, batch_size=4),
     continuous=dataclasses.replace(PLAIN.continuous, **SMALL, batch_size=4),
+    high_angles=dataclasses.replace(PLAIN.high_angles, **SMALL, batch_size=4),
     discrete=dataclasses.replace(PLAIN.discrete, **SMALL, replay_batch=4),
     learner=dataclasses.replace(PLAIN.learner, **SMALL, batch_size=4),
     pool_episodes=6,
@@ -39,6 +40,7 @@ def test_both_dials_have_one_budget() -> None:
     assert (ours.updates, ours.hidden, ours.view) == (theirs.updates, theirs.hidden, theirs.view)
     assert (ours.batch_size, ours.replay_capacity) == (theirs.replay_batch, theirs.replay_capacity)
     assert (ours.low, ours.high, ours.high_share) == (theirs.low, theirs.high, theirs.high_share)
+    assert PLAIN.high_angles == dataclasses.replace(ours, high_share=0.8)
     assert PLAIN.options.destination == PLAIN.discrete_options.destination
     with pytest.raises(UserError, match="at least one training seed"):
         Config(seeds=())
@@ -67,11 +69,17 @@ def results():
 def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:
     tables = results.tables
     policies = {row["policy"] for row in tables["main"]}
-    assert set(POLICIES) < policies and len(policies) == len(POLICIES) + 6
-    assert {row["kind"] for row in tables["dials"]} == {CONTINUOUS, DISCRETE}
-    assert len(tables["dials"]) == 2 * 2 * 3
+    assert set(POLICIES) < policies and len(policies) == len(POLICIES) + 3 * len(KINDS)
+    assert {row["kind"] for row in tables["dials"]} == set(KINDS)
+    assert len(tables["dials"]) == 3 * 2 * 3
     assert all(row["regret"] >= 0.0 for row in tables["dials"])
-    measures = [row["measure"] for row in tables["differences"]]
+    pairs = {row["kinds"] for row in tables["differences"]}
+    assert pairs == {
+        "continuous less discrete",
+        "high-angles less discrete",
+        "high-angles less continuous",
+    }
+    measures = [row["measure"] for row in tables["differences"] if "s c" in row["kinds"]]
     assert measures == ["value_0", "value_45", "value_90", "mean_value", "hypervolume"]
     one, other = (
         next(row for row in tables["families"] if (row["kind"], row["seed"]) == (kind, 0))

@@ -54,6 +54,9 @@ DIAL = dataclasses.replace(EXPERT, high_share=0.4)
 """The same, trained at every angle (`plan` makes it a dial), with the angles of the preset of
 discrete actions."""
 
+HIGH_ANGLES = dataclasses.replace(DIAL, high_share=0.8)
+"""The same with most of its angles beyond 65 degrees: chosen in development of ten settings."""
+
 DISCRETE = dataclasses.replace(
     INTERSECTION.structure,
     hidden=(128, 128),
@@ -98,6 +101,8 @@ class Config:
     """Hyperparameters of experts and continuous dials, without angle and seed."""
     continuous: StaticConfig = DIAL
     """Static config of the continuous dials."""
+    high_angles: StaticConfig = HIGH_ANGLES
+    """Static config of the continuous dials with most angles beyond 65 degrees."""
     discrete: DiscreteStaticConfig = DISCRETE
     """Static config of the discrete dials."""
     discrete_numbers: DiscreteHyperparameters = INTERSECTION.numbers

@@ -1,8 +1,8 @@
 """The intersection with continuous actions: the main table, and a dial beside a discrete one.
 
 The ego drives straight on and chooses its acceleration. Experts are trained by soft actor-critic,
-learners from an equal mixture of them, dials by soft actor-critic at every angle. Dials of discrete
-actions, of the same steps and updates, drive the same episodes.
+learners from an equal mixture of them, dials by soft actor-critic at every angle, with two shares
+of high angles. Dials of discrete actions, of the same steps and updates, drive the same episodes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from socialiq.experiments.intersection.rows import policy_row, times
 from socialiq.experiments.intersection.thesis_values import METRICS
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, View
-from socialiq.experiments.tables import groups, matching, numeric_means, paired_differences
+from socialiq.experiments.tables import groups, matching, numeric_means, paired_row, with_holm
 from socialiq.plotting.style import figure, finish
 from socialiq.studies.intersection_continuous.config import Config
 from socialiq.studies.intersection_continuous.work import (
@@ -32,6 +32,8 @@ from socialiq.studies.intersection_continuous.work import (
     DISCRETE,
     EVALUATION,
     EXPERTS,
+    HIGH_ANGLES,
+    KINDS,
     LEARNERS,
     dial_file,
     plan,
@@ -39,18 +41,23 @@ from socialiq.studies.intersection_continuous.work import (
 from socialiq.types import Row
 
 _PERCENT = ("collision", "arrival", "timeout", "stopped")
-_LOOKS = {CONTINUOUS: ("#2166ac", "o", "acceleration"), DISCRETE: ("#c23b22", "^", "three actions")}
+_LOOKS = {
+    CONTINUOUS: ("#2166ac", "o", "acceleration"),
+    HIGH_ANGLES: ("#3c8d40", "v", "acceleration, more high angles"),
+    DISCRETE: ("#c23b22", "^", "three actions"),
+}
+_PAIRS = ((CONTINUOUS, DISCRETE), (HIGH_ANGLES, DISCRETE), (HIGH_ANGLES, CONTINUOUS))
 
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Compute every table from the jobs' folders, and copy the experts and the first dial."""
     work = context.work
-    dials = [row for kind in (CONTINUOUS, DISCRETE) for row in _dial_rows(kind, config, work)]
+    dials = [row for kind in KINDS for row in _dial_rows(kind, config, work)]
     policies = _single_rows(config, work)
     best = {angle: _best(dials + policies, angle) for angle in config.angles}
     for row in dials:
         row["regret"] = best[row["asked"]] - row["value"]
-    families = [one for kind in (CONTINUOUS, DISCRETE) for one in _families(kind, config, dials)]
+    families = [one for kind in KINDS for one in _families(kind, config, dials)]
     tables = {
         "main": main_table(policies, dials),
         "policies": policies,
@@ -96,7 +103,7 @@ def _dial_rows(kind: str, config: Config, work: Path) -> list[Row]:
 
 
 def _best(rows: Sequence[Row], angle: float) -> float:
-    """Return the largest J at an angle of all policies of either kind of actions."""
+    """Return the largest J at an angle of all policies, of every kind."""
     return max(value_at(row, angle) for row in rows)
 
 
@@ -111,7 +118,7 @@ def main_table(policies: Sequence[Row], dials: Sequence[Row]) -> list[Row]:
     modes = {angle: mode for mode, angle in MODES.items()}
     for (kind, angle), rows in groups(dials, "kind", "asked").items():
         if angle in modes:
-            named[f"{kind.removeprefix('dials/')} dial {modes[angle]}"] = rows
+            named[f"{_short(kind)} dial {modes[angle]}"] = rows
     found: list[Row] = []
     for metric in METRICS:
         factor = 100 if metric in _PERCENT else 1
@@ -146,19 +153,36 @@ def _families(kind: str, config: Config, dials: Sequence[Row]) -> list[Row]:
 
 
 def _differences(families: Sequence[Row]) -> list[Row]:
-    """Return the differences of the kinds, continuous less discrete, paired by training seed."""
-    one, other = (matching(families, kind=kind) for kind in (CONTINUOUS, DISCRETE))
-    measures = [name for name in one[0] if name.startswith("value_")]
+    """Return the differences of each pair of kinds, paired by training seed, corrected together."""
+    measures = [name for name in families[0] if name.startswith("value_")]
     measures += ["mean_value", "hypervolume"]
-    return paired_differences(one, other, *measures, label="measure")
+    found = []
+    for pair in _PAIRS:
+        one, other = (matching(families, kind=kind) for kind in pair)
+        if len(one) < 2:
+            return []
+        named = " less ".join(_short(kind) for kind in pair)
+        found += [
+            paired_row(
+                {"kinds": named, "measure": name},
+                [row[name] for row in one],
+                [row[name] for row in other],
+            )
+            for name in measures
+        ]
+    return with_holm(found)
+
+
+def _short(kind: str) -> str:
+    return kind.removeprefix("dials/")
 
 
 def _means(families: Sequence[Row]) -> dict[str, Row]:
-    """Return means over training seeds by kind of actions."""
+    """Return means over training seeds by kind of dial."""
     found = {}
     for (kind,), rows in groups(families, "kind").items():
         means = numeric_means(rows)
-        found[kind.removeprefix("dials/")] = {k: v for k, v in means.items() if k != "seed"}
+        found[_short(kind)] = {k: v for k, v in means.items() if k != "seed"}
     return found
 
 
@@ -231,7 +255,7 @@ def view(results: Results) -> Sequence[View]:
     return [
         View(list(table.values()), "Means over training seeds; %, km/h"),
         View(families, "Dials: J and regret, means over the angles"),
-        View(results.tables.get("differences", []), "Continuous less discrete"),
+        View(results.tables.get("differences", []), "Differences of the dials, corrected together"),
     ]
 
 

@@ -39,7 +39,10 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 
 EXPERTS, LEARNERS, BASELINE = "experts/sac", "learners/targets", "learners/baseline"
-CONTINUOUS, DISCRETE = "dials/continuous", "dials/discrete"
+CONTINUOUS, HIGH_ANGLES = "dials/continuous", "dials/high-angles"
+DISCRETE = "dials/discrete"
+KINDS = (CONTINUOUS, HIGH_ANGLES, DISCRETE)
+"""Jobs that train dials."""
 EVALUATION = "evaluation"
 
 
@@ -89,13 +92,21 @@ def plan(config: Config) -> list[Job]:
         config.discrete_options,
         config.environments,
     )
-    dial_of_all = dataclasses.replace(config.continuous, dial=True)
+    soft_dials = {CONTINUOUS: config.continuous, HIGH_ANGLES: config.high_angles}
     recording = Recording(episodes=config.pool_episodes, options=config.options)
     return [
         Job(EXPERTS, train_soft, given(config.expert, tuple(experts)), cost=200.0),
         Job(DEMONSTRATIONS, record_trained, recording, (EXPERTS,), cost=10.0),
         *_learners(config, given),
-        Job(CONTINUOUS, train_soft, given(dial_of_all, tuple(seeded)), cost=300.0),
+        *(
+            Job(
+                name,
+                train_soft,
+                given(dataclasses.replace(one, dial=True), tuple(seeded)),
+                cost=300.0,
+            )
+            for name, one in soft_dials.items()
+        ),
         Job(DISCRETE, train_discrete, told, cost=200.0),
         *_evaluations(config),
     ]
@@ -129,7 +140,8 @@ def _evaluations(config: Config) -> list[Job]:
         Job(f"{EVALUATION}/{name}", drive, given(options=config.options), (name,), cost=20.0)
         for name in (EXPERTS, LEARNERS, BASELINE)
     ]
-    for name, options in ((CONTINUOUS, config.options), (DISCRETE, config.discrete_options)):
+    for name in KINDS:
+        options = config.discrete_options if name == DISCRETE else config.options
         run = given(options=options, angles=config.angles)
         jobs.append(Job(f"{EVALUATION}/{name}", drive_dials, run, (name,), cost))
     return jobs
