@@ -27,7 +27,6 @@ from socialiq.policies.process.load import Limits
 from socialiq.policies.record import Loaded, Record
 from socialiq.provenance import package_sha256
 from socialiq.storage import kind_of
-from socialiq.worlds.context_policy import KIND as CONTEXT
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.world import Intersection
@@ -84,7 +83,7 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
         UserError: If it can't be read, or doesn't fit the world.
     """
     if spec.startswith(ATLAS):
-        path = atlas.path_of(spec.removeprefix(ATLAS))
+        path = atlas.path_of(spec.removeprefix(ATLAS), _studies(world))
         found = _file(str(path), world, angle, trust)
         return dataclasses.replace(found, record=dataclasses.replace(found.record, source=spec))
     if spec in policies.NAMES and isinstance(world, Intersection):
@@ -188,6 +187,11 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
     return found
 
 
+def _studies(world: World) -> tuple[str, ...]:
+    """Return the studies of the atlas whose policies have the world's kind of actions."""
+    return atlas.CONTINUOUS_STUDIES if interface_of(world).action_size else atlas.STUDIES
+
+
 def _fits(name: str, world: World) -> bool:
     policy = atlas.load(name)
     return Interface(policy.n_features, policy.n_actions) == interface_of(world)
@@ -240,24 +244,8 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     more["action_size"] = found.action_size
     if is_code(spec):
         more |= {"isolation": isolation_of(trust.isolation), "files": trust.files}
-    try:
-        return load_policy(spec, found.n_features, found.n_actions, **more)
-    except UserError:
-        clocked = isinstance(world, GridWorld | Intersection | Junction) and spec.endswith(
-            ".safetensors"
-        )
-        if not clocked or kind_of(Path(spec)) not in (
-            "policy",
-            "ensemble",
-            "dial",
-            CONTEXT,
-        ):
-            raise
-        try:
-            return load_policy(spec, found.n_features + 1, found.n_actions, **more)
-        except UserError:
-            pass
-        raise
+    more["clock"] = isinstance(world, GridWorld | Intersection | Junction)
+    return load_policy(spec, found.n_features, found.n_actions, **more)
 
 
 def _rule(name: str, world: Intersection) -> Loaded:

@@ -7,12 +7,10 @@ from typing import Any
 
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.play import sees_time
-from socialiq.nn.actor_policy import DIAL_KIND, KIND, ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.policies.load import load_policy
 from socialiq.policies.record import Loaded
-from socialiq.storage import kind_of
 from socialiq.types import Policy
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
@@ -29,11 +27,13 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     Args:
         name: Name of a rule or of a policy of the atlas (with or without `atlas:`), or a file.
         seed: Seed of the random driver.
-        options: Scenario of the driver.
+        options: Scenario of the driver; with continuous actions as `continuous_driver_of`.
 
     Raises:
         UserError: If it is none of these, or the policy was trained for another world.
     """
+    if options is not None and options.continuous:
+        return continuous_driver_of(name, Intersection(options)).policy
     if name in policies.NAMES:
         return policies.policy(name, seed)
     name, shipped = name.removeprefix("atlas:"), atlas.names()
@@ -62,12 +62,8 @@ def continuous_driver_of(
     shipped = name.removeprefix("atlas:")
     if shipped != name or shipped in atlas.names(atlas.CONTINUOUS_STUDIES):
         name = str(atlas.path_of(shipped, atlas.CONTINUOUS_STUDIES))
-    features, path = world.n_features, Path(name)
-    if path.is_file() and kind_of(path) in (KIND, DIAL_KIND):
-        read = ActorDial if kind_of(path) == DIAL_KIND else ActorPolicy
-        features += read.load(path).n_features == features + 1
-    more: dict[str, Any] = {"angle": angle, "allow_code": allow_code}
-    return load_policy(name, features, 0, action_size=width(world.options), **more)
+    more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": True}
+    return load_policy(name, world.n_features, 0, action_size=width(world.options), **more)
 
 
 def refuse_misfit(name: str, policy: ValuePolicy | DialPolicy, options: Options) -> None:

@@ -80,7 +80,8 @@ class Render:
             drawn = render.picture(scenes.present_scene(batch))
             write_atomically(self.out, png({"picture": drawn})["picture"])
             return
-        episode = scenes.episode_scenes(options, driver_of(self.driver, self.seed), self.seed)
+        driver = driver_of(self.driver, self.seed, options)
+        episode = scenes.episode_scenes(options, driver, self.seed)
         if self.out.suffix in FILMS:
             render.save(self.out, episode, options.simulation_frequency)
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -60,6 +61,7 @@ def load_policy(
     limits: Limits | None = None,
     isolation: Isolation | None = None,
     files: Sequence[str] = (),
+    clock: bool = False,
 ) -> Loaded:
     """Load a policy from a file, a command or a Python module, for a world.
 
@@ -78,6 +80,7 @@ def load_policy(
             None: a module runs in this process, and a command is not isolated.
         files: Further files and folders of a command or module, which its hash covers; an
             isolated one sees no others.
+        clock: Whether a file of this package may take the time as a further feature.
 
     Returns:
         The policy and its record. Close it, or use it as a context manager: a process runs
@@ -109,7 +112,10 @@ def load_policy(
         raise UserError(f"unknown kind of policy '{source}': name one of {', '.join(KINDS)}")
     content = read_content(path)
     if suffix == ".safetensors":
-        kind, (policy, details) = _native(path, world, angle)
+        policy, details = _native(path, world, angle, clock)
+        kind = kind_of(path)
+        # A clock makes it one more than the world's.
+        world = world._replace(n_features=getattr(policy, "n_features", n_features))
         if read_content(path) != content:
             raise UserError(f"{source} changed while it was read: audit a file that stays as it is")
     else:
@@ -121,19 +127,30 @@ def load_policy(
 
 
 def _native(
-    path: Path, world: Interface, angle: float | None
-) -> tuple[str, tuple[Policy, dict[str, Any]]]:
-    """Read a file of this package; return its kind, the policy and details."""
+    path: Path, world: Interface, angle: float | None, clock: bool
+) -> tuple[Policy, dict[str, Any]]:
+    """Read a file of this package; return the policy and details."""
+    try:
+        return _read(path, world, angle)
+    except UserError:
+        if not clock or kind_of(path) == "table":
+            raise
+        with contextlib.suppress(UserError):
+            return _read(path, world._replace(n_features=world.n_features + 1), angle)
+        raise
+
+
+def _read(path: Path, world: Interface, angle: float | None) -> tuple[Policy, dict[str, Any]]:
     kind = kind_of(path)
     if kind == "dial":
-        return kind, read_dial(path, angle, world)
+        return read_dial(path, angle, world)
     if kind == ensemble.KIND:
-        return kind, read_ensemble(path, world)
+        return read_ensemble(path, world)
     if kind == context_policy.KIND:
-        return kind, read_context(path, world)
+        return read_context(path, world)
     if kind in (actor_policy.KIND, actor_policy.DIAL_KIND):
-        return kind, read_actor(path, angle, world)
-    return kind, (read_table if kind == "table" else read_policy)(path, world)
+        return read_actor(path, angle, world)
+    return (read_table if kind == "table" else read_policy)(path, world)
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,7 @@ def test_a_dial_is_audited_at_the_declared_angle_and_a_reference_at_each_of_seve
     [
         (
             "atlas:prosocial",
-            "takes 70 features and 3 discrete actions, the world has 2",
+            "unknown policy of the atlas 'prosocial': choose one of expert_egoistic",
         ),
         ("wide.safetensors", "actions of 2 numbers, the world has 2 and actions of 1 number:"),
         ("python:a_place.py:pair", "raised"),

@@ -53,6 +53,15 @@ def test_an_expert_of_the_atlas_knows_its_twin():
     assert itself == ["expert_egoistic"]
 
 
+def test_the_atlas_has_entries_for_each_kind_of_actions():
+    steered = make("intersection-continuous")
+    one = resolve_policy("atlas:expert_egoistic", steered, 0.0, Trust())
+    # Its networks see the time.
+    assert one.record.interface == Interface(JUNCTION.n_features + 1, 0, 1)
+    with pytest.raises(UserError, match=r"'prosocial': choose one of expert_egoistic, [^s]"):
+        resolve_policy("atlas:prosocial", steered, 0.0, Trust())
+
+
 def test_a_rule_knows_its_twin():
     waits = resolve_policy("wait", JUNCTION, 90.0, Trust()).record
     assert waits.kind == "rule"

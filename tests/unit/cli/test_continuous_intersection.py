@@ -79,6 +79,12 @@ def test_mistakes_are_one_line(words, says, dial, capsys, tmp_path, monkeypatch)
     assert says.replace("DIAL", str(dial)) in line and line.count("\n") == 1
 
 
+def test_an_expert_of_the_atlas_is_drawn(tmp_path) -> None:
+    out = tmp_path / "drive.png"
+    words = ["render", WORLD, "--driver", "expert_egoistic", "--seed", "3", "--out", str(out)]
+    assert main(words) == 0 and out.stat().st_size > 1000
+
+
 def test_in_a_world_of_discrete_actions_it_is_refused(dial, capsys) -> None:
     assert main(["evaluate", str(dial), "--world", "crossing7"]) == 2
     line = "has continuous actions: name a policy of discrete ones"
