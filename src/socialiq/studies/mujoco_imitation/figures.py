@@ -40,5 +40,5 @@ def draw(results: Results) -> dict[str, Figure]:
         plain(axes)
         if place == 1:
             axes.set_ylabel("share of the expert's return")
-            axes.legend(frameon=False, fontsize=8, loc="upper left")
+            axes.legend(frameon=False, fontsize=8, loc="center right")
     return {"shares": drawn}

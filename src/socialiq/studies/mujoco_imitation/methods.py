@@ -24,11 +24,13 @@ class Method:
         static: Its static configuration; the type says which learner it is.
         numbers: Its hyperparameters, but for seed and data set.
         absorbing: Whether terminal states are absorbing ones that the observation shows.
+        updates: Of online imitation; 0 for those of the task.
     """
 
     static: Any
     numbers: Any
     absorbing: bool = False
+    updates: int = 0
 
     @property
     def online(self) -> bool:
@@ -70,17 +72,19 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Variant:
-    """One change of online imitation: an ablation.
+    """Online imitation with one option changed, an ablation, or with the settings of development.
 
     Attributes:
         static: Changed fields of its static configuration.
         numbers: Changed hyperparameters.
         absorbing: As of `Method`.
+        updates: As of `Method`.
     """
 
     static: Mapping[str, Any] = field(default_factory=dict)
     numbers: Mapping[str, Any] = field(default_factory=dict)
     absorbing: bool = False
+    updates: int = 0
 
 
 def _endings(other: str) -> dict[str, Any]:
@@ -95,8 +99,12 @@ VARIANTS = {
     "V(s') with gradient": Variant({"next_value": "online"}),
     "linear rate, averaged weights": Variant({"schedule": "linear", "averaging": 1e-3}),
     "temperature 0.1": Variant(numbers={"temperature": 0.1}),
+    "temperature 0.1, discount 0.97, linear rate, 100,000 updates": Variant(
+        {"schedule": "linear"}, {"temperature": 0.1, "discount": 0.97}, updates=100_000
+    ),
 }
-"""Ablations by name in the tables."""
+"""Ablations by name in the tables, and the settings chosen in development: a new choice has a new
+name, since earlier results are taken over by name."""
 
 
 def method_of(name: str) -> Method:
@@ -105,4 +113,5 @@ def method_of(name: str) -> Method:
         return METHODS[name]
     one, base = VARIANTS[name], METHODS["online"]
     static = dataclasses.replace(base.static, **one.static)
-    return Method(static, dataclasses.replace(base.numbers, **one.numbers), one.absorbing)
+    numbers = dataclasses.replace(base.numbers, **one.numbers)
+    return Method(static, numbers, one.absorbing, one.updates)

@@ -119,9 +119,10 @@ def imitate(
 
 
 def settled(run: Imitation, task: Task) -> Method:
-    """Return a run's method with its updates: the given ones, the task's online, or its own."""
+    """Return a run's method with its updates: the given ones, its own, or online the task's."""
     method = method_of(run.method)
-    updates = run.updates or (task.online_updates if method.online else method.static.updates)
+    own = (method.updates or task.online_updates) if method.online else method.static.updates
+    updates = run.updates or own
     changes: dict[str, Any] = {"updates": updates}
     if method.online:
         changes["updates_per_round"] = min(ROUND, updates)

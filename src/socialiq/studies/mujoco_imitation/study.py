@@ -144,7 +144,7 @@ def views(results: Results) -> Sequence[View]:
         "cells": "Share of the expert's return; cells without runs are not made yet",
         "experts": "Experts",
         "differences": "IQ-Learn's share minus cloning's, over seeds",
-        "ablations": f"Online, one option changed: {ABLATED[0]}, {ABLATED[1]} trajectories",
+        "ablations": f"Online, options changed: {ABLATED[0]}, {ABLATED[1]} trajectories",
     }
     tables: dict[str, Any] = results.tables
     return [View(tables[name], title) for name, title in titles.items() if name in tables]

@@ -132,6 +132,8 @@ def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
     assert updates("online", 0) == TASKS["Hopper"].online_updates
     assert updates("cloning", 0) == METHODS["cloning"].static.updates
     assert updates("online", 30) == updates("offline", 30) == 30
+    longer = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
+    assert (updates(longer, 0), updates(longer, 30)) == (100_000, 30)
 
 
 def test_a_variant_changes_what_it_names_alone() -> None:
