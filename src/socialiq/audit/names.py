@@ -12,6 +12,8 @@ from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 OPTIMUM = "optimum_"
 """Beginning of the names of exact optima (`evidence.drive.exact_optima`)."""
 
+_SIMPLER = "simpler network, "
+
 _TRAINED = {
     "egoistic": "trained for 0°: own progress alone",
     "prosocial": "trained for 45°: own progress and others alike",
@@ -29,7 +31,7 @@ _NAMES = {
     RANDOM: "chooses at random",
     AS_DECLARED: "decides as declared",
     **{f"set_{mode}": text for mode, text in _TRAINED.items()},
-    **{f"expert_{mode}": f"simpler network, {text}" for mode, text in _TRAINED.items()},
+    **{f"expert_{mode}": f"{_SIMPLER}{text}" for mode, text in _TRAINED.items()},
 }
 
 
@@ -54,11 +56,15 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
     A driver of the user's keeps its name, even if the package has a driver of that name.
     """
     rows = [*report["references"], *report["left_out"]]
-    found = {
-        one["name"]: plain_name(one["name"], one["angles"]) if _shipped(one) else one["name"]
-        for one in rows
-    }
+    found = {one["name"]: _named(one) if _shipped(one) else one["name"] for one in rows}
     return found | {one["name"]: plain_name(one["name"]) for one in report["trivial"]}
+
+
+def _named(reference: Mapping[str, Any]) -> str:
+    found, record = plain_name(reference["name"], reference["angles"]), reference["record"]
+    # There is one family with continuous actions, so none is the simpler.
+    one_family = record is not None and "action_size" in record
+    return found.removeprefix(_SIMPLER) if one_family else found
 
 
 def _shipped(reference: Mapping[str, Any]) -> bool:

@@ -87,7 +87,7 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
         found = _file(str(path), world, angle, trust)
         return dataclasses.replace(found, record=dataclasses.replace(found.record, source=spec))
     if spec in policies.NAMES and isinstance(world, Intersection):
-        return _rule(spec, world)
+        return rule_of(spec, world)
     if ":" not in spec and not Path(spec).exists():
         if Path(spec).suffix in SUFFIXES:
             raise UserError(f"no such file: {one_line(spec)}")
@@ -173,16 +173,17 @@ def is_itself(name: str, reference: Mapping[str, Any] | None, policy: Mapping[st
 
 def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
     """Return gap rules, and the experts of the atlas if they are installed and fit the world."""
-    found = []
+    found, shipped = [], atlas.names(_studies(world))
+    better = "expert" if world.options.continuous else "set"
     for name in GAPS:
-        one = _rule(name, world)
+        one = rule_of(name, world)
         found.append((Reference(name, one.policy), one.record.as_json()))
     for family, (mode, angle) in itertools.product(("expert", "set"), MODES.items()):
         name = f"{family}_{mode}"
-        if name in atlas.names() and _fits(name, world):
+        if name in shipped and _fits(name, world):
             one = resolve_policy(f"{ATLAS}{name}", world, angle, Trust())
             # The calibration curve is of one family, the better one.
-            on_curve = angle if family == "set" else None
+            on_curve = angle if family == better else None
             found.append((Reference(name, one.policy, on_curve), one.record.as_json()))
     return found
 
@@ -193,8 +194,13 @@ def _studies(world: World) -> tuple[str, ...]:
 
 
 def _fits(name: str, world: World) -> bool:
-    policy = atlas.load(name)
-    return Interface(policy.n_features, policy.n_actions) == interface_of(world)
+    wanted = interface_of(world)
+    if not wanted.action_size:
+        policy = atlas.load(name)
+        return Interface(policy.n_features, policy.n_actions) == wanted
+    actor = atlas.load_continuous(name)
+    clocked = actor.n_features - wanted.n_features in (0, 1)
+    return clocked and actor.action_size == wanted.action_size
 
 
 _DIALS: dict[str, Callable[[Path], DialPolicy | ActorDial]] = {
@@ -248,9 +254,16 @@ def _file(spec: str, world: World, angle: float, trust: Trust) -> Loaded:
     return load_policy(spec, found.n_features, found.n_actions, **more)
 
 
-def _rule(name: str, world: Intersection) -> Loaded:
+def rule_of(name: str, world: Intersection, seed: int = 0) -> Loaded:
+    """Return a rule-based driver of the intersection, with its record.
+
+    Args:
+        name: One of `worlds.intersection.policies.NAMES`.
+        world: The intersection; with continuous actions the rule accelerates and does not steer.
+        seed: Seed of the random driver.
+    """
     record = Record(RULE, name, _rule_sha256(name), _RULE_COVERS, interface_of(world), False)
-    return Loaded(policies.policy(name), record)
+    return Loaded(policies.policy(name, seed, world.options), record)
 
 
 def _rule_sha256(name: str) -> str:

@@ -171,7 +171,9 @@ class Collect:
         options = continuous_options(self.world)
         batch = Batch(options, min(self.episodes, SIDE_BY_SIDE))
         seeds = range(self.seed, self.seed + self.episodes)
-        driver = continuous_driver_of(spec, Intersection(options), allow_code=self.allow_code)
+        driver = continuous_driver_of(
+            spec, Intersection(options), allow_code=self.allow_code, seed=self.seed
+        )
         with driver as loaded:
             record = loaded.record
             source = {"world": self.world, "driver": record.source, "sha256": record.sha256}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from socialiq.audit.resolve_policy import rule_of
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.play import sees_time
 from socialiq.nn.dial_policy import DialPolicy
@@ -33,7 +34,7 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
         UserError: If it is none of these, or the policy was trained for another world.
     """
     if options is not None and options.continuous:
-        return continuous_driver_of(name, Intersection(options)).policy
+        return continuous_driver_of(name, Intersection(options), seed=seed).policy
     if name in policies.NAMES:
         return policies.policy(name, seed)
     name, shipped = name.removeprefix("atlas:"), atlas.names()
@@ -45,20 +46,28 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
 
 
 def continuous_driver_of(
-    name: str, world: Intersection, angle: float = 0.0, allow_code: bool = False
+    name: str,
+    world: Intersection,
+    angle: float = 0.0,
+    allow_code: bool = False,
+    seed: int = 0,
 ) -> Loaded:
     """Return a driver of the intersection with continuous actions, with its record.
 
     Args:
-        name: Name of a policy of the atlas with such actions (with or without `atlas:`), or a
-            policy as `load_policy` takes it. A file of this package may see the time too.
+        name: Name of a rule, or of a policy of the atlas with such actions (with or without
+            `atlas:`), or a policy as `load_policy` takes it. A file of this package may see the
+            time too.
         world: The intersection.
         angle: Of a dial, in degrees.
         allow_code: As of `load_policy`.
+        seed: Seed of the random driver.
 
     Raises:
         UserError: If it is none of these, or the policy was trained for another world.
     """
+    if name in policies.NAMES:
+        return rule_of(name, world, seed)
     shipped = name.removeprefix("atlas:")
     if shipped != name or shipped in atlas.names(atlas.CONTINUOUS_STUDIES):
         name = str(atlas.path_of(shipped, atlas.CONTINUOUS_STUDIES))

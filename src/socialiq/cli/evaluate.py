@@ -195,7 +195,8 @@ class Evaluate:
         """Play the episodes of a policy with continuous actions."""
         options = continuous_options(self.world)
         batch, seeds = Batch(options, min(self.episodes, SIDE_BY_SIDE)), np.array(self._seeds)
-        driver = continuous_driver_of(name, Intersection(options), self.angle, self.allow_code)
+        world = Intersection(options)
+        driver = continuous_driver_of(name, world, self.angle, self.allow_code, self.seed)
         with driver as loaded:
             return episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
 

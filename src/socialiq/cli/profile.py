@@ -19,7 +19,7 @@ from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import write_atomically
-from socialiq.worlds.registry import WORLDS, make
+from socialiq.worlds.registry import NAMES, make
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,9 @@ class New:
     """
 
     world: str
-    """crossing5, crossing7, intersection, a file of `socialiq data world`, or an environment: a
-    Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
+    """crossing5, crossing7, intersection, intersection-continuous,
+    intersection-continuous-steering, merge, roundabout, a file of `socialiq data world`, or
+    an environment: a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     angle_rule: Path | None = None
@@ -78,7 +79,7 @@ class New:
 
     def _largest_loss(self) -> float | None:
         # The limits of the rewards are those of a constant angle.
-        if self.largest_loss is not None or self.world not in WORLDS or self.angle_rule:
+        if self.largest_loss is not None or self.world not in NAMES or self.angle_rule:
             return self.largest_loss
         possible = possible_loss(make(self.world), self.angle)
         # A margin beyond it excludes nothing, which the audit says.
@@ -102,7 +103,7 @@ class Check:
     def run(self) -> int:
         """Read, check, print."""
         declared = load(self.file)
-        if declared.scenario.world not in WORLDS:
+        if declared.scenario.world not in NAMES:
             declared.world(self.allow_code)
         if self.json:
             print_json({"file": str(self.file), **_facts(declared)})

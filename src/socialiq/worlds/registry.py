@@ -17,13 +17,16 @@ from socialiq.worlds.intersection.world import Intersection
 Kind = TypeVar("Kind")
 WORLDS = {"crossing5": crossing5, "crossing7": crossing7, "intersection": intersection}
 GRIDWORLDS = ("crossing5", "crossing7")
+INTERSECTIONS = ("intersection", *CONTINUOUS)
+NAMES = (*GRIDWORLDS, *INTERSECTIONS)
+"""Every world of `make`."""
 
 
 def make(name: str, **options: Any) -> GridWorld | Intersection:
     """Build a world by name, with its options as keyword arguments.
 
     Args:
-        name: One of `WORLDS`, or of `worlds.CONTINUOUS`.
+        name: One of `NAMES`.
         options: Fields of that world's `Options`.
 
     Raises:
@@ -31,9 +34,21 @@ def make(name: str, **options: Any) -> GridWorld | Intersection:
     """
     if name in CONTINUOUS:
         return intersection.make(continuous_options(name, options))
-    one_of("world", name, tuple(WORLDS))
+    one_of("world", name, NAMES)
     chosen = parse_options(name, WORLDS[name].Options, options)
     return _grid(name, chosen, repr(chosen)) if name in GRIDWORLDS else intersection.make(chosen)
+
+
+def default_options(name: str) -> dict[str, Any]:
+    """Return the default of every option of a world, by name; `actions` is named by the world.
+
+    Args:
+        name: One of `NAMES`.
+    """
+    kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
+    found = {field.name: field.default for field in dataclasses.fields(kind)}
+    found.pop("actions", None)
+    return found
 
 
 def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:

@@ -100,7 +100,7 @@ def collect_evidence(
         batch = world.batch(side_by_side or min(SIDE_BY_SIDE, len(seeds)), threads)
         return _at_junction(world, batch, Reference(name, policy), seeds, references, deterministic)
     batch = world.batch(side_by_side or min(SIDE_BY_SIDE, len(seeds)), threads)
-    drivers = [*(Reference(name, rule(name)) for name in RULES), *references]
+    drivers = [*(Reference(name, rule(name, options=world.options)) for name in RULES), *references]
     if by_rule is not None and by_rule.dial is not None:
         drivers += [Reference(AS_DECLARED, ContextPolicy.of(by_rule.dial, by_rule.rule))]
     driver = Reference(name, policy)

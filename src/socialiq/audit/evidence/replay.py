@@ -30,6 +30,10 @@ MOST_FRAMES = 600
 GRID_PER_SECOND = 2.0
 """Frames of a second in a gridworld, which has no unit of time: one for each step."""
 
+NEAR_REWARD = 1e-3
+"""Largest difference of an episode's rewards where actions are continuous. Alone or among others, a
+network's float32 sums differ in their last bits, and so do the actions and all that follows."""
+
 SEEN = 1.3 * REACH  # m from the centre; vehicles further away are left out
 
 
@@ -72,7 +76,8 @@ class Trace:
         per_second: Frames of a second.
         frames: Number of frames.
         tracks: Way of each vehicle, the ego's first.
-        actions: Decisions at the intersection, a digit each; "" in a gridworld.
+        actions: Decisions at the intersection, a digit each; "" in a gridworld, and where actions
+            are continuous.
     """
 
     per_second: float
@@ -82,15 +87,25 @@ class Trace:
 
 
 class ReplayedEpisode(NamedTuple):
-    """An episode that was run again: its trace, decisions and sums of rewards."""
+    """An episode that was run again: its trace, decisions and sums of rewards.
+
+    Attributes:
+        trace: Ways of the vehicles.
+        decisions: Number of decisions.
+        totals: Sums of the rewards.
+        near: Largest difference of the totals of the same episode.
+    """
 
     trace: Trace
     decisions: int
     totals: RewardPair
+    near: float = 1e-9
 
     def repeats(self, decisions: int, totals: RewardPair) -> bool:
         """Whether it is the same episode as in the evidence."""
-        near = (math.isclose(*pair, abs_tol=1e-9) for pair in zip(self.totals, totals, strict=True))
+        near = (
+            math.isclose(*pair, abs_tol=self.near) for pair in zip(self.totals, totals, strict=True)
+        )
         return self.decisions == decisions and all(near)
 
 
@@ -120,11 +135,12 @@ def _at_intersection(
 ) -> ReplayedEpisode:
     batch = Batch(world.options, 1, traced=True)
     seen: list[Scene] = []
-    totals, actions = np.zeros(2), ""
+    totals, actions, decisions = np.zeros(2), "", 0
     for step in play(batch, policy, np.array([seed]), deterministic):
         seen += scenes.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
-        actions += str(int(step.action[0]))
+        actions += "" if world.options.continuous else str(int(step.action[0]))
+        decisions += 1
     rate = world.options.simulation_frequency
     every = max(1, rate // PER_SECOND, math.ceil(len(seen) / MOST_FRAMES))
     chosen = [*seen[:-1:every], seen[-1]]
@@ -133,7 +149,8 @@ def _at_intersection(
     crashed = {int(one["identity"]) for one in last if one["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
     trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed), actions)
-    return ReplayedEpisode(trace, len(actions), RewardPair(*totals.tolist()))
+    near = NEAR_REWARD if world.options.continuous else 1e-9
+    return ReplayedEpisode(trace, decisions, RewardPair(*totals.tolist()), near)
 
 
 def _poses_of(scene: Scene) -> dict[int, Pose]:

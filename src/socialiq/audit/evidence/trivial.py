@@ -22,9 +22,11 @@ from socialiq.audit.evidence.drive import (
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import Environment
 from socialiq.evaluation.context import DecisionLosses
-from socialiq.evaluation.simulate import SoftActor
+from socialiq.evaluation.play import BatchSimulator
+from socialiq.evaluation.simulate import SoftActor, simulate
 from socialiq.policies.interface import Interface
 from socialiq.worlds.enumerate import Table
+from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.state import ACTIONS
 
@@ -126,6 +128,9 @@ def trivial_at_intersection(
         seeds: Seeds of the episodes.
         by_rule: As for `drive.drive_intersection`.
     """
+    if size := width(batch.options):
+        steps = simulate(BatchSimulator(batch), UniformActor(size, batch.size), seeds)
+        return (outcomes_of(RANDOM, steps, len(seeds)),)
     driver = Reference(RANDOM, UniformPolicy(len(ACTIONS)))
     return (drive_intersection(batch, driver, seeds, deterministic=False, by_rule=by_rule),)
 

@@ -11,7 +11,7 @@ from socialiq.social.angle_rule import LARGEST, MOST_CASES, MOST_CONDITIONS, MOS
 from socialiq.worlds import SCENE_IDS
 from socialiq.worlds.environment import NAME_PATTERN
 from socialiq.worlds.highway.options import MOST_SPEEDS
-from socialiq.worlds.registry import WORLDS
+from socialiq.worlds.registry import NAMES
 
 Kind = Literal["number", "text", "sha256", "world", "date", "options", "rule"]
 
@@ -34,7 +34,7 @@ TEXT_PATTERN = rf"^[^{_HIDDEN}]+$"
 SHA256_PATTERN = r"^[0-9a-f]{64}$"
 
 WORLD_PATTERN = (
-    f"^(?:{'|'.join([*WORLDS, *SCENE_IDS])}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
+    f"^(?:{'|'.join([*NAMES, *SCENE_IDS])}|{NAME_PATTERN}|[^{_HIDDEN}:]+\\.safetensors)$"
 )
 
 
@@ -72,7 +72,7 @@ class Field:
         return {
             "text": f"1 to {LONGEST_TEXT} characters of visible text in quotes",
             "sha256": "64 hexadecimal digits (0-9, a-f) in quotes",
-            "world": f"one of {', '.join([*WORLDS, *SCENE_IDS])}, a file of `socialiq data world`, "
+            "world": f"one of {', '.join([*NAMES, *SCENE_IDS])}, a file of `socialiq data world`, "
             "a Gymnasium id, MODULE:ID or MODULE:FUNCTION",
             "date": "a date as 2026-01-31, without quotes",
             "options": "a table of the world's options",

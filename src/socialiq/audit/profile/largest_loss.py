@@ -9,7 +9,7 @@ from socialiq.audit.profile.junction import Junction
 from socialiq.audit.profile.scenario import World
 from socialiq.social.angle import exact_weights
 from socialiq.worlds.enumerate import episode_range
-from socialiq.worlds.intersection.episode_range import env_range, social_range
+from socialiq.worlds.intersection.episode_range import env_range, is_unlimited, social_range
 from socialiq.worlds.intersection.world import Intersection
 
 _DIGITS = 4  # to which the limit is rounded up, so that a profile shows a short number
@@ -26,10 +26,12 @@ def possible_loss(world: World, angle: float) -> float | None:
         angle: Social angle α in degrees.
 
     Returns:
-        The difference, rounded up; None in an environment and at a recorded junction, whose
-        limits are not known.
+        The difference, rounded up; None where the limits are not known: in an environment, at a
+        recorded junction, and where the ego steers along a turn.
     """
     if isinstance(world, Environment | Junction):
+        return None
+    if isinstance(world, Intersection) and is_unlimited(world.options):
         return None
     weights = exact_weights(angle)
     if isinstance(world, Intersection):

@@ -28,7 +28,7 @@ from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.recordings.recording import refuse_recording
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.registry import WORLDS
+from socialiq.worlds.registry import NAMES
 from socialiq.worlds.situation import check_rule
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
@@ -209,7 +209,7 @@ class _Reader:
         # Making an environment may run code: only `Profile.world` does it.
         world: World | None = None
         try:
-            if name in WORLDS:
+            if name in NAMES:
                 world = world_of(name, options)
             else:
                 check_options(options)

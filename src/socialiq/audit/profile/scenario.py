@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ from socialiq.audit.profile.junction import Junction, is_junction
 from socialiq.errors import UserError, one_of
 from socialiq.policies.interface import Interface
 from socialiq.recordings.recording import refuse_recording
-from socialiq.worlds import IDS
+from socialiq.worlds import NAMED
 from socialiq.worlds.environment import is_environment
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.options import MOST_SPEEDS
@@ -22,7 +21,7 @@ from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.settings import ENV_SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import WORLDS, make
+from socialiq.worlds.registry import NAMES, default_options, make
 
 World = GridWorld | Intersection | Environment | Junction
 
@@ -66,12 +65,11 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     if is_junction(name):
         return Junction.of(name, options)
     refuse_recording(name)
-    if is_environment(name) and name not in IDS.values():
+    if is_environment(name) and name not in NAMED.values():
         check_options(options)
         return Environment.of(name, options, allow_code)
-    one_of("world", name, (*WORLDS, *SCENES))
-    kind = WORLDS[name].Options
-    defaults = {field.name: field.default for field in dataclasses.fields(kind)}
+    one_of("world", name, (*NAMES, *SCENES))
+    defaults = default_options(name)
     for option in options:
         one_of(f"option of {name}", option, tuple(defaults))
     typed = {option: _typed(option, given, defaults[option]) for option, given in options.items()}

@@ -16,7 +16,7 @@ from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
 from socialiq.worlds.intersection.pictures.shapes import JUNCTION
-from socialiq.worlds.registry import GRIDWORLDS, make_grid
+from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
 
 HELD = 1.5
 """Seconds for which the last frame is held before the picture begins again."""
@@ -114,7 +114,7 @@ def ground_of(world: str) -> Ground | None:
         low, high = middle - 0.5, middle + 0.5
         road = f"M-.5 {low:g} H{end:g} V{high:g} H-.5 Z M{low:g} -.5 H{high:g} V{end:g} H{low:g} Z"
         return Ground((-0.5, -0.5, size, size), road, 0.74, 0.44, 0.02)
-    if world == "intersection":
+    if world in INTERSECTIONS:
         return Ground((-32.0, -28.0, 64.0, 64.0), _crossing(), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
     return None
 

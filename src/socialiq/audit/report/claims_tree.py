@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 from socialiq.audit.verdict.decision import Decision, joint_decision
-from socialiq.worlds.registry import WORLDS
+from socialiq.worlds.registry import NAMES
 
 Status = Literal["supported", "contradicted", "undecided", "to be filled"]
 
@@ -92,7 +92,7 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
 
 
 def _strata(report: Mapping[str, Any]) -> tuple[Status, str]:
-    if report["strata"] or report["declaration"]["scenario"]["world"] in WORLDS:
+    if report["strata"] or report["declaration"]["scenario"]["world"] in NAMES:
         return "supported", "report.json: strata"
     return (
         _NO_EVIDENCE,

@@ -35,7 +35,7 @@ from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions
 from socialiq.to_json import to_json
-from socialiq.worlds.registry import GRIDWORLDS, WORLDS
+from socialiq.worlds.registry import GRIDWORLDS, NAMES
 
 FORMAT = 2
 
@@ -149,12 +149,12 @@ def _caveats(audited: Audited) -> list[Caveat]:
     profile, regret = audited.profile, audited.verdict.regret
     world = profile.scenario.world
     # Making an environment may run code; its limits are not known anyway.
-    limited = world in WORLDS and profile.rule is None
+    limited = world in NAMES and profile.rule is None
     possible = possible_loss(profile.world(), profile.angle) if limited else None
     drawn, look, others = audited.drawn, audited.look, audited.discrimination
     traces = [one for rows in audited.traces.values() for one in rows]
     # In an environment nothing is run again; a policy that draws its actions may draw others.
-    asked = traces if world in WORLDS and audited.deterministic else []
+    asked = traces if world in NAMES and audited.deterministic else []
     shown = sum(one is not None for one in asked)
     return [
         *caveats_of_rule(profile.rule, profile.angle),
@@ -313,4 +313,4 @@ def limits(world: str) -> list[str]:
     found = [_EXACT if world in GRIDWORLDS else _SAMPLED, *_ALWAYS]
     if is_junction(world):
         return [*_RECORDED, *found]
-    return found if world in WORLDS else [*_UNKNOWN, *found]
+    return found if world in NAMES else [*_UNKNOWN, *found]

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialiq.audit.profile.junction import is_junction
-from socialiq.worlds.registry import GRIDWORLDS, WORLDS
+from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS
 
 INTERSECTION = "intersection"
+
+CONTINUOUS = "intersection with continuous actions"
 
 JUNCTION = "recorded junction"
 
@@ -46,13 +48,26 @@ CONFORMANCE = Conformance(
 )
 """The run that docs/worlds/intersection.md describes: no difference in any field."""
 
+_YIELDING = (
+    "Other vehicles follow the Intelligent Driver Model and yield by highway-env's rules; none "
+    "of them is a person."
+)
+_EXACT = (
+    "Observations are exact, for a limited number of vehicles: no noise, no delay.",
+    "A collision is an overlap of two rectangles; its severity is not modelled.",
+)
+
 ASSUMPTIONS = {
     INTERSECTION: (
-        "Other vehicles follow the Intelligent Driver Model and yield by highway-env's rules; none "
-        "of them is a person.",
+        _YIELDING,
         "The ego follows its lane; its policy chooses between target speeds once per decision.",
-        "Observations are exact, for a limited number of vehicles: no noise, no delay.",
-        "A collision is an overlap of two rectangles; its severity is not modelled.",
+        *_EXACT,
+    ),
+    CONTINUOUS: (
+        _YIELDING,
+        "The policy's acceleration, and where it steers the angle of the front wheels, are held "
+        "until the next decision; nothing else steers the ego.",
+        *_EXACT,
     ),
     "gridworld": (
         "The road is a grid, time is in whole steps, and vehicles move by rule in both.",
@@ -64,8 +79,7 @@ ASSUMPTIONS = {
         "Lines are closed where a recorded vehicle stood without a reason that the model knows; "
         "nothing is known of lights and of entries after the end of a recording.",
         "The ego drives a recorded vehicle's way; its policy chooses an acceleration per decision.",
-        "Observations are exact, for a limited number of vehicles: no noise, no delay.",
-        "A collision is an overlap of two rectangles; its severity is not modelled.",
+        *_EXACT,
     ),
 }
 
@@ -77,14 +91,16 @@ def credibility(report: Mapping[str, Any]) -> dict[str, Any]:
         report: Content of `report.json`.
 
     Returns:
-        `kind`: the intersection's name, `JUNCTION`, "gridworld" or "environment".
+        `kind`: `INTERSECTION`, `CONTINUOUS`, `JUNCTION`, "gridworld" or "environment".
         `assumptions`: sentences.
         `conformance`: the comparison with highway-env, if the world is the intersection. `beyond`:
         declared options that were not part of it.
     """
     scenario = report["declaration"]["scenario"]
     world = scenario["world"]
-    kind = "gridworld" if world in GRIDWORLDS else world if world in WORLDS else "environment"
+    kind = "gridworld" if world in GRIDWORLDS else "environment"
+    if world in INTERSECTIONS:
+        kind = INTERSECTION if world == INTERSECTION else CONTINUOUS
     if is_junction(world):
         kind = JUNCTION
     compared = CONFORMANCE if kind == INTERSECTION else None

@@ -13,7 +13,7 @@ from socialiq.audit.report.angle_picture import angles
 from socialiq.audit.report.animations import moving
 from socialiq.audit.report.watch import replays
 from socialiq.foreign import Markdown, printable, templates
-from socialiq.worlds.registry import WORLDS
+from socialiq.worlds.registry import NAMES
 
 Real = int | float
 """A number of JSON, where a whole number is an int."""
@@ -224,4 +224,4 @@ def _words(report: Mapping[str, Any]) -> dict[str, Any]:
 def is_known(report: Mapping[str, Any], criterion: str) -> bool:
     """Whether the world reports the event of a criterion; an environment doesn't report fault."""
     world = report["declaration"]["scenario"]["world"]
-    return criterion != "struck" or world in WORLDS or is_junction(world)
+    return criterion != "struck" or world in NAMES or is_junction(world)

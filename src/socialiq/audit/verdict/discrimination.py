@@ -14,6 +14,7 @@ from socialiq.audit.profile.profile import Profile
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.findings import Finding
 from socialiq.audit.verdict.verdict import decide, enough_resamples, whole_error
+from socialiq.worlds.registry import INTERSECTIONS
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def discriminate(
     """
     level = whole_error(profile.confidence) if error is None else error
     count = enough_resamples(level, resamples)
-    constant = GO_AND_WAIT if profile.scenario.world == "intersection" else ()
+    constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
     drivers = [(one, one.name in constant) for one in evidence.references]
     drivers += [(one, True) for one in evidence.trivial]
     found = []

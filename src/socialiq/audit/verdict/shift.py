@@ -27,6 +27,7 @@ from socialiq.statistics.comparisons import Contrast, mean_contrast, share_contr
 from socialiq.types import RewardPair
 from socialiq.worlds.intersection.options import POPULATIONS
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import INTERSECTIONS
 
 MEASURES = ("regret", *CRITERIA)
 
@@ -101,7 +102,7 @@ class Shift:
         return tuple(one for one in self.changes if one.shown)
 
 
-OTHER_TRAFFIC = ("intersection", "crossing7")
+OTHER_TRAFFIC = (*INTERSECTIONS, "crossing7")
 """Worlds with other traffic."""
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from socialiq.worlds.highway.core.vehicle import MAX_SPEED
+from socialiq.worlds.intersection.actions import ACCELERATION_RANGE
 from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
 from socialiq.worlds.intersection.options import Options
 
@@ -33,14 +35,25 @@ def decisions(options: Options) -> int:
     return count
 
 
+def is_unlimited(options: Options) -> bool:
+    """Whether nothing limits the advance of a decision.
+
+    An ego that steers may pass near the centre of a turn, where a metre driven is any part of it.
+    """
+    return options.continuous and options.destination != "straight"
+
+
 def largest_progress(options: Options) -> float:
     """Return the largest value of the signal `progress`, either way.
 
     The ego enters at the speed limit and its speed control doesn't overshoot a target speed, so it
     drives at most the largest of these speeds times the time between decisions. On the inside of a
-    turn that is more of the route.
+    turn that is more of the route. With continuous actions it drives at most `MAX_SPEED` and what
+    a sub-step adds.
     """
     fastest = max(SPEED_LIMIT, *map(abs, options.target_speeds))
+    if options.continuous:
+        fastest = MAX_SPEED + ACCELERATION_RANGE[1] / options.simulation_frequency
     return _INSIDE_TURN * fastest / options.policy_frequency / options.progress_unit
 
 

@@ -9,11 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Float32, Int64
 
 from socialiq.errors import one_of
 from socialiq.worlds.highway.core.geometry import VEHICLE_LENGTH
 from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.intersection.actions import ACCELERATION_RANGE, width
 from socialiq.worlds.intersection.options import POPULATIONS, Options
 from socialiq.worlds.intersection.state import (
     ACTIONS,
@@ -38,7 +39,7 @@ IDM_CONE = 0.17  # of the way ahead, to either side: 10 degrees
 TARGET_SPEEDS = np.array(Options().target_speeds)  # m/s
 
 Seen = Float[np.ndarray, "batch vehicle feature"]
-Rule = Callable[[Seen], Int64[np.ndarray, " batch"]]
+Rule = Callable[[Seen], Int64[np.ndarray, " batch"] | Float32[np.ndarray, "batch value"]]
 
 
 def in_metres(observation: Float[np.ndarray, "batch value"]) -> Seen:
@@ -54,7 +55,8 @@ class RulePolicy:
     """Policy defined by a rule.
 
     Args:
-        rule: Function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions.
+        rule: Function from observed vehicles, (batch, vehicles, 7), in m and m/s, to actions:
+            numbers, or vectors in [-1, 1].
     """
 
     def __init__(self, rule: Rule) -> None:
@@ -110,11 +112,7 @@ def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
     speed of the model a second later, but FASTER only if the model accelerates: a step of 4.5 m/s
     that is rounded up leaves no space to stop behind a crashed vehicle.
     """
-    speed = np.hypot(seen[:, 0, 3], seen[:, 0, 4])
-    acceleration = _idm_acceleration(speed, *_leader(seen))
-    stopped = _idm_acceleration(speed, _to_stop_line(seen) + VEHICLE_LENGTH / 2, speed)
-    waits = _gives_way(seen, IDM_GAP)
-    wanted = speed + IDM_STEP * np.where(waits, np.minimum(acceleration, stopped), acceleration)
+    speed, wanted = np.hypot(seen[:, 0, 3], seen[:, 0, 4]), _idm_speed(seen)
     kept = np.abs(speed[:, None] - TARGET_SPEEDS).argmin(axis=1)
     slower, same, faster = (
         TARGET_SPEEDS[(kept + change).clip(0, len(TARGET_SPEEDS) - 1)] for change in (-1, 0, 1)
@@ -123,23 +121,63 @@ def idm(seen: Seen) -> Int64[np.ndarray, " batch"]:
     return np.where(wanted >= faster, FASTER, held)
 
 
+def _idm_speed(seen: Seen) -> Float[np.ndarray, " batch"]:
+    """Return the model's speed after `IDM_STEP`, m/s."""
+    speed = np.hypot(seen[:, 0, 3], seen[:, 0, 4])
+    acceleration = _idm_acceleration(speed, *_leader(seen))
+    stopped = _idm_acceleration(speed, _to_stop_line(seen) + VEHICLE_LENGTH / 2, speed)
+    waits = _gives_way(seen, IDM_GAP)
+    return speed + IDM_STEP * np.where(waits, np.minimum(acceleration, stopped), acceleration)
+
+
+def accelerating(name: str, size: int, seed: int = 0) -> Rule:
+    """Return a rule as continuous actions; it does not steer.
+
+    `idm` takes the model's acceleration. The others drive towards 9 m/s where they choose FASTER,
+    towards 0 where they choose SLOWER. None drives backwards. `random` draws uniformly.
+
+    Args:
+        name: One of `NAMES`.
+        size: Length of an action.
+        seed: Seed of the random rule.
+    """
+    rng = np.random.default_rng(seed)
+
+    def act(seen: Seen) -> Float32[np.ndarray, "batch value"]:
+        if name == "random":
+            return rng.uniform(-1.0, 1.0, (len(seen), size)).astype(np.float32)
+        speed = seen[:, 0, 3] * seen[:, 0, 5] + seen[:, 0, 4] * seen[:, 0, 6]
+        if name == "idm":
+            wanted = np.maximum(_idm_speed(seen), 0.0)
+        else:
+            wanted = np.choose(_RULES[name](seen), [np.zeros_like(speed), speed, TARGET_SPEEDS[-1]])
+        chosen = np.zeros((len(seen), size), np.float32)
+        chosen[:, 0] = ((wanted - speed) / IDM_STEP / ACCELERATION_RANGE[1]).clip(-1.0, 1.0)
+        return chosen
+
+    return act
+
+
 def random(seed: int) -> Rule:
     """Return a rule that draws a uniform action at each call."""
     rng = np.random.default_rng(seed)
     return lambda seen: rng.integers(len(ACTIONS), size=len(seen))
 
 
-def policy(name: str, seed: int = 0) -> RulePolicy:
+def policy(name: str, seed: int = 0, options: Options | None = None) -> RulePolicy:
     """Return a reference policy by name.
 
     Args:
         name: One of `NAMES`.
         seed: Seed of the random policy.
+        options: Scenario, which says whether actions are continuous; by default discrete.
 
     Raises:
         UserError: If the name is unknown.
     """
     one_of("reference policy", name, NAMES)
+    if options is not None and options.continuous:
+        return RulePolicy(accelerating(name, width(options), seed))
     return RulePolicy(random(seed) if name == "random" else _RULES[name])
 
 
