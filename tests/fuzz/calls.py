@@ -98,6 +98,9 @@ STUDIES = ("worlds", "poc", "grid", "lambda-sweep", "intersection-world", "theor
 WRITTEN = ("out", "work", "tensorboard", "log")
 """Options of paths that are written, not read."""
 
+WRITTEN_BY = (("data world", "demonstrations"), ("data world", "report"))
+"""The same of single commands; others read what they name so."""
+
 CODE = ("learner", "loss", "prior", "divergence", "driver", "policy", "reference", "policies")
 FREE = ("owner", "mode", "id", "date")
 """Options of any text."""
@@ -330,6 +333,7 @@ def _values(name: str, option: Option) -> Iterator[tuple[str, bool]]:
     word = option.name.rpartition(".")[2]
     if option.kind is Path:
         written = word in WRITTEN and (name, word) != ("audit verify", "log")
+        written |= (name, word) in WRITTEN_BY
         places = UNWRITABLE if written else UNREADABLE
         for value in places:
             if not (written and word in ("tensorboard", "log")):  # which add files to any folder
