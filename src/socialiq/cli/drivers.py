@@ -68,9 +68,11 @@ def continuous_driver_of(
     """
     if name in policies.NAMES:
         return rule_of(name, world, seed)
-    shipped = name.removeprefix("atlas:")
-    if shipped != name or shipped in atlas.names(atlas.CONTINUOUS_STUDIES):
+    shipped, known = name.removeprefix("atlas:"), atlas.names(atlas.CONTINUOUS_STUDIES)
+    if shipped != name or shipped in known:
         name = str(atlas.path_of(shipped, atlas.CONTINUOUS_STUDIES))
+    elif ":" not in name and not Path(name).exists():
+        one_of("driver", name, (*policies.NAMES, *known, "a policy file"))
     more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": True}
     return load_policy(name, world.n_features, 0, action_size=width(world.options), **more)
 

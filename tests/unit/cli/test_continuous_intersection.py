@@ -62,6 +62,10 @@ def test_drivers_are_collected_with_the_time_and_learned_from(dial, tmp_path, ca
             ["evaluate", "atlas:no_such", "--world", WORLD, "--episodes", "2"],
             "unknown policy of the atlas 'no_such': choose one of expert_egoistic",
         ),
+        (
+            ["evaluate", "expert_nobody", "--world", WORLD, "--episodes", "2"],
+            "unknown driver 'expert_nobody': choose one of go, idle",
+        ),
         (["evaluate", "no.safetensors", "--world", WORLD, "--episodes", "2"], "no.safetensors"),
         (
             ["evaluate", "DIAL", "--world", WORLD, "--episodes", "2", "--processes", "2"],

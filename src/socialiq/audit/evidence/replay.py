@@ -30,7 +30,9 @@ MOST_FRAMES = 600
 GRID_PER_SECOND = 2.0
 """Frames of a second in a gridworld, which has no unit of time: one for each step."""
 
-NEAR_REWARD = 1e-3
+_ROUNDING = 1e-9  # of an episode's sums of rewards
+
+_NEAR = 1e-3
 """Largest difference of an episode's rewards where actions are continuous. Alone or among others, a
 network's float32 sums differ in their last bits, and so do the actions and all that follows."""
 
@@ -99,7 +101,7 @@ class ReplayedEpisode(NamedTuple):
     trace: Trace
     decisions: int
     totals: RewardPair
-    near: float = 1e-9
+    near: float = _ROUNDING
 
     def repeats(self, decisions: int, totals: RewardPair) -> bool:
         """Whether it is the same episode as in the evidence."""
@@ -149,7 +151,7 @@ def _at_intersection(
     crashed = {int(one["identity"]) for one in last if one["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
     trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed), actions)
-    near = NEAR_REWARD if world.options.continuous else 1e-9
+    near = _NEAR if world.options.continuous else _ROUNDING
     return ReplayedEpisode(trace, decisions, RewardPair(*totals.tolist()), near)
 
 

@@ -55,7 +55,7 @@ DIAL = dataclasses.replace(EXPERT, high_share=0.4)
 discrete actions."""
 
 HIGH_ANGLES = dataclasses.replace(DIAL, high_share=0.8)
-"""The same with most of its angles beyond 65 degrees: chosen in development of ten settings."""
+"""The same with most of its angles beyond 65 degrees; chosen among ten settings in development."""
 
 DISCRETE = dataclasses.replace(
     INTERSECTION.structure,

@@ -23,7 +23,13 @@ from socialiq.experiments.intersection.rows import policy_row, times
 from socialiq.experiments.intersection.thesis_values import METRICS
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, View
-from socialiq.experiments.tables import groups, matching, numeric_means, paired_row, with_holm
+from socialiq.experiments.tables import (
+    groups,
+    matching,
+    numeric_means,
+    paired_differences,
+    with_holm,
+)
 from socialiq.plotting.style import figure, finish
 from socialiq.studies.intersection_continuous.config import Config
 from socialiq.studies.intersection_continuous.work import (
@@ -159,17 +165,9 @@ def _differences(families: Sequence[Row]) -> list[Row]:
     found = []
     for pair in _PAIRS:
         one, other = (matching(families, kind=kind) for kind in pair)
-        if len(one) < 2:
-            return []
-        named = " less ".join(_short(kind) for kind in pair)
-        found += [
-            paired_row(
-                {"kinds": named, "measure": name},
-                [row[name] for row in one],
-                [row[name] for row in other],
-            )
-            for name in measures
-        ]
+        named = {"kinds": " less ".join(_short(kind) for kind in pair)}
+        rows = paired_differences(one, other, *measures, label="measure")
+        found += [named | row for row in rows]
     return with_holm(found)
 
 
