@@ -222,7 +222,8 @@ def test_spawn_probability_must_be_one(p):
 
 def test_unknown_worlds_are_refused():
     line = "^unknown world 'crossing9': choose one of crossing5, crossing7"
-    with pytest.raises(UserError, match=f"{line}, intersection$"):
+    intersections = "intersection, intersection-continuous, intersection-continuous-steering"
+    with pytest.raises(UserError, match=f"{line}, {intersections}$"):
         registry.make("crossing9")
     line = f"{line}$"
     with pytest.raises(UserError, match=line):
