@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
@@ -9,7 +10,7 @@ from socialiq.experiments.tables import column, groups, matching
 from socialiq.plotting.style import figure, plain
 from socialiq.studies.mujoco_imitation.methods import METHODS
 
-_COLORS = dict(zip(METHODS, ("#053061", "#4393c3", "#7f7f7f"), strict=True))
+_COLORS = dict(zip(METHODS, ("#4393c3", "#053061", "#d6604d", "#7f7f7f"), strict=True))
 
 
 def draw(results: Results) -> dict[str, Figure]:
@@ -17,20 +18,18 @@ def draw(results: Results) -> dict[str, Figure]:
     panels = groups(results.tables.get("runs", []), "task")
     if not panels:
         return {}
-    drawn = figure(3.2 * len(panels) + 1.0, 3.2)
+    drawn = figure(2.8 * len(panels) + 1.0, 3.6)
     for place, ((task,), rows) in enumerate(panels.items(), start=1):
         axes = drawn.add_subplot(1, len(panels), place)
         counts = sorted(set(column(rows, "trajectories")))
         for shift, (method, color) in enumerate(_COLORS.items()):
-            means = []
+            means: list[tuple[float, float]] = []
             for number, count in enumerate(counts):
                 share = column(matching(rows, method=method, trajectories=count), "share")
-                x = number + 0.2 * (shift - 1)
+                x = number + 0.2 * (shift - (len(_COLORS) - 1) / 2)
                 axes.plot([x] * len(share), share, "o", color=color, alpha=0.4, markersize=4)
                 means += [(x, sum(share) / len(share))] if share else []
-            if means:
-                x, share = zip(*means, strict=True)
-                axes.plot(x, share, "_", color=color, markersize=16, label=method)
+            axes.plot(*np.reshape(means, (-1, 2)).T, "_", color=color, markersize=14, label=method)
         axes.axhline(1.0, color="0.7", linewidth=0.8, zorder=0)
         axes.set_xticks(range(len(counts)), [str(count) for count in counts])
         axes.set_xlim(-0.5, len(counts) - 0.5)
@@ -40,5 +39,5 @@ def draw(results: Results) -> dict[str, Figure]:
         plain(axes)
         if place == 1:
             axes.set_ylabel("share of the expert's return")
-            axes.legend(frameon=False, fontsize=8, loc="center right")
+            drawn.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
     return {"shares": drawn}

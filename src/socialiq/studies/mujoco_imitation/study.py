@@ -14,7 +14,7 @@ from socialiq.experiments.tables import column, matching, nested, paired_row, wi
 from socialiq.studies.mujoco_imitation.config import Config
 from socialiq.studies.mujoco_imitation.expert import POLICY, RECORD
 from socialiq.studies.mujoco_imitation.figures import draw
-from socialiq.studies.mujoco_imitation.methods import METHODS, VARIANTS
+from socialiq.studies.mujoco_imitation.methods import CHOSEN, METHODS, VARIANTS
 from socialiq.studies.mujoco_imitation.pieces import Pieces, committed, key_of
 from socialiq.studies.mujoco_imitation.plan import ABLATED, cells, checked_plan
 from socialiq.studies.mujoco_imitation.runs import row_of
@@ -96,7 +96,7 @@ def cell_rows(config: Config, runs: Sequence[Row]) -> list[Row]:
             continue
         found = matching(runs, task=task, method=method, trajectories=count)
         label = {"task": task, "trajectories": count, "method": method, "runs": len(found)}
-        online = count == 1 and method == "online"
+        online = count == 1 and method in ("online", CHOSEN)
         rows.append(label | _pooled(found) | {"published": TASKS[task].published if online else ""})
     return rows
 
@@ -116,7 +116,7 @@ def difference_rows(runs: Sequence[Row]) -> list[Row]:
     for task, count in dict.fromkeys((row["task"], row["trajectories"]) for row in runs):
         cell = matching(runs, task=task, trajectories=count)
         cloned = {row["seed"]: row["share"] for row in matching(cell, method="cloning")}
-        for method in ("online", "offline"):
+        for method in ("online", CHOSEN, "offline"):
             own = {row["seed"]: row["share"] for row in matching(cell, method=method)}
             both = sorted(set(own) & set(cloned))
             if len(both) > 1:

@@ -8,7 +8,7 @@ from socialiq.errors import UserError
 from socialiq.experiments.study import Context
 from socialiq.studies.mujoco_imitation import pieces, plan, study
 from socialiq.studies.mujoco_imitation.config import Config
-from socialiq.studies.mujoco_imitation.methods import METHODS, VARIANTS, method_of
+from socialiq.studies.mujoco_imitation.methods import CHOSEN, METHODS, VARIANTS, method_of
 from socialiq.studies.mujoco_imitation.runs import Imitation, settled
 from socialiq.studies.mujoco_imitation.tasks import TASKS
 
@@ -132,8 +132,14 @@ def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
     assert updates("online", 0) == TASKS["Hopper"].online_updates
     assert updates("cloning", 0) == METHODS["cloning"].static.updates
     assert updates("online", 30) == updates("offline", 30) == 30
-    longer = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
-    assert (updates(longer, 0), updates(longer, 30)) == (100_000, 30)
+    assert (updates(CHOSEN, 0), updates(CHOSEN, 30)) == (100_000, 30)
+
+
+def test_the_chosen_settings_are_those_of_their_name() -> None:
+    chosen, base = METHODS[CHOSEN], METHODS["online"]
+    assert (chosen.numbers.temperature, chosen.numbers.discount) == (0.1, 0.97)
+    assert (chosen.static.schedule, chosen.updates) == ("linear", 100_000)
+    assert chosen.static.hidden == base.static.hidden
 
 
 def test_a_variant_changes_what_it_names_alone() -> None:
