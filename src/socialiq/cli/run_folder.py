@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,8 @@ class RunFolder:
     def callbacks(self, runs: Sequence[Row], monitor: Any = None) -> Iterator[Callbacks]:
         """Make the folder; yield the callbacks of the training, with its progress shown.
 
+        A folder that the training made and wrote nothing into is removed when it fails.
+
         Args:
             runs: By run, the settings in which it differs from the others.
             monitor: Measures the policies after each chunk.
@@ -68,6 +70,8 @@ class RunFolder:
                 ]
                 listeners.append(stack.enter_context(EventFiles(self.tensorboard, names)))
             if not self.resume:
+                if not self.out.exists():
+                    stack.push(self._remove_if_empty)
                 new_folder(self.out)
             elif (self.out / "run.json").exists():
                 raise UserError(f"{self.out} holds a finished run: there is nothing to resume")
@@ -78,6 +82,12 @@ class RunFolder:
                 checkpoint=self.checkpoint,
                 resume=self.resume,
             )
+
+    def _remove_if_empty(self, failed: type[BaseException] | None, *_: Any) -> None:
+        """Remove the folder after a failure, unless it has content."""
+        if failed is not None:
+            with suppress(OSError):
+                self.out.rmdir()
 
     def save_policies(self, trained: Trained) -> list[Row]:
         """Write the policy of each run; return the files' names and hashes."""
