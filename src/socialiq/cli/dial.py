@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import gridworld_of, refuse_misfit
+from socialiq.cli.drivers import gridworld_of, refuse_misfit, road_named
 from socialiq.cli.output import print_json, print_table
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.dial import DialRollouts, Sweep, calibrated, rollout_dial, sweep
@@ -21,27 +21,26 @@ from socialiq.outputs import refuse_existing
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
 from socialiq.types import Row
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
 
 @dataclass(frozen=True)
 class Dial:
-    """Evaluate a dial at each angle: exactly in a gridworld, by episodes at the intersection.
+    """Evaluate a dial at each angle: exactly in a gridworld, by episodes on a road.
 
     Each row is an angle. First it has the dial's policy at this angle: its mean sums, and in a
     gridworld its regret, the difference to the best at that angle. Then it has the mixture of two
     of the dial's policies, one drawn per episode, whose *behaviour* is at that angle: the radius is
-    the length of its mean sums, and the share is relative to the longest of any policy there. At
-    the intersection half of the episodes select the mixture and half measure its angle, with a 95 %
+    the length of its mean sums, and the share is relative to the longest of any policy there. On
+    a road half of the episodes select the mixture and half measure its angle, with a 95 %
     interval.
 
     Example: socialiq dial crossing7 --policy run/dial_0.safetensors
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7 or intersection."""
+    """crossing5, crossing7, intersection, merge or roundabout."""
     policy: Path
     """Dial file, of `socialiq train-dial` or of the study intersection-dial."""
     every: int = 5
@@ -50,7 +49,7 @@ class Dial:
     soft: bool = False
     """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
     episodes: int = 500
-    """Episodes of each angle at the intersection."""
+    """Episodes of each angle on a road."""
     seed: int = 0
     """Seed of the first episode there, and of the bootstrap."""
     calibrated: Path | None = None
@@ -65,7 +64,7 @@ class Dial:
             refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
-        one_of("world", self.world, tuple(WORLDS))
+        one_of("world", self.world, (*WORLDS, *SCENES))
         dial = DialPolicy.load(self.policy)
         measure = self.rolled if self.world not in GRIDWORLDS else self.exact
         rows, summary, found = measure(dial)
@@ -103,13 +102,13 @@ class Dial:
         return rows, means | _backward(found), found
 
     def rolled(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
-        """Return rows, summary and evaluation at the intersection, driven at every row's angle."""
+        """Return rows, summary and evaluation on a road, driven at every row's angle."""
         check_seed(self.seed)
-        options = Options()
-        refuse_misfit(str(self.policy), dial, options)
+        world = road_named(self.world)
+        refuse_misfit(str(self.policy), dial, world)
         angles = np.arange(dial.low, dial.high + 1e-9, self.every).tolist()
         seeds = np.arange(self.seed, self.seed + self.episodes)
-        batch = Batch(options, min(max(self.episodes, 1), 512))
+        batch = world.batch(min(max(self.episodes, 1), 512))
         found = rollout_dial(dial, batch, angles, seeds, self.readout)
         rows = [
             _queried(angle, one)

@@ -1,4 +1,4 @@
-"""Worlds in which `train-dial` trains: a gridworld within JAX, or the intersection's core."""
+"""Worlds in which `train-dial` trains: a gridworld within JAX, or the core of a road."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from socialiq.cli.drivers import road_named
 from socialiq.cli.run_folder import CHUNK
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
@@ -20,10 +21,12 @@ from socialiq.learners.dial.config import (
     StaticConfig,
 )
 from socialiq.types import Simulator
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds import IDS, SCENE_IDS
+from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.registry import make_grid
 
-INTERSECTION_WORLD = "intersection"
+ROADS = ("intersection", *SCENES)
+"""Worlds on highway-env's roads, with discrete actions."""
 _OWN_PRESET = "intersection"
 
 
@@ -34,7 +37,7 @@ class Setting(NamedTuple):
         static: Structure for this world.
         data: Sets of demonstrations, with the time if the network sees it.
         sizes: Features of an observation and number of actions.
-        simulator: World within JAX; None offline or at the intersection.
+        simulator: World within JAX; None offline or on a road.
         collector: Collects experience outside JAX; None elsewhere.
         chunk: Updates between two rounds of reports and collection.
     """
@@ -54,19 +57,19 @@ def preset_of(name: str | None, world: str) -> tuple[str, Preset]:
         UserError: If it is unknown, or of another world.
     """
     known = {**PRESETS, _OWN_PRESET: INTERSECTION}
-    at_intersection = world == INTERSECTION_WORLD
-    name = name or (_OWN_PRESET if at_intersection else "online")
+    on_road = world in ROADS
+    name = name or (_OWN_PRESET if on_road else "online")
     one_of("preset", name, tuple(known))
-    if (name == _OWN_PRESET) != at_intersection:
-        fitting_ = [one for one in known if (one == _OWN_PRESET) == at_intersection]
+    if (name == _OWN_PRESET) != on_road:
+        fitting_ = [one for one in known if (one == _OWN_PRESET) == on_road]
         raise UserError(f"preset '{name}' is not for {world}: choose {', '.join(fitting_)}")
     return name, known[name]
 
 
 def collect_command(world: str) -> str:
     """Return the command that makes the demonstrations for a world."""
-    if world == INTERSECTION_WORLD:
-        return "socialiq collect socialiq/Intersection-v1 --driver FILE --out FILE"
+    if world in ROADS:
+        return f"socialiq collect {(IDS | SCENE_IDS)[world]} --driver FILE --out FILE"
     return "socialiq collect WORLD --clock --out FILE"
 
 
@@ -82,25 +85,30 @@ def in_gridworld(
     return Setting(static, list(data), sizes, grid if static.online else None, None, CHUNK)
 
 
-def at_intersection(
-    structure: StaticConfig, numbers: Sequence[Hyperparameters], data: Sequence[Demonstrations]
+def on_road(
+    name: str,
+    structure: StaticConfig,
+    numbers: Sequence[Hyperparameters],
+    data: Sequence[Demonstrations],
 ) -> Setting:
-    """Return the setting of the intersection with its default options.
+    """Return the setting of the intersection or another road, with its default options.
 
     Data of `collect` lack the time, which is the number of the step.
     """
-    options = Options()
+    world = road_named(name)
     clock = structure.redraw_times > 0
     if clock:
         structure = dataclasses.replace(
-            structure, redraw_times=options.decisions, timeout_reward=options.timeout_weight
+            structure,
+            redraw_times=world.options.decisions,
+            timeout_reward=world.options.timeout_weight,
         )
-    sizes = fitting.sizes_of(options, clock)
-    plain = fitting.sizes_of(options)[0]
+    plain = world.n_features
+    sizes = (plain + clock, world.n_actions)
     timed = [one.with_clock() if clock and one.n_features == plain else one for one in data]
     collector = None
     if structure.online:
         collector = dial_collector(
-            structure, numbers, options, structure.environments, STEPS_PER_UPDATE
+            structure, numbers, world, structure.environments, STEPS_PER_UPDATE
         )
     return Setting(structure, timed, sizes, None, collector, fitting.CHUNK)

@@ -7,7 +7,6 @@ from typing import Any
 
 from socialiq.audit.resolve_policy import rule_of
 from socialiq.errors import UserError, one_of
-from socialiq.evaluation.play import sees_time
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.policies.load import load_policy
@@ -15,6 +14,8 @@ from socialiq.policies.record import Loaded
 from socialiq.types import Policy
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.world import SceneWorld, world_of
 from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.options import Options
@@ -41,7 +42,7 @@ def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Polic
     if name not in shipped and not Path(name).exists():
         one_of("driver", name, (*policies.NAMES, *shipped, "a policy file"))
     policy = atlas.load(name) if name in shipped else load_driver(Path(name))
-    refuse_misfit(name, policy, options or Options())
+    refuse_misfit(name, policy, Intersection(options or Options()))
     return policy
 
 
@@ -77,7 +78,9 @@ def continuous_driver_of(
     return load_policy(name, world.n_features, 0, action_size=width(world.options), **more)
 
 
-def refuse_misfit(name: str, policy: ValuePolicy | DialPolicy, options: Options) -> None:
+def refuse_misfit(
+    name: str, policy: ValuePolicy | DialPolicy, world: Intersection | SceneWorld
+) -> None:
     """Raise an error for a policy or dial that was trained for another world.
 
     It may have the time as a further feature (`evaluation.play`).
@@ -85,18 +88,22 @@ def refuse_misfit(name: str, policy: ValuePolicy | DialPolicy, options: Options)
     Raises:
         UserError: If the numbers of features or actions differ.
     """
-    world = Intersection(options)
     if not (fits(policy, world) and policy.n_actions == world.n_actions):
         raise UserError(
             f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
-            f"intersection has {world.n_features} and {world.n_actions} (a clock adds a feature): "
+            f"{world.name} has {world.n_features} and {world.n_actions} (a clock adds a feature): "
             "name another policy"
         )
 
 
-def fits(policy: ValuePolicy | DialPolicy, world: Intersection) -> bool:
+def fits(policy: ValuePolicy | DialPolicy, world: Intersection | SceneWorld) -> bool:
     """Whether a policy takes the observations of the world, with or without the time."""
-    return policy.n_features == world.n_features or sees_time(policy, world.options)
+    return policy.n_features in (world.n_features, world.n_features + 1)
+
+
+def road_named(name: str) -> Intersection | SceneWorld:
+    """Return the intersection, or another road of highway-env, with its default options."""
+    return world_of(name) if name in SCENES else Intersection(Options())
 
 
 def gridworld_of(name: str, policy: ValuePolicy | DialPolicy) -> Table:

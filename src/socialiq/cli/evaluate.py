@@ -15,7 +15,7 @@ import tyro
 
 from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
 from socialiq.cli.evaluate_data import evaluate_data
-from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts
+from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts, driven_in
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
@@ -28,14 +28,12 @@ from socialiq.experiments.engine import Engine, work_folder
 from socialiq.experiments.intersection.rows import policy_row
 from socialiq.learners.config import check_seed
 from socialiq.nn.value_policy import ValuePolicy
-from socialiq.policies.load import load_policy
 from socialiq.recordings.recording import refuse_recording
 from socialiq.social.angle import check_angle
 from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
@@ -250,7 +248,6 @@ class Evaluate:
     def environment(self) -> list[dict[str, Any]]:
         """Return sampled metrics in a Gymnasium environment."""
         self._check_episodes()
-        env = make_environment(self.world, allow_code=self.allow_code, continuous=True)
         rows = []
         for path in map(str, self.policies):
             if self.engine.given:
@@ -259,9 +256,7 @@ class Evaluate:
                         self.world, path, self._seeds, self.soft, self.angle, self.allow_code
                     )
             else:
-                more: dict[str, Any] = {"angle": self.angle, "allow_code": self.allow_code}
-                more["action_size"] = action_size(env)
-                with load_policy(path, *sizes(env), **more) as loaded:
+                with driven_in(self.world, path, self.angle, self.allow_code) as (env, loaded):
                     rollout = rollout_env(
                         env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft
                     )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from socialiq.cli.drivers import driver_of
@@ -21,8 +23,10 @@ from socialiq.experiments.engine import Engine, run_jobs
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.study import StageCallback
 from socialiq.policies.load import load_policy
+from socialiq.policies.record import Loaded
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair
+from socialiq.worlds import IDS, SCENE_IDS
 from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -117,9 +121,7 @@ class Parts:
             raise _draws_in_order(name)
         path = Path(name).absolute()
         driver = str(path) if path.is_file() else name
-        env = make_environment(world, allow_code=allow_code, continuous=True)
-        more: dict[str, Any] = {"angle": angle, "allow_code": allow_code}
-        with load_policy(driver, *sizes(env), action_size=action_size(env), **more) as loaded:
+        with driven_in(world, driver, angle, allow_code) as (_, loaded):
             sha256 = loaded.record.sha256
         whole = PartConfig(
             world=world,
@@ -159,6 +161,33 @@ class Parts:
         return [self.work / job.name for job in jobs]
 
 
+@contextmanager
+def driven_in(
+    world: str, driver: str, angle: float, allow_code: bool
+) -> Iterator[tuple[gymnasium.Env[Any, Any], Loaded]]:
+    """Yield an environment and the policy that drives in it.
+
+    On a road of highway-env a file of this package may take the time as a further feature, which
+    the environment then shows.
+
+    Args:
+        world: Name, as of `make_environment`.
+        driver: The policy, as of `load_policy`.
+        angle: Of a dial, in degrees.
+        allow_code: Whether a module that is named may be imported.
+
+    Raises:
+        UserError: If one can't be made, or they don't fit together.
+    """
+    env = make_environment(world, allow_code=allow_code, continuous=True)
+    shows_time = world in (*SCENE_IDS, *SCENE_IDS.values(), IDS["intersection"])
+    more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": shows_time}
+    with load_policy(driver, *sizes(env), action_size=action_size(env), **more) as loaded:
+        if loaded.record.interface.n_features > sizes(env)[0]:
+            env = make_environment(world, {"clock": True})
+        yield env, loaded
+
+
 def _draws_in_order(name: str) -> UserError:
     return UserError(f"{name} draws its actions in order: leave out --processes and --cluster")
 
@@ -185,9 +214,7 @@ def play_part(
 
 
 def _play_in_environment(config: PartConfig, folder: Path) -> None:
-    env = make_environment(config.world, allow_code=config.allow_code, continuous=True)
-    more: dict[str, Any] = {"angle": config.angle, "allow_code": config.allow_code}
-    with load_policy(config.driver, *sizes(env), action_size=action_size(env), **more) as loaded:
+    with driven_in(config.world, config.driver, config.angle, config.allow_code) as (env, loaded):
         if loaded.record.sha256 != config.sha256:
             raise UserError(f"{config.driver} has changed: give the command again")
         made = rollout_env(env, loaded.policy, config.last - config.first, config.first)

@@ -29,6 +29,8 @@ from socialiq.to_json import rounded
 from socialiq.types import Row
 from socialiq.worlds import WORLD_FILE
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.registry import make
 
 
@@ -114,7 +116,7 @@ def encoding_of(world: str, data: Demonstrations) -> dict[str, Any]:
     if kind_of(Path(world)) == WORLD_FILE:
         made: Any = RecordedWorld.load(Path(world))
     else:
-        made = make(world)
+        made = world_of(world) if world in SCENES else make(world)
     clocked = made.with_clock() if isinstance(made, GridWorld) else made
     known = [(one.n_features, one.n_actions) for one in (made, clocked)]
     given = (data.n_features, data.n_actions)

@@ -9,7 +9,7 @@ from socialiq.cli.drivers import refuse_misfit
 from socialiq.cli.output import say
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import new_folder, refuse_existing
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Page:
         refuse_existing(self.out / FILE)
         shown = None
         if self.dial:
-            refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Options())
+            refuse_misfit(str(self.dial), DialPolicy.load(self.dial), Intersection())
             shown = own_dial(self.dial)
         say(f"open {write_page(new_folder(self.out), shown)}")
         return 0

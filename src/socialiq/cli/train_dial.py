@@ -11,10 +11,10 @@ import numpy as np
 import tyro
 
 from socialiq.cli.dial_worlds import (
-    INTERSECTION_WORLD,
-    at_intersection,
+    ROADS,
     collect_command,
     in_gridworld,
+    on_road,
     preset_of,
 )
 from socialiq.cli.offline_dial import OfflineCommand
@@ -48,15 +48,15 @@ class TrainDial:
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, intersection, or a file of `socialiq data world`."""
+    """crossing5, crossing7, intersection, merge, roundabout, or a file of `socialiq data world`."""
     out: Path
     """Folder to make: dials, metrics.csv, run.json."""
     data: Path | None = None
     """Demonstrations file, of `socialiq collect`, in a gridworld with --clock; a run without
     demonstrations has none."""
     preset: str | None = None
-    """At the intersection: intersection. In a gridworld: online (default), online-short (a fifth of
-    its rows, knots of the angle), online-quick (seconds, less exact), online-alone (no
+    """On a road of highway-env: intersection. In a gridworld: online (default), online-short (a
+    fifth of its rows, knots of the angle), online-quick (seconds, less exact), online-alone (no
     demonstrations), online-clockless, offline, offline-redrawn (each transition at newly drawn
     times). In both: offline-regularised (from whole episodes alone)."""
     seed: tuple[int, ...] = (0,)
@@ -85,7 +85,7 @@ class TrainDial:
         """Train, write the folder, print what came out."""
         check_seeds(self.seed)
         if kind_of(Path(self.world)) != WORLD_FILE:
-            one_of("world", self.world, (*GRIDWORLDS, INTERSECTION_WORLD))
+            one_of("world", self.world, (*GRIDWORLDS, *ROADS))
         elif self.preset not in offline.PRESETS:
             raise UserError(
                 f"a dial of a recorded junction learns from demonstrations alone: add --preset "
@@ -99,8 +99,8 @@ class TrainDial:
         hyperparameters = [dataclasses.replace(numbers, seed=seed) for seed in self.seed]
         budget = self.dual_ascent(name, structure, hyperparameters)
         data = self.demonstrations(name, structure.demonstrations)
-        if self.world == INTERSECTION_WORLD:
-            setting = at_intersection(structure, hyperparameters, data)
+        if self.world in ROADS:
+            setting = on_road(self.world, structure, hyperparameters, data)
         else:
             setting = in_gridworld(self.world, chosen, structure, data)
         static, data, sizes, simulator, collector, chunk = setting
@@ -188,7 +188,7 @@ class TrainDial:
         """
         if self.budget is None:
             return None
-        if self.world == INTERSECTION_WORLD:
+        if self.world in ROADS:
             raise UserError("a budget needs exact regrets: train in a gridworld, or leave it out")
         if static.updates <= ASCENT_EVERY:
             raise UserError(f"a budget is checked every {ASCENT_EVERY} updates: train for more")

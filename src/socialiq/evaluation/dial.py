@@ -13,14 +13,14 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.evaluation.exact import Optimum, Readout, action_table, evaluate_exactly, visit_counts
 from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.play import metrics_of, road_episodes
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import AngleEstimate, estimate_angle, exact_weights
 from socialiq.social.dial import Setting, setting
 from socialiq.types import RewardPair
 from socialiq.worlds.enumerate import Table
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.highway.episodes import RoadBatch
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class DialRollouts:
 
 def rollout_dial(
     dial: DialPolicy,
-    batch: Batch,
+    batch: RoadBatch,
     angles: Sequence[float],
     seeds: Int64[np.ndarray, " episode"],
     readout: Readout = "greedy",
@@ -173,7 +173,7 @@ def rollout_dial(
 
     Args:
         dial: The dial.
-        batch: Batch of episodes to drive.
+        batch: Batch of episodes to drive, of any road.
         angles: In degrees, rising.
         seeds: Seed of each episode, the same for all angles.
         readout: "greedy" or "soft".
@@ -184,10 +184,10 @@ def rollout_dial(
     if len(seeds) < 2:
         raise UserError("a mixture needs two episodes or more: one half selects, one measures")
     driven = [
-        episodes_of(batch, dial.at(angle), seeds, deterministic=readout == "greedy")
+        road_episodes(batch, dial.at(angle), seeds, deterministic=readout == "greedy")
         for angle in angles
     ]
     return DialRollouts(
-        Sweep(tuple(angles), tuple(one.metrics() for one in driven)),
+        Sweep(tuple(angles), tuple(metrics_of(one) for one in driven)),
         tuple(np.stack([one.totals.env, one.totals.social], axis=1) for one in driven),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -163,14 +163,50 @@ class Episodes(NamedTuple):
 
     def metrics(self) -> Metrics:
         """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
-        counts = np.bincount(self.ending, minlength=len(Ending))
-        return Metrics.of(
-            totals=RewardPair(self.totals.env.mean(), self.totals.social.mean()),
-            endings=counts / len(self.ending),
-            mean_speed=float(self.speed.mean()),
-            stopped=float(self.stopped.mean()),
-            length=float(self.length.mean()),
-        )
+        return metrics_of(self)
+
+
+class RoadEpisodes(NamedTuple):
+    """Results of episodes of any road, one row for each; attributes as of `Episodes`."""
+
+    totals: RewardPair
+    ending: Int64[np.ndarray, " episode"]
+    length: Int64[np.ndarray, " episode"]
+    speed: Float[np.ndarray, " episode"]
+    stopped: Float[np.ndarray, " episode"]
+
+
+def metrics_of(episodes: Episodes | RoadEpisodes) -> Metrics:
+    """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
+    counts = np.bincount(episodes.ending, minlength=len(Ending))
+    return Metrics.of(
+        totals=RewardPair(episodes.totals.env.mean(), episodes.totals.social.mean()),
+        endings=counts / len(episodes.ending),
+        mean_speed=float(episodes.speed.mean()),
+        stopped=float(episodes.stopped.mean()),
+        length=float(episodes.length.mean()),
+    )
+
+
+def road_episodes(
+    batch: RoadBatch,
+    policy: Policy,
+    seeds: Sequence[int] | np.ndarray,
+    deterministic: bool = True,
+) -> RoadEpisodes:
+    """Run one episode of any road for each seed and return its sums; arguments as of `play`.
+
+    Raises:
+        UserError: If there are no seeds.
+    """
+    sums, last = _sums(play(batch, policy, seeds, deterministic), len(seeds), _driven)
+    return RoadEpisodes(
+        totals=RewardPair(sums["env"], sums["social"]),
+        ending=last["ending"],
+        length=sums["length"].astype(np.int64),
+        speed=sums["speed"] / sums["length"],
+        stopped=sums["stopped"] / sums["length"],
+    )
 
 
 def episodes_of(
@@ -197,16 +233,7 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
         steps: Result of `play`.
         count: Number of episodes.
     """
-    sums: dict[str, np.ndarray] = {}
-    last = {name: np.zeros(count, np.int64) for name in ("ending", "contact")}
-    for played in steps:
-        which = played.episode[played.running]
-        for name, column in _quantities(played).items():
-            if name not in sums:
-                sums[name] = np.zeros((count, *column.shape[1:]))
-            sums[name][which] += column
-        for name, column in last.items():
-            column[which] = getattr(played.made, name)[played.running]
+    sums, last = _sums(steps, count, _quantities)
     counted = {name: sums[name].astype(np.int64) for name in _COUNTED}
     return Episodes(
         totals=RewardPair(sums["env"], sums["social"]),
@@ -221,6 +248,23 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
     )
 
 
+def _sums(
+    steps: Iterator[Step], count: int, quantities: Callable[[Step], dict[str, np.ndarray]]
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the sums of quantities over each episode, and its last ending and contact."""
+    sums: dict[str, np.ndarray] = {}
+    last = {name: np.zeros(count, np.int64) for name in ("ending", "contact")}
+    for played in steps:
+        which = played.episode[played.running]
+        for name, column in quantities(played).items():
+            if name not in sums:
+                sums[name] = np.zeros((count, *column.shape[1:]))
+            sums[name][which] += column
+        for name, column in last.items():
+            column[which] = getattr(played.made, name)[played.running]
+    return sums, last
+
+
 def slowing(action: np.ndarray) -> Bool[np.ndarray, " row"]:
     """Whether actions slow the ego down: number 0, or a negative acceleration."""
     return action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
@@ -229,19 +273,26 @@ def slowing(action: np.ndarray) -> Bool[np.ndarray, " row"]:
 _COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
 
 
-def _quantities(played: Step) -> dict[str, np.ndarray]:
-    """Quantities that are summed over an episode, of the rows that decided."""
+def _driven(played: Step) -> dict[str, np.ndarray]:
+    """Quantities of any road that are summed over an episode, of the rows that decided."""
     made, rows = played.made, np.flatnonzero(played.running)
-    signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
-    conflicts = conflict_at_junction(played.observation[rows])
     return {
         "env": made.rewards.env[rows],
         "social": made.rewards.social[rows],
-        "own": made.classical.env[rows],
-        "others": made.classical.social[rows],
         "length": np.ones(len(rows)),
         "speed": made.speed[rows],
         "stopped": made.speed[rows] < STOPPED_BELOW,
+    }
+
+
+def _quantities(played: Step) -> dict[str, np.ndarray]:
+    """Quantities of the intersection that are summed over an episode, of the rows that decided."""
+    made, rows = played.made, np.flatnonzero(played.running)
+    signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
+    conflicts = conflict_at_junction(played.observation[rows])
+    return _driven(played) | {
+        "own": made.classical.env[rows],
+        "others": made.classical.social[rows],
         "neighbours_collided": made.neighbours_collided[rows],
         "signals": signals,
         "active": signals != 0,

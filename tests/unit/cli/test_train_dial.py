@@ -82,9 +82,42 @@ def test_a_dial_of_the_intersection_sees_the_time_and_is_driven(tmp_path, capsys
     assert "told.safetensors" in capsys.readouterr().err
 
 
-def policy_file(folder, name):
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [("0",), ("0", "1")])
+def test_a_dial_of_another_road_is_trained_and_driven(seeds, tmp_path, capsys):
+    """The roundabout's dial sees its clock, whether its runs act alone or side by side."""
+    data, out = tmp_path / "data.safetensors", tmp_path / "run"
+    drivers = [
+        word
+        for name in ("wait", "go")
+        for word in ("--driver", policy_file(tmp_path, name, features=35, actions=5))
+    ]
+    collect = ["collect", "socialiq/Roundabout-v1", *drivers, "--episodes", "2"]
+    assert main([*collect, "--out", str(data)]) == 0
+    train = ["train-dial", "roundabout", "--data", str(data), "--seed", *seeds, "--out", str(out)]
+    small = ["--updates", "2", "--hidden", "8", "--expert-batch", "4", "--replay-batch", "4"]
+    assert main([*train, *small, "--replay-capacity", "3000"]) == 0
+    record = json.loads((out / "run.json").read_text())
+    assert record["structure"]["redraw_times"] == 11 and len(record["dials"]) == len(seeds)
+    dial = str(out / "dial_0.safetensors")
+    told = str(tmp_path / "told.safetensors")
+    command = ["dial", "roundabout", "--policy", dial, "--every", "45", "--episodes", "6"]
+    capsys.readouterr()
+    assert main([*command, "--calibrated", told, "--json"]) == 0
+    first, *_ = json.loads(capsys.readouterr().out)["angles"]
+    evaluate = ["evaluate", dial, "--world", "roundabout", "--episodes", "6", "--json"]
+    for more in ([], ["--processes", "1"]):
+        assert main([*evaluate, *more]) == 0
+        same = json.loads(capsys.readouterr().out)
+        assert same["r_env"] == pytest.approx(first["r_env"], abs=1e-9)
+        assert same["r_social"] == pytest.approx(first["r_social"], abs=1e-9)
+    assert main(["dial", "intersection", "--policy", dial]) == 2
+    assert "the intersection has 70 and 3" in capsys.readouterr().err
+
+
+def policy_file(folder, name, features=70, actions=3):
     """File of a small network."""
-    network = QNetwork.initialise(jax.random.key(len(name)), 70, (4,), 3)
+    network = QNetwork.initialise(jax.random.key(len(name)), features, (4,), actions)
     path = folder / f"{name}.safetensors"
     QPolicy.of(network, 0.1, {}).save(path)
     return str(path)
@@ -96,6 +129,9 @@ def policy_file(folder, name):
         (["crossing7", "--preset", "intersection"], "is not for crossing7: choose online,"),
         (["intersection", "--preset", "online"], "is not for intersection: choose intersection"),
         (["intersection"], "collect socialiq/Intersection-v1 --driver FILE"),
+        (["merge"], "collect socialiq/Merge-v1 --driver FILE"),
+        (["merge", "--preset", "online"], "is not for merge: choose intersection"),
+        (["roundabout", "--angle", "45", "--budget", "1"], "train in a gridworld"),
         (["intersection", "--angle", "45", "--budget", "1"], "train in a gridworld"),
         (["nowhere"], "crossing5, crossing7"),
     ],

@@ -26,6 +26,7 @@ from socialiq.experiments.intersection.fitting import (
     MEASURES,
     Checks,
     fit,
+    road_source,
     sizes_of,
     soft_collector,
     source_of,
@@ -42,9 +43,11 @@ from socialiq.learners.iq_learn.train import train as train_iq
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Policy, Row
+from socialiq.worlds.highway.gym import RoadVectorEnv
+from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
 
 
 @dataclass(frozen=True)
@@ -126,32 +129,27 @@ STEPS_PER_UPDATE = 12
 def dial_collector(
     structure: dial.StaticConfig,
     numbers: Sequence[dial.Hyperparameters],
-    options: Options,
+    world: Intersection | SceneWorld,
     environments: int,
     steps_per_update: int,
 ) -> DialCollector | DialVectorCollector:
-    """Return what collects dials' experience on the core, from intersections of each run.
+    """Return what collects dials' experience on the core, from episodes of each run.
 
     Several runs act together, on as many threads as there are runs, or cores if fewer.
 
     Args:
         structure: Shared by all runs; with a clock where times are redrawn.
         numbers: Of each run.
-        options: Scenario.
+        world: The road.
         environments: Episodes side by side, of each run.
         steps_per_update: Rows for each update.
     """
     clock, count = structure.redraw_times > 0, len(numbers)
     if count == 1:
-        source = source_of(options, environments, steps_per_update, clock)
+        source = road_source(world, environments, steps_per_update, clock)
         return DialCollector([source], structure, numbers)
-    env = IntersectionVectorEnv(
-        count * environments,
-        threads=min(count, available_cores()),
-        autoreset_mode=AutoresetMode.SAME_STEP,
-        clock=clock,
-        **dataclasses.asdict(options),
-    )
+    batch = world.batch(count * environments, min(count, available_cores()))
+    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
     rounds = -(-CHUNK * steps_per_update // environments)
     return DialVectorCollector(env, rounds, structure, numbers)
 
@@ -237,7 +235,8 @@ def fit_dial(
         return {"total": float(np.mean(values))}
 
     steps = config.steps_per_update
-    collector = dial_collector(structure, [numbers], config.options, config.environments, steps)
+    world = Intersection(config.options)
+    collector = dial_collector(structure, [numbers], world, config.environments, steps)
     train = partial(
         dial_training.train,
         structure,

@@ -208,7 +208,8 @@ def train_discrete(
 ) -> None:
     """Write dials of discrete actions."""
     given = (config.structure, config.numbers)
-    collector = dial_collector(*given, config.options, config.environments, STEPS_PER_UPDATE)
+    world = Intersection(config.options)
+    collector = dial_collector(*given, world, config.environments, STEPS_PER_UPDATE)
     more = {"sizes": sizes_of(config.options, True), "before_chunk": collector}
     program = partial(dial_training.train, *given, [], **more)
     fit(program, folder, on_progress, [run_file(one) for one in config.numbers])
