@@ -14,11 +14,12 @@ import jax
 import jaxtyping
 import pytest
 
+from socialiq.experiments.engine import available_cores
 from socialiq.worlds import registry
 from socialiq.worlds.enumerate import Table, tabulate
 
 EXTRAS = Path(__file__).parent / "extras"
-EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows)")
+EXCUSE = re.compile(r"needs (a GPU|Linux|macOS|Windows|two cores)")
 """Reasons that no installation removes. Any other fails a run with --report-skips."""
 
 
@@ -26,7 +27,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--report-skips",
         metavar="FILE",
-        help="append skipped tests to FILE; fail if one needs neither another system nor a GPU",
+        help="append skipped tests to FILE; fail if it could have run on this machine",
     )
 
 
@@ -40,6 +41,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(EXTRAS):
             item.add_marker("extras")
+        if item.get_closest_marker("two_cores") and available_cores() < 2:
+            item.add_marker(pytest.mark.skip("needs two cores"))
 
 
 def skipped(config: pytest.Config) -> list[tuple[str, str]]:

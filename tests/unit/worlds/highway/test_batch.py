@@ -34,6 +34,7 @@ def test_episodes_do_not_depend_on_their_neighbours(name):
     np.testing.assert_array_equal(many.observation[4:5], alone.observation)
 
 
+@pytest.mark.two_cores
 @pytest.mark.parametrize("name", NAMES)
 def test_two_threads_drive_the_same_episodes(name):
     one, two = world_of(name).batch(9), world_of(name).batch(9, threads=2)

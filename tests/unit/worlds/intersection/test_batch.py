@@ -290,7 +290,14 @@ def test_a_row_is_the_episode_of_its_seed_alone(actions_of):
     assert (resets >= 2).all()
 
 
-@pytest.mark.parametrize(("size", "threads"), [(64, 2), (1, 1), (3, 2)])
+@pytest.mark.parametrize(
+    ("size", "threads"),
+    [
+        pytest.param(64, 2, marks=pytest.mark.two_cores),
+        (1, 1),
+        pytest.param(3, 2, marks=pytest.mark.two_cores),
+    ],
+)
 def test_neither_size_nor_threads_matter(size, threads, actions_of):
     reference, other = Batch(Options(), 64), Batch(Options(), size, threads)
     np.testing.assert_array_equal(reference.reset(40)[:size], other.reset(40))

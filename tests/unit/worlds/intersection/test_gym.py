@@ -148,6 +148,7 @@ def test_a_reset_forgets_who_had_ended():
     assert env.step([2, 2])[4]["_speed"].all() and ended.any()
 
 
+@pytest.mark.two_cores
 def test_gymnasium_makes_it_vectorised():
     env = gymnasium.make_vec(
         IDS["intersection"], num_envs=3, angle=90.0, threads=2, observed_vehicles=5
