@@ -7,6 +7,7 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import packaged_results, read_json
 from socialiq.studies.mujoco_imitation import pieces, plan
 from socialiq.studies.mujoco_imitation.config import Config
+from socialiq.studies.mujoco_imitation.methods import METHODS
 from socialiq.studies.mujoco_imitation.study import STUDY, compute_tables
 from socialiq.studies.mujoco_imitation.tasks import TASKS, returns
 
@@ -44,7 +45,7 @@ def test_an_expert_is_imitated_and_pieces_are_taken_over(tmp_path) -> None:
     (expert,) = found["tables"]["experts"]
     assert expert["updates"] == 40 and expert["best_checkpoint"] in (20, 40)
     rows = {row["method"]: row for row in found["tables"]["runs"]}
-    assert set(rows) == {"online", "offline", "cloning"}
+    assert set(rows) == set(METHODS)
     policy = tmp_path / "work" / "expert" / "Hopper" / "expert.safetensors"
     again = returns(TASKS["Hopper"], ActorPolicy.load(policy), 2, 50_200_000).mean()
     assert expert["mean_return"] == pytest.approx(again)
