@@ -7,25 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import sha256_of_file
 from socialiq.recordings.readers.column_map import ColumnMap
 from socialiq.recordings.readers.commonroad import MOST_STATES
+from socialiq.recordings.readers.csv_periods import frames_of, recordings_of
 from socialiq.recordings.readers.csv_table import Table, origin_of, rate_of, users_of
-from socialiq.recordings.readers.motion import heading_of_motion, smoothed, wrapped
+from socialiq.recordings.readers.motion import Directions, heading_of_motion, smoothed, wrapped
 from socialiq.recordings.recording import Imported, Recording, Refused, order_fault
-from socialiq.recordings.road.network import RoadNetwork, lanelet_points
+from socialiq.recordings.road.network import RoadNetwork
 from socialiq.recordings.tracks import FARTHEST, RoadUser, Tracks
 
 _TURN = 2 * np.pi
-_MOST_RECORDINGS = 1_000
-_MOVING = 1.0  # m/s
-_SAME_PERIOD = 10.0  # s; starts this close are those of one period
-_LANE = 2.5  # m; a standing vehicle is in a lane whose middle is this close
-_PASSED = 1.0  # m; or stands where another passed
 
 
 def read_csv(
@@ -52,7 +47,7 @@ def read_csv(
     table = Table(path, columns.separator, most_states)
     table.read(columns.columns, frozenset({"recording", "class"}), frozenset({"id", "frame"}))
     dt = 1 / rate_of(path, columns)
-    frame = _frames(table, columns, dt)
+    frame = frames_of(table, columns, dt)
     users = users_of(path, columns)
     source: dict[str, Any] = {
         "format": columns.format,
@@ -63,7 +58,7 @@ def read_csv(
     origin = origin_of(path, columns)
     if origin is not None:
         source |= {"utm_origin": list(origin)}
-    group, names = _groups(table, columns, frame, dt)
+    group, names = recordings_of(table, columns, frame, dt)
     found = []
     for number, name in names.items():
         rows = np.flatnonzero(group == number)
@@ -72,96 +67,8 @@ def read_csv(
     return found
 
 
-def _groups(
-    table: Table, columns: ColumnMap, frame: np.ndarray, dt: float
-) -> tuple[np.ndarray, dict[int, str]]:
-    """Return the number of each row's recording, and the recordings' names.
-
-    Within a period of observation frames count its time, so their difference is constant.
-    """
-    group = table["recording"] if "recording" in table else np.zeros(table.n_rows, np.int32)
-    names = _names(table, columns)
-    if not columns.periods:
-        return group, names
-    began = np.round(table["time"] * columns.scales["time"] / dt) - frame
-    if not np.isfinite(began).all():
-        raise UserError(f"{table.path}, {_first(table, ~np.isfinite(began))}: no time")
-    starts = np.unique(began)
-    period = np.concatenate([[0], np.cumsum(np.diff(starts) > _SAME_PERIOD / dt)])
-    pairs = np.column_stack([group, period[np.searchsorted(starts, began)]])
-    found, group = np.unique(pairs, axis=0, return_inverse=True)
-    if len(found) > _MOST_RECORDINGS:
-        raise UserError(
-            f"{table.path}: {len(found):,} periods: frames and times have different rates; correct "
-            "the rate or the unit of time in the column map"
-        )
-    several = {word for word in found[:, 0].tolist() if (found[:, 0] == word).sum() > 1}
-    numbers = [(found[:at, 0] == word).sum() + 1 for at, word in enumerate(found[:, 0])]
-    return group.ravel(), {
-        at: names[word] + (f"-period-{numbers[at]}" if word in several else "")
-        for at, word in enumerate(found[:, 0].tolist())
-    }
-
-
-def _names(table: Table, columns: ColumnMap) -> dict[int, str]:
-    """Return the names of the recordings: the file's, and the column's word if it has several."""
-    stem = table.path.stem
-    if columns.users_file is not None:
-        stem = table.path.name.removesuffix(columns.users_file[0]).removesuffix(".csv")
-    words = table.words.get("recording", {"": 0})
-    if len(words) > _MOST_RECORDINGS:
-        column = columns.columns["recording"]
-        raise UserError(
-            f"{table.path}: {len(words):,} recordings by {column}: correct the column map"
-        )
-    if len(words) == 1:
-        return {0: stem}
-    return {number: f"{stem}-{one_line(word, 60)}" for word, number in words.items()}
-
-
-def _frames(table: Table, columns: ColumnMap, dt: float) -> np.ndarray:
-    """Return the numbers of frames, derived from the time if the file has none."""
-    if "frame" in table:
-        frame = table["frame"]
-    else:
-        steps = table["time"] * columns.scales["time"] / dt
-        if not np.isfinite(steps).all():
-            raise UserError(f"{table.path}, {_first(table, ~np.isfinite(steps))}: no time")
-        frame = np.round(steps - steps.min()).astype(np.int64)
-        off = np.abs(steps - steps.min() - frame) > 0.1
-        if off.any():
-            raise UserError(
-                f"{table.path}, {_first(table, off)}: the time is not a multiple of {dt:g} s after "
-                "the first: correct the unit or the rate in the column map"
-            )
-    low, high = int(frame.min()), int(frame.max())
-    return frame if low >= 0 and high < 2**31 else frame - low
-
-
-def _first(table: Table, bad: np.ndarray) -> str:
-    return table.row_name(int(np.argmax(bad)))
-
-
 class _NeverMovesError(Exception):
     """A track without a heading never moves."""
-
-
-class _Directions:
-    """Directions of lanes, or of the vehicles that moved, by place."""
-
-    def __init__(self, road: RoadNetwork, states: list[np.ndarray]) -> None:
-        lines = [lanelet_points(one) for one in road.lanelets.values()]
-        moving = [one[:3, np.hypot(one[3], one[4]) >= _MOVING].T for one in states]
-        self._points, self._reach = (lines, _LANE) if lines else (moving, _PASSED)
-        self._all = np.concatenate([np.zeros((0, 3)), *self._points])
-        self._tree = KDTree(self._all[:, :2]) if len(self._all) else None
-
-    def at(self, x: float, y: float) -> float | None:
-        """Return the direction at a place, rad; None if nothing is near."""
-        if self._tree is None or not np.isfinite([x, y]).all():
-            return None
-        distance, place = self._tree.query([x, y])
-        return float(self._all[place, 2]) if distance <= self._reach else None
 
 
 class _Draft:
@@ -178,7 +85,7 @@ class _Draft:
     ) -> None:
         self._table, self._columns, self._users, self._dt = table, columns, users, dt
         self._frame, self._road = frame, road
-        self._directions: _Directions | None = None
+        self._directions: Directions | None = None
         self._refused: list[Refused] = []
 
     def imported(self, rows: np.ndarray, name: str, source: dict[str, Any]) -> Imported:
@@ -195,16 +102,14 @@ class _Draft:
             except ValueError as error:
                 self._refuse(rows[first:end], str(error))
         if standing:
-            self._directions = _Directions(self._road, [one[2] for one in found.values()])
+            self._directions = Directions(self._road, [one[2] for one in found.values()])
         for first, end in standing:
             try:
                 found[first] = self._read(rows[first:end])
             except ValueError as error:
                 self._refuse(rows[first:end], str(error))
         kept, users, states = (
-            zip(*(found[first] for first in sorted(found)), strict=True)
-            if (found)
-            else ((), (), ())
+            zip(*(found[first] for first in sorted(found)), strict=True) if found else ((), (), ())
         )
         if not kept:
             first = f"{self._refused[0].identity}: {self._refused[0].reason}"

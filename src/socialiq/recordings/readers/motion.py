@@ -1,10 +1,13 @@
-"""Velocities and headings derived from positions, for files without them."""
+"""Velocities and headings derived from positions and lanes, for files without them."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float64
 from scipy.signal import savgol_filter
+from scipy.spatial import KDTree
+
+from socialiq.recordings.road.network import RoadNetwork, lanelet_points
 
 STILL = 0.5
 """m/s; slower than this, the direction of a smoothed displacement is noise and the last direction
@@ -12,6 +15,10 @@ at speed is kept."""
 
 WINDOW = 1.1
 """s over which positions are smoothed by a quadratic before they are differenced."""
+
+_MOVING = 1.0  # m/s
+_LANE = 2.5  # m; a standing vehicle is in a lane whose middle is this close
+_PASSED = 1.0  # m; or stands where another passed
 
 Column = Float64[np.ndarray, " state"]
 
@@ -58,3 +65,21 @@ def heading_of_motion(vx: Column, vy: Column) -> Column | None:
         return None
     last = np.maximum(np.searchsorted(moving, np.arange(len(vx)), side="right") - 1, 0)
     return np.arctan2(vy, vx)[moving[last]]
+
+
+class Directions:
+    """Directions of lanes, or of the vehicles that moved, by place."""
+
+    def __init__(self, road: RoadNetwork, states: list[np.ndarray]) -> None:
+        lines = [lanelet_points(one) for one in road.lanelets.values()]
+        moving = [one[:3, np.hypot(one[3], one[4]) >= _MOVING].T for one in states]
+        self._points, self._reach = (lines, _LANE) if lines else (moving, _PASSED)
+        self._all = np.concatenate([np.zeros((0, 3)), *self._points])
+        self._tree = KDTree(self._all[:, :2]) if len(self._all) else None
+
+    def at(self, x: float, y: float) -> float | None:
+        """Return the direction at a place, rad; None if nothing is near."""
+        if self._tree is None or not np.isfinite([x, y]).all():
+            return None
+        distance, place = self._tree.query([x, y])
+        return float(self._all[place, 2]) if distance <= self._reach else None
