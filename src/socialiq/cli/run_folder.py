@@ -89,11 +89,13 @@ class RunFolder:
             with suppress(OSError):
                 self.out.rmdir()
 
-    def save_policies(self, trained: Trained) -> list[Row]:
-        """Write the policy of each run; return the files' names and hashes."""
+    def save_policies(
+        self, trained: Trained, change: Callable[[Any], Any] = lambda policy: policy
+    ) -> list[Row]:
+        """Write the policy of each run, changed; return the files' names and hashes."""
         names = [f"{self.kind}_{run}.safetensors" for run in range(len(trained.hyperparameters))]
         return [
-            {"file": name, "sha256": trained.policy(run).save(self.out / name)}
+            {"file": name, "sha256": change(trained.policy(run)).save(self.out / name)}
             for run, name in enumerate(names)
         ]
 

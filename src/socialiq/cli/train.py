@@ -94,6 +94,9 @@ class Train:
     json: bool = False
     """Print one JSON object."""
 
+    standardise: bool = False
+    """Of continuous actions: let the networks see each feature with mean 0 and deviation 1 over
+    the demonstrations; the policies take observations as they are."""
     loss: str = ""
     """FILE.py:NAME, a loss of your own in the place of the objective; --prior and --divergence
     take one in the same way."""
@@ -132,6 +135,8 @@ class Train:
         assert self.data is not None
         for options in (self.continuous, self.critics, self.tuning, self.towards_data):
             refuse_given(options, "continuous actions, and these are discrete")
+        if self.standardise:
+            raise UserError("--standardise is of continuous actions, and these are discrete")
         own = self.own_code()
         static, hyperparameters = self.settings(own)
         simulator, before_chunk = self.experience(static, hyperparameters, data)
@@ -241,7 +246,9 @@ class Train:
         return {name: getattr(hyperparameters, name) for name in names}
 
     @staticmethod
-    def policies(folder: RunFolder, trained: Trained) -> list[Row]:
+    def policies(
+        folder: RunFolder, trained: Trained, change: Callable[[Any], Any] = lambda policy: policy
+    ) -> list[Row]:
         """Write the policies; return what each differs in, its file and its last measurements."""
         arrays = {name: trained.history.array(name) for name in trained.history.values}
         columns = {"greedy_angle": "angle_hat", "greedy_arrival": "arrival", "loss": "loss"}
@@ -250,7 +257,7 @@ class Train:
             | saved
             | {columns[name]: float(arrays[name][-1, run]) for name in arrays if name in columns}
             for run, (hyperparameters, saved) in enumerate(
-                zip(trained.hyperparameters, folder.save_policies(trained), strict=True)
+                zip(trained.hyperparameters, folder.save_policies(trained, change), strict=True)
             )
         ]
 

@@ -11,6 +11,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
+from socialiq.learners.continuous.standardise import Standardisation
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
 from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.kernel import Learner, Trained
@@ -45,11 +46,13 @@ def run(command: Any, data: Demonstrations | None) -> int:
         command.resume,
         command.tensorboard,
     )
-    prepared = _prepared(command, learner, static, runs, data)
+    change = _standardisation(command, data)
+    seen = change.transitions(data) if change is not None and data is not None else data
+    prepared = _prepared(command, learner, static, runs, seen, change)
     labels = [command.label(one) for one in runs]
     with folder.callbacks(labels) as callbacks:
         trained = prepared(callbacks)
-    policies = command.policies(folder, trained)
+    policies = command.policies(folder, trained, *([change.policy] if change else []))
     renamed = [
         {"angle_target" if key == "angle" else key: value for key, value in one.items()}
         for one in labels
@@ -93,12 +96,28 @@ def _learner(command: Any) -> type[Learner]:
     return LEARNERS[named]
 
 
+def _standardisation(command: Any, data: Demonstrations | None) -> Standardisation | None:
+    """Return the change of observations that the command asks for.
+
+    Raises:
+        UserError: If there is nothing to standardise by, or a view reads observations.
+    """
+    if not command.standardise:
+        return None
+    if data is None:
+        raise UserError("--standardise is by demonstrations, and sac has none: leave it out")
+    if command.world in CONTINUOUS or command.static.view not in (None, "flat"):
+        raise UserError("observations of vehicles are scaled already: leave --standardise out")
+    return Standardisation.of(data.observation)
+
+
 def _prepared(
     command: Any,
     learner: type[Any],
     static: Any,
     runs: list[Any],
     data: Demonstrations | None,
+    change: Standardisation | None,
 ) -> Callable[[Callbacks], Trained]:
     """Make the world, check that all fits, and return the training."""
     if learner is BehaviourCloning:
@@ -119,6 +138,8 @@ def _prepared(
         return lambda callbacks: train(learner, static, runs, datasets, callbacks=callbacks, **more)
     given = (data.n_features, data.action_size) if data is not None else None
     make = continuous_maker(command.world, given, command.allow_code)
+    if change is not None:
+        make = change.maker(make)
     first = make()
     found = (sizes(first)[0], action_size(first))
     check_fit(learner, static, runs, datasets, None, found, True)

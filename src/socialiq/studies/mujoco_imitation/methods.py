@@ -24,12 +24,14 @@ class Method:
         static: Its static configuration; the type says which learner it is.
         numbers: Its hyperparameters, but for seed and data set.
         absorbing: Whether terminal states are absorbing ones that the observation shows.
+        standardised: Whether the networks see standardised observations.
         updates: Of online imitation; 0 for those of the task.
     """
 
     static: Any
     numbers: Any
     absorbing: bool = False
+    standardised: bool = False
     updates: int = 0
 
     @property

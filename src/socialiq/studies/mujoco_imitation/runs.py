@@ -17,9 +17,12 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.collect import Collector, from_env
+from socialiq.learners.continuous.acting import drawing
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
-from socialiq.learners.continuous.train import acting_in, train
+from socialiq.learners.continuous.standardise import Standardisation
+from socialiq.learners.continuous.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.storage import write_json
@@ -96,9 +99,8 @@ def imitate(
         resume=checkpoint.is_file(),
     )
     method = settled(run, task)
-    trained = learn(task, method, shown, run.seeds, callbacks)
-    for place, seed in enumerate(run.seeds):
-        policy = trained.policy(place)
+    policies = learn(task, method, shown, run.seeds, callbacks)
+    for place, (seed, policy) in enumerate(zip(run.seeds, policies, strict=True)):
         policy = _without_mark(policy) if method.absorbing else policy
         found = returns(task, policy, run.episodes, run.evaluation_seed)
         write_json(
@@ -112,10 +114,16 @@ def imitate(
                 "evaluation_seed": run.evaluation_seed,
                 "demonstrated_return": float(shown[place].totals().env.mean()),
                 "returns": found.tolist(),
-                "record": trained.learner.record(trained.hyperparameters[place]),
+                "record": _record(policy),
             },
         )
     checkpoint.unlink(missing_ok=True)
+
+
+def _record(policy: ActorPolicy) -> dict[str, Any]:
+    """Return a policy's provenance; of a standardisation only that it is there."""
+    changed = {"standardised": True} if "standardised" in policy.provenance else {}
+    return {**policy.provenance, **changed}
 
 
 def settled(run: Imitation, task: Task) -> Method:
@@ -135,23 +143,43 @@ def learn(
     shown: Sequence[Demonstrations],
     seeds: Sequence[int],
     callbacks: Callbacks,
+) -> list[ActorPolicy]:
+    """Train a run for each seed, each on its own set, all in one program; return the policies."""
+    if method.absorbing:
+        shown = [with_absorbing_states(one) for one in shown]
+    changes = [Standardisation.of(one.observation) for one in shown if method.standardised]
+    seen = [change.transitions(one) for change, one in zip(changes, shown, strict=True)]
+    trained = _train(task, method, seen or shown, seeds, callbacks, changes)
+    policies = [trained.policy(run) for run in range(len(seeds))]
+    return [change.actor(one) for change, one in zip(changes, policies, strict=True)] or policies
+
+
+def _train(
+    task: Task,
+    method: Method,
+    shown: Sequence[Demonstrations],
+    seeds: Sequence[int],
+    callbacks: Callbacks,
+    changes: Sequence[Standardisation],
 ) -> Trained:
-    """Train a run for each seed, each on its own set, all in one program."""
-
-    def make() -> gymnasium.Env[Any, Any]:
-        env = make_env(task)
-        return AbsorbingStates(env) if method.absorbing else env
-
+    """Train on demonstrations as the networks see them."""
     runs = [
         dataclasses.replace(method.numbers, seed=seed, dataset=place)
         for place, seed in enumerate(seeds)
     ]
     if isinstance(method.static, bc.StaticConfig):
         return BehaviourCloning.train_on(method.static, runs, shown, callbacks)
-    if method.absorbing:
-        shown = [with_absorbing_states(one) for one in shown]
-    chunk = method.static.updates_per_round if method.online else 500
-    acting = acting_in(make, method.static, runs) if method.online else None
+
+    def environment() -> gymnasium.Env[Any, Any]:
+        env = make_env(task)
+        return AbsorbingStates(env) if method.absorbing else env
+
+    if not method.online:
+        return train(ContinuousIQLearn, method.static, runs, shown, callbacks=callbacks)
+    chunk = method.static.updates_per_round
+    makers = [one.maker(environment) for one in changes] or [environment] * len(seeds)
+    sources = [from_env(make(), chunk, continuous=True) for make in makers]
+    collector = Collector(sources, seeds, drawing(method.static, 1))
     return train(
         ContinuousIQLearn,
         method.static,
@@ -159,7 +187,7 @@ def learn(
         shown,
         callbacks=callbacks,
         chunk=chunk,
-        before_chunk=acting,
+        before_chunk=collector,
     )
 
 

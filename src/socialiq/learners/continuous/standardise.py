@@ -1,0 +1,107 @@
+"""Standardised observations: each feature with mean 0 and deviation 1 over the demonstrations.
+
+Features of different units, a velocity of 10 m/s beside an angle of 0.1 rad, reach small networks
+alike. The learner sees standardised observations only; its policy takes them as they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from jaxtyping import Float, Float32
+
+from socialiq.errors import UserError
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+
+_LEAST = 1e-3
+"""Added to deviations, as Fujimoto and Gu (2021) do."""
+
+Table = TypeVar("Table")
+
+
+@dataclass(frozen=True, eq=False)
+class Standardisation:
+    """An affine change of each feature of an observation.
+
+    Attributes:
+        mean: Subtracted.
+        deviation: Divided by, above 0.
+    """
+
+    mean: Float32[np.ndarray, " feature"]
+    deviation: Float32[np.ndarray, " feature"]
+
+    @staticmethod
+    def of(observation: Float[np.ndarray, "row feature"]) -> Standardisation:
+        """Return the change of these observations; a feature that never changes keeps its unit."""
+        observation = np.asarray(observation, np.float64)
+        mean, deviation = observation.mean(axis=0), observation.std(axis=0)
+        deviation = np.where(deviation > 0.0, deviation + _LEAST, 1.0)
+        return Standardisation(mean.astype(np.float32), deviation.astype(np.float32))
+
+    def __call__(self, observation: Any) -> Float32[np.ndarray, "*row feature"]:
+        """Return standardised observations."""
+        return ((np.asarray(observation) - self.mean) / self.deviation).astype(np.float32)
+
+    def transitions(self, table: Table) -> Table:
+        """Return demonstrations with standardised observations.
+
+        Args:
+            table: A dataclass with `observation` and `next_observation`.
+        """
+        seen = {name: self(getattr(table, name)) for name in ("observation", "next_observation")}
+        return dataclasses.replace(table, **seen)  # type: ignore[type-var]
+
+    def environment(self, env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
+        """Return an environment of flat observations with standardised ones.
+
+        Raises:
+            UserError: If it has another number of features.
+        """
+        shape = env.observation_space.shape or (0,)
+        if shape != self.mean.shape:
+            raise UserError(
+                f"the environment has {shape[0]} features and the demonstrations "
+                f"{len(self.mean)}: they belong to two worlds"
+            )
+        space = spaces.Box(-np.inf, np.inf, shape, np.float32)
+        return gymnasium.wrappers.TransformObservation(env, self, space)
+
+    def maker(
+        self, make: Callable[[], gymnasium.Env[Any, Any]]
+    ) -> Callable[[], gymnasium.Env[Any, Any]]:
+        """Return a function that makes such environments."""
+        return lambda: self.environment(make())
+
+    def policy(self, trained: ActorPolicy | ActorDial) -> ActorPolicy | ActorDial:
+        """Return a policy, or dial, of observations as they are; its first layer has the change.
+
+        Raises:
+            UserError: If it reads the observation by a view.
+        """
+        if isinstance(trained, ActorDial):
+            return dataclasses.replace(trained, turned=self.actor(trained.turned))
+        return self.actor(trained)
+
+    def actor(self, trained: ActorPolicy) -> ActorPolicy:
+        """Return `policy` of an actor; inputs after the observation, those of an angle, stay."""
+        if trained.view is not None:
+            raise UserError("a view reads vehicles in their units: leave --standardise out")
+        (first, *weights), (bias, *biases) = trained.weights, trained.biases
+        count = len(self.mean)
+        scaled = first.astype(np.float64)
+        scaled[:, :count] /= self.deviation
+        bias = (bias - scaled[:, :count] @ self.mean).astype(np.float32)
+        record = {"mean": self.mean.tolist(), "deviation": self.deviation.tolist()}
+        return dataclasses.replace(
+            trained,
+            weights=(scaled.astype(np.float32), *weights),
+            biases=(bias, *biases),
+            provenance={**trained.provenance, "standardised": record},
+        )
