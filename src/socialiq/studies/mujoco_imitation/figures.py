@@ -10,7 +10,8 @@ from socialiq.experiments.tables import column, groups, matching
 from socialiq.plotting.style import figure, plain
 from socialiq.studies.mujoco_imitation.methods import METHODS
 
-_COLORS = dict(zip(METHODS, ("#4393c3", "#053061", "#d6604d", "#7f7f7f"), strict=True))
+_SHADES = ("#92c5de", "#4393c3", "#f4a582", "#bdbdbd", "#053061", "#b2182b", "#4d4d4d")
+_COLORS = dict(zip(METHODS, _SHADES, strict=True))
 
 
 def draw(results: Results) -> dict[str, Figure]:
@@ -26,10 +27,10 @@ def draw(results: Results) -> dict[str, Figure]:
             means: list[tuple[float, float]] = []
             for number, count in enumerate(counts):
                 share = column(matching(rows, method=method, trajectories=count), "share")
-                x = number + 0.2 * (shift - (len(_COLORS) - 1) / 2)
+                x = number + 0.12 * (shift - (len(_COLORS) - 1) / 2)
                 axes.plot([x] * len(share), share, "o", color=color, alpha=0.4, markersize=4)
                 means += [(x, sum(share) / len(share))] if share else []
-            axes.plot(*np.reshape(means, (-1, 2)).T, "_", color=color, markersize=14, label=method)
+            axes.plot(*np.reshape(means, (-1, 2)).T, "_", color=color, markersize=9, label=method)
         axes.axhline(1.0, color="0.7", linewidth=0.8, zorder=0)
         axes.set_xticks(range(len(counts)), [str(count) for count in counts])
         axes.set_xlim(-0.5, len(counts) - 0.5)

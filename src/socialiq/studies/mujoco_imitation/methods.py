@@ -68,17 +68,36 @@ CHOSEN = "temperature 0.1, discount 0.97, linear rate, 100,000 updates"
 """Name of online imitation with settings that were chosen in development on Hopper, for every task:
 a new choice has a new name, since earlier results are taken over by name."""
 
+LINEAR = dataclasses.replace(ONLINE, schedule="linear")
+
 METHODS = {
     "online": Method(ONLINE, NUMBERS),
     CHOSEN: Method(
-        dataclasses.replace(ONLINE, schedule="linear"),
-        dataclasses.replace(NUMBERS, temperature=0.1, discount=0.97),
-        updates=100_000,
+        LINEAR, dataclasses.replace(NUMBERS, temperature=0.1, discount=0.97), updates=100_000
     ),
     "offline": Method(OFFLINE, NUMBERS),
     "cloning": Method(CLONING, CLONING_NUMBERS),
+    "online, standardised": Method(LINEAR, NUMBERS, standardised=True, updates=100_000),
+    "offline, standardised": Method(
+        dataclasses.replace(OFFLINE, updates=20_000),
+        dataclasses.replace(NUMBERS, temperature=0.1, discount=0.97),
+        standardised=True,
+    ),
+    "cloning, standardised": Method(
+        dataclasses.replace(CLONING, updates=50_000), CLONING_NUMBERS, standardised=True
+    ),
 }
-"""Methods by name in the tables: IQ-Learn online, the same with `CHOSEN`, offline, and cloning."""
+"""Methods by name in the tables: IQ-Learn online, the same with `CHOSEN`, offline, and cloning;
+then with standardised observations, online with the temperature and discount of "online"."""
+
+CLONE_OF = {
+    "online": "cloning",
+    CHOSEN: "cloning",
+    "offline": "cloning",
+    "online, standardised": "cloning, standardised",
+    "offline, standardised": "cloning, standardised",
+}
+"""Cloning that each other method is tested against."""
 
 
 @dataclass(frozen=True)

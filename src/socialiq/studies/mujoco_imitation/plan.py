@@ -12,6 +12,7 @@ from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.storage import write_atomically
 from socialiq.studies.mujoco_imitation.config import COUNTS, Config
 from socialiq.studies.mujoco_imitation.expert import Expert, train_expert
+from socialiq.studies.mujoco_imitation.methods import method_of
 from socialiq.studies.mujoco_imitation.pieces import Pieces, committed, name_of
 from socialiq.studies.mujoco_imitation.runs import Imitation, Showing, imitate, show
 from socialiq.studies.mujoco_imitation.tasks import TASKS, make_env
@@ -104,7 +105,7 @@ def _of_task(config: Config, task: str, there: Pieces) -> Iterator[Job]:
             task, method, count, seeds, config.updates, config.episodes, config.evaluation_seed
         )
         shown = tuple(f"shown/{task}-{seed}" for seed in seeds)
-        cost = len(seeds) * (15.0 if method in ("cloning", "offline") else 90.0)
+        cost = len(seeds) * (90.0 if method_of(method).online else 15.0)
         name = name_of((task, method, count, seeds[0])).removesuffix(".json")
         yield Job(f"runs/{name}", imitate, run, shown, cost=cost)
 

@@ -14,7 +14,7 @@ from socialiq.experiments.tables import column, matching, nested, paired_row, wi
 from socialiq.studies.mujoco_imitation.config import Config
 from socialiq.studies.mujoco_imitation.expert import POLICY, RECORD
 from socialiq.studies.mujoco_imitation.figures import draw
-from socialiq.studies.mujoco_imitation.methods import CHOSEN, METHODS, VARIANTS
+from socialiq.studies.mujoco_imitation.methods import CLONE_OF, METHODS, VARIANTS
 from socialiq.studies.mujoco_imitation.pieces import Pieces, committed, key_of
 from socialiq.studies.mujoco_imitation.plan import ABLATED, cells, checked_plan
 from socialiq.studies.mujoco_imitation.runs import row_of
@@ -96,7 +96,7 @@ def cell_rows(config: Config, runs: Sequence[Row]) -> list[Row]:
             continue
         found = matching(runs, task=task, method=method, trajectories=count)
         label = {"task": task, "trajectories": count, "method": method, "runs": len(found)}
-        online = count == 1 and method in ("online", CHOSEN)
+        online = count == 1 and METHODS[method].online
         rows.append(label | _pooled(found) | {"published": TASKS[task].published if online else ""})
     return rows
 
@@ -111,16 +111,22 @@ def _pooled(runs: Sequence[Row]) -> Row:
 
 
 def difference_rows(runs: Sequence[Row]) -> list[Row]:
-    """Test IQ-Learn's share against cloning's, paired over seeds; Holm over all tests."""
+    """Test IQ-Learn's share against that of cloning that sees the same, paired over seeds.
+
+    Holm over all tests.
+    """
     tests = []
     for task, count in dict.fromkeys((row["task"], row["trajectories"]) for row in runs):
         cell = matching(runs, task=task, trajectories=count)
-        cloned = {row["seed"]: row["share"] for row in matching(cell, method="cloning")}
-        for method in ("online", CHOSEN, "offline"):
-            own = {row["seed"]: row["share"] for row in matching(cell, method=method)}
+        shares = {
+            method: {row["seed"]: row["share"] for row in matching(cell, method=method)}
+            for method in METHODS
+        }
+        for method, clone in CLONE_OF.items():
+            own, cloned = shares[method], shares[clone]
             both = sorted(set(own) & set(cloned))
             if len(both) > 1:
-                label = {"task": task, "trajectories": count, "first": method, "second": "cloning"}
+                label = {"task": task, "trajectories": count, "first": method, "second": clone}
                 sides = ([own[seed] for seed in both], [cloned[seed] for seed in both])
                 tests.append(paired_row(label, *sides))
     return with_holm(tests)

@@ -142,6 +142,13 @@ def test_the_chosen_settings_are_those_of_their_name() -> None:
     assert chosen.static.hidden == base.static.hidden
 
 
+def test_standardised_methods_are_the_only_ones_with_standardised_observations() -> None:
+    for name, method in METHODS.items():
+        assert method.standardised == name.endswith(", standardised")
+    online = METHODS["online, standardised"]
+    assert online.numbers == METHODS["online"].numbers and online.updates == 100_000
+
+
 def test_a_variant_changes_what_it_names_alone() -> None:
     base, changed = METHODS["online"], method_of("temperature 0.1")
     assert changed.static == base.static and changed.numbers.temperature == 0.1
