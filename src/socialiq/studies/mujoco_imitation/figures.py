@@ -40,5 +40,5 @@ def draw(results: Results) -> dict[str, Figure]:
         plain(axes)
         if place == 1:
             axes.set_ylabel("share of the expert's return")
-            drawn.legend(frameon=False, fontsize=8, loc="outside lower center")
+            drawn.legend(frameon=False, fontsize=8, ncols=2, loc="outside lower center")
     return {"shares": drawn}
