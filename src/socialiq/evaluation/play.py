@@ -144,6 +144,7 @@ class Episodes(NamedTuple):
             was in it or within 3 s of it.
         pressed: Number of these decisions in which the ego did not choose slower, or with
             continuous actions not to brake.
+        off_road: Whether the ego was off the road after a decision.
     """
 
     totals: RewardPair
@@ -160,6 +161,7 @@ class Episodes(NamedTuple):
     entered: Bool[np.ndarray, " episode"]
     conflicts: Int64[np.ndarray, " episode"]
     pressed: Int64[np.ndarray, " episode"]
+    off_road: Bool[np.ndarray, " episode"]
 
     def metrics(self) -> Metrics:
         """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
@@ -243,6 +245,7 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
         signals=sums["signals"],
         signal_names=SIGNALS,
         entered=sums["beyond"] > 0,
+        off_road=sums["off_road"] > 0,
         **last,
         **counted,
     )
@@ -297,6 +300,7 @@ def _quantities(played: Step) -> dict[str, np.ndarray]:
         "signals": signals,
         "active": signals != 0,
         "beyond": entered(made.observation[rows]),
+        "off_road": made.off_road[rows],
         "conflicts": conflicts,
         "pressed": conflicts & ~slowing(played.action[rows]),
     }
