@@ -176,6 +176,7 @@ class RoadEpisodes(NamedTuple):
     length: Int64[np.ndarray, " episode"]
     speed: Float[np.ndarray, " episode"]
     stopped: Float[np.ndarray, " episode"]
+    off_road: Bool[np.ndarray, " episode"]
 
 
 def metrics_of(episodes: Episodes | RoadEpisodes) -> Metrics:
@@ -208,6 +209,7 @@ def road_episodes(
         length=sums["length"].astype(np.int64),
         speed=sums["speed"] / sums["length"],
         stopped=sums["stopped"] / sums["length"],
+        off_road=sums["off_road"] > 0,
     )
 
 
@@ -285,6 +287,7 @@ def _driven(played: Step) -> dict[str, np.ndarray]:
         "length": np.ones(len(rows)),
         "speed": made.speed[rows],
         "stopped": made.speed[rows] < STOPPED_BELOW,
+        "off_road": made.off_road[rows],
     }
 
 
@@ -300,7 +303,6 @@ def _quantities(played: Step) -> dict[str, np.ndarray]:
         "signals": signals,
         "active": signals != 0,
         "beyond": entered(made.observation[rows]),
-        "off_road": made.off_road[rows],
         "conflicts": conflicts,
         "pressed": conflicts & ~slowing(played.action[rows]),
     }
