@@ -15,6 +15,7 @@ from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 
 WORLD = "intersection-continuous-steering"
 ENDS = f"{WORLD}-offroad"
+NAMED = "socialiq/IntersectionContinuousSteering-v1"
 ALL = f"intersection-continuous, {WORLD}, {ENDS}"
 
 pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
@@ -111,8 +112,7 @@ def test_an_environment_shows_the_time_to_a_policy_that_takes_it(policies, capsy
         ),
         (["render", ENDS, "--driver", "expert_prosocial", "--out", "x.png"], "doesn't steer"),
         (
-            ["collect", "socialiq/IntersectionContinuousSteering-v1", "--driver", "FIRST"]
-            + ["--out", "x.safetensors"],
+            ["collect", NAMED, "--driver", "FIRST", "--out", "x.safetensors"],
             "the world has 70 and actions of 2 numbers (a clock adds a feature)",
         ),
     ],
