@@ -72,7 +72,8 @@ class Ending(enum.IntEnum):
     """Kind of ending of an episode, by its last transition.
 
     `TIMEOUT` is a truncation by the world's time limit. The others are terminal
-    states. `OTHER` is a terminal state of an environment that reports no kind.
+    states. `OTHER` is a terminal state of an environment that reports no kind; in this package's
+    worlds the ego has left the road, or driven over a closed line.
     """
 
     NONE = 0

@@ -222,7 +222,8 @@ def test_spawn_probability_must_be_one(p):
 
 def test_unknown_worlds_are_refused():
     line = "^unknown world 'crossing9': choose one of crossing5, crossing7"
-    intersections = "intersection, intersection-continuous, intersection-continuous-steering"
+    continuous = "intersection-continuous", "intersection-continuous-steering"
+    intersections = ", ".join(("intersection", *continuous, f"{continuous[1]}-offroad"))
     with pytest.raises(UserError, match=f"{line}, {intersections}$"):
         registry.make("crossing9")
     line = f"{line}$"

@@ -1,4 +1,4 @@
-"""The compiled intersection is highway-env: 184 seeded episodes, every field, to the last bit."""
+"""The compiled roads are highway-env: 200 seeded episodes, every field, to the last bit."""
 
 import dataclasses
 import json
@@ -9,10 +9,11 @@ import pytest
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.reference import conformance as conformance_module
 
 EPISODES = 30  # of each population and lane mode
+COUNTS = ("episodes", "steps", "off_road")
 
 
 def conformance(*arguments):
@@ -47,8 +48,16 @@ def test_bits_are_equal_with_continuous_actions(actions):
     )
     assert found["episodes"] == 12
     assert found["steps"] > 5 * 12
-    deviations = [found[name] for name in found if name not in ("episodes", "steps")]
+    deviations = [found[name] for name in found if name not in COUNTS]
     assert deviations == [0] * 4
+    assert status == 0
+
+
+def test_bits_are_equal_where_leaving_the_road_ends_the_episode():
+    flags = ["--actions", "continuous_steering", "--offroad-terminal"]
+    status, found = conformance("--episodes", 16, "--seed", 34_500, *flags)
+    assert found["episodes"] == 16 and found["off_road"] > 8
+    assert [found[name] for name in found if name not in COUNTS] == [0] * 4
     assert status == 0
 
 
@@ -57,7 +66,7 @@ def test_bits_of_other_roads_are_equal(scene):
     status, found = conformance("--scene", scene, "--episodes", 20, "--seed", 34_000)
     assert found["episodes"] == 20
     assert found["steps"] > 5 * 20
-    deviations = [found[name] for name in found if name not in ("episodes", "steps")]
+    deviations = [found[name] for name in found if name not in COUNTS]
     assert deviations == [0] * 4
     assert status == 0
 
@@ -66,6 +75,18 @@ def test_default_numpy_has_no_discrete_difference():
     status, found = conformance("--episodes", 12, "--seed", 32_000, "--default-numpy")
     assert found["discrete_differences"] == 0
     assert status == 0
+
+
+def changed_in_core(monkeypatch, options, **change):
+    """Compare a core that has other options than highway-env."""
+    real = conformance_module.Batch
+
+    def batch(options, size, back_end="core"):
+        options = dataclasses.replace(options, **change) if back_end == "core" else options
+        return real(options, size, back_end=back_end)
+
+    monkeypatch.setattr(conformance_module, "Batch", batch)
+    return list(conformance_module.compare(options, 4, 0))
 
 
 @pytest.mark.parametrize(
@@ -77,12 +98,12 @@ def test_default_numpy_has_no_discrete_difference():
     ],
 )
 def test_a_difference_is_noticed(monkeypatch, change, noticed):
-    real = conformance_module.Batch
-
-    def batch(options, size, back_end="core"):
-        options = dataclasses.replace(options, **change) if back_end == "core" else options
-        return real(options, size, back_end=back_end)
-
-    monkeypatch.setattr(conformance_module, "Batch", batch)
-    compared = list(conformance_module.compare(Options(), 4, 0))
+    compared = changed_in_core(monkeypatch, Options(), **change)
     assert max(getattr(episode, noticed) for episode in compared) > 0
+
+
+@pytest.mark.parametrize("ours", [False, True])
+def test_an_ending_that_the_other_side_lacks_is_noticed(monkeypatch, ours):
+    options = ContinuousOptions(actions="continuous_steering", offroad_terminal=not ours)
+    compared = changed_in_core(monkeypatch, options, offroad_terminal=ours)
+    assert any(one.off_road and one.discrete_differences for one in compared)

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import ego as ego_kernels
 from socialiq.worlds.intersection.core.geometry import LANES
-from socialiq.worlds.intersection.options import POPULATIONS, Options
+from socialiq.worlds.intersection.options import POPULATIONS, ContinuousOptions, Options
 
 pytest.importorskip("highway_env", reason="extra `highway` is not installed")
 
@@ -282,6 +284,54 @@ def test_contact_of_a_crash_is_known(varied):
             assert varied.contact != Contact.NONE or not crashed(varied)
         crashes += crashed(varied)
     assert crashes > 0
+
+
+STEERED = {
+    "brakes and reverses": [-1.0, 0.0],
+    "drives on": [0.4, 0.0],
+    "bends to the left": [0.0, -0.06],
+    "turns to the right": [-0.1, 0.2],
+}
+
+
+@pytest.mark.parametrize("action", STEERED.values(), ids=list(STEERED))
+@pytest.mark.parametrize("ends", [False, True])
+def test_the_road_ends_where_highway_env_says(action, ends):
+    options = ContinuousOptions(actions="continuous_steering", offroad_terminal=ends)
+    plain = IntersectionEnv(config=environment_config(options))
+    assert plain.config["offroad_terminal"] is ends
+    core, left = Batch(options, 1), []
+    for seed in SEEDS[:3]:
+        core.reset([seed])
+        plain.reset(seed=seed)
+        over = False
+        while not over:
+            made = core.step(np.array([action]), auto_reset=False)
+            _, _, terminated, truncated, info = plain.step(np.array(action))
+            ending = Ending(int(made.ending[0]))
+            left.append(not plain.vehicle.on_road)
+            assert bool(made.off_road[0]) == left[-1]
+            assert terminated == (ending not in (Ending.NONE, Ending.TIMEOUT))
+            assert (ending == Ending.COLLISION) == info["crashed"]
+            unpaid = ends and not info["crashed"] and not info["rewards"]["on_road_reward"]
+            assert (ending == Ending.OTHER) == unpaid
+            over = terminated or truncated
+    assert any(left) == (action != STEERED["drives on"])
+
+
+def test_an_ending_is_read_from_highway_env():
+    options = ContinuousOptions(actions="continuous_steering", offroad_terminal=True)
+    real = Batch(options, 1, back_end="highway_env")
+    real.reset([0])
+    (row,) = real._engine._rows
+    row.environment.config["offroad_terminal"] = False
+    made = real.step(np.array([[0.0, 1.0]]), auto_reset=False)
+    assert made.off_road[0] and made.ending[0] == Ending.NONE
+    real = Batch(ContinuousOptions(actions="continuous_steering"), 1, back_end="highway_env")
+    real.reset([0])
+    (row,) = real._engine._rows
+    row.environment.config["offroad_terminal"] = True
+    assert real.step(np.array([[0.0, 1.0]]), auto_reset=False).ending[0] == Ending.OTHER
 
 
 def test_missing_highway_env_is_told(monkeypatch):

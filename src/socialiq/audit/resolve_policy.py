@@ -83,7 +83,7 @@ def resolve_policy(spec: str, world: World, angle: float, trust: Trust) -> Loade
         UserError: If it can't be read, or doesn't fit the world.
     """
     if spec.startswith(ATLAS):
-        path = atlas.path_of(spec.removeprefix(ATLAS), _studies(world))
+        path = _shipped_file(spec.removeprefix(ATLAS), world)
         found = _file(str(path), world, angle, trust)
         return dataclasses.replace(found, record=dataclasses.replace(found.record, source=spec))
     if spec in policies.NAMES and isinstance(world, Intersection):
@@ -186,6 +186,12 @@ def _shipped(world: Intersection) -> list[tuple[Reference, dict[str, Any]]]:
             on_curve = angle if family == better else None
             found.append((Reference(name, one.policy, on_curve), one.record.as_json()))
     return found
+
+
+def _shipped_file(name: str, world: World) -> Path:
+    if isinstance(world, Intersection):
+        return atlas.path_for(name, world.options)
+    return atlas.path_of(name, _studies(world))
 
 
 def _studies(world: World) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from socialiq.learners.callbacks import Clock
 from socialiq.worlds.highway.conformance import PORTABLE, Compared
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
+_COUNTS = ("episodes", "steps", "off_road")
 _DEVIATIONS = {"max_deviation", "max_observation_deviation", "max_reward_deviation"}
 
 
@@ -47,6 +48,8 @@ class Conformance:
     """Drivers look beyond the end of their lane, as in intersection-v2."""
     actions: Literal["discrete", "continuous", "continuous_steering"] = "discrete"
     """The ego's actions: of continuous ones, acceleration alone or with steering."""
+    offroad_terminal: bool = False
+    """With continuous actions: end an episode where the ego is off the road, on both sides."""
     default_numpy: bool = False
     """Use NumPy's AVX-512 routines, with which highway-env itself differs by an ulp. Tolerates
     deviations, but no discrete difference."""
@@ -60,9 +63,12 @@ class Conformance:
         if self.episodes < 1:
             raise UserError(f"episodes must be at least 1, got {self.episodes}")
         self._check_scene()
+        if self.offroad_terminal and self.actions == "discrete":
+            raise UserError("--offroad-terminal is of continuous actions: add --actions")
         traffic: dict[str, Any] = {"population": self.population, "connected_lanes": self.connected}
         options = Options(**traffic)
         if self.actions != "discrete":
+            traffic["offroad_terminal"] = self.offroad_terminal
             options = ContinuousOptions(actions=self.actions, **traffic)
         if not self.default_numpy and os.environ | PORTABLE != dict(os.environ):
             return subprocess.run(self._again(), env=os.environ | PORTABLE, check=False).returncode
@@ -72,7 +78,7 @@ class Conformance:
         else:
             rows = [{"compared": name, "value": str(value)} for name, value in found.items()]
             print_table(rows)
-        forgiven = {"episodes", "steps"} | (_DEVIATIONS if self.default_numpy else set())
+        forgiven = set(_COUNTS) | (_DEVIATIONS if self.default_numpy else set())
         return int(any(value > 0 for name, value in found.items() if name not in forgiven))
 
     def _check_scene(self) -> None:
@@ -83,9 +89,12 @@ class Conformance:
         """
         if self.scene == "intersection":
             return
-        for name in ("driver", "population", "connected", "actions"):
+        for name in ("driver", "population", "connected", "actions", "offroad_terminal"):
             if getattr(self, name) != getattr(Conformance, name):
-                raise UserError(f"--{name} is of the intersection: leave it out with {self.scene}")
+                option = name.replace("_", "-")
+                raise UserError(
+                    f"--{option} is of the intersection: leave it out with {self.scene}"
+                )
 
     def _again(self) -> list[str]:
         command = [sys.executable, "-m", "socialiq", "conformance", "--scene", self.scene]
@@ -93,6 +102,7 @@ class Conformance:
         command += ["--population", self.population, "--actions", self.actions]
         command += ["--driver", self.driver] if self.driver else []
         flags = {"--connected": self.connected, "--json": self.json}
+        flags["--offroad-terminal"] = self.offroad_terminal
         return command + [flag for flag, wanted in flags.items() if wanted]
 
     def compare(self, options: Options) -> dict[str, float]:
@@ -108,6 +118,7 @@ class Conformance:
         return {
             "episodes": len(rows),
             "steps": int(np.sum(columns["steps"])),
+            "off_road": int(np.sum(columns["off_road"])),
             "discrete_differences": int(np.sum(columns["discrete_differences"])),
             **{name: float(np.max(columns[name])) for name in sorted(_DEVIATIONS)},
         }

@@ -16,11 +16,14 @@ from socialiq.evaluation.dial import DialRollouts, Sweep, calibrated, rollout_di
 from socialiq.evaluation.exact import Optimum, Readout
 from socialiq.evaluation.metrics import Metrics
 from socialiq.learners.config import check_seed
+from socialiq.nn.actor_policy import DIAL_KIND, ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.outputs import refuse_existing
 from socialiq.social.angle import angle_difference, angle_of
 from socialiq.social.dial import mixture, setting
+from socialiq.storage import kind_of
 from socialiq.types import Row
+from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.registry import GRIDWORLDS, WORLDS
 
@@ -40,9 +43,12 @@ class Dial:
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7, intersection, merge or roundabout."""
+    """crossing5, crossing7, intersection, merge, roundabout; with a dial of continuous actions
+    intersection-continuous, or intersection-continuous-steering (with -offroad: leaving the road
+    ends an episode)."""
     policy: Path
-    """Dial file, of `socialiq train-dial` or of the study intersection-dial."""
+    """Dial file, of `socialiq train-dial`, or of `socialiq train --dial True` where actions are
+    continuous."""
     every: int = 5
     """Degrees between the rows. In a gridworld the summary has two mean regrets: that of the rows,
     mean_regret_every_N, and that of every degree, mean_regret_every_1."""
@@ -54,7 +60,7 @@ class Dial:
     """Seed of the first episode there, and of the bootstrap."""
     calibrated: Path | None = None
     """Dial file to write, which answers each angle with the best of the policies of the rows at
-    that angle; must not exist."""
+    that angle; must not exist. Of discrete actions alone."""
     json: bool = False
     """Print one JSON object."""
 
@@ -64,12 +70,13 @@ class Dial:
             refuse_existing(self.calibrated)
         if self.every < 1:
             raise UserError(f"--every {self.every}: give whole degrees, 1 or more")
-        one_of("world", self.world, (*WORLDS, *SCENES))
-        dial = DialPolicy.load(self.policy)
-        measure = self.rolled if self.world not in GRIDWORLDS else self.exact
-        rows, summary, found = measure(dial)
-        if self.calibrated:
-            calibrated(dial, found).save(self.calibrated, replace=False)
+        one_of("world", self.world, (*WORLDS, *CONTINUOUS, *SCENES))
+        if self.world in CONTINUOUS:
+            if self.calibrated:
+                raise UserError("--calibrated is of dials of discrete actions: leave it out")
+            rows, summary, _ = self.rolled(ActorDial.load(self.policy))
+        else:
+            rows, summary = self.discrete()
         summary = {"world": self.world, "policy": str(self.policy)} | summary
         if self.json:
             print_json(summary | {"angles": rows})
@@ -77,6 +84,18 @@ class Dial:
             print_table(rows, "angles in degrees; an empty cell: no mixture has that angle")
             print_table([{"quantity": name, "value": value} for name, value in summary.items()])
         return 0
+
+    def discrete(self) -> tuple[list[Row], Row]:
+        """Return rows and summary of a dial of discrete actions; write the calibrated one."""
+        if kind_of(self.policy) == DIAL_KIND:
+            known = ", ".join(CONTINUOUS)
+            raise UserError(f"{self.policy} has continuous actions: choose one of {known}")
+        dial = DialPolicy.load(self.policy)
+        measure = self.rolled if self.world not in GRIDWORLDS else self.exact
+        rows, summary, found = measure(dial)
+        if self.calibrated:
+            calibrated(dial, found).save(self.calibrated, replace=False)
+        return rows, summary
 
     @property
     def readout(self) -> Readout:
@@ -101,7 +120,7 @@ class Dial:
         }
         return rows, means | _backward(found), found
 
-    def rolled(self, dial: DialPolicy) -> tuple[list[Row], Row, Sweep]:
+    def rolled(self, dial: DialPolicy | ActorDial) -> tuple[list[Row], Row, Sweep]:
         """Return rows, summary and evaluation on a road, driven at every row's angle."""
         check_seed(self.seed)
         world = road_named(self.world)
@@ -110,11 +129,13 @@ class Dial:
         seeds = np.arange(self.seed, self.seed + self.episodes)
         batch = world.batch(min(max(self.episodes, 1), 512))
         found = rollout_dial(dial, batch, angles, seeds, self.readout)
+        steered = self.world in CONTINUOUS  # elsewhere the ego follows its lane
         rows = [
             _queried(angle, one)
             | {"arrival": one.arrival, "collision": one.collision}
+            | ({"off_road": left} if steered else {})
             | _mixed_by_episodes(found, angle, self.seed)
-            for angle, one in zip(angles, found.sweep.metrics, strict=True)
+            for angle, one, left in zip(angles, found.sweep.metrics, found.off_road, strict=True)
         ]
         summary = {"episodes": self.episodes, "seed": self.seed} | _backward(found.sweep)
         return rows, summary, found.sweep

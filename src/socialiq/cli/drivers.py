@@ -7,11 +7,14 @@ from typing import Any
 
 from socialiq.audit.resolve_policy import rule_of
 from socialiq.errors import UserError, one_of
+from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.value_policy import ValuePolicy
+from socialiq.policies.interface import Interface
 from socialiq.policies.load import load_policy
 from socialiq.policies.record import Loaded
 from socialiq.types import Policy
+from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.highway.scenes import SCENES
@@ -20,7 +23,7 @@ from socialiq.worlds.intersection import atlas, policies
 from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import make_grid
+from socialiq.worlds.registry import continuous_options, make_grid
 
 
 def driver_of(name: str, seed: int = 0, options: Options | None = None) -> Policy:
@@ -71,7 +74,7 @@ def continuous_driver_of(
         return rule_of(name, world, seed)
     shipped, known = name.removeprefix("atlas:"), atlas.names(atlas.CONTINUOUS_STUDIES)
     if shipped != name or shipped in known:
-        name = str(atlas.path_of(shipped, atlas.CONTINUOUS_STUDIES))
+        name = str(atlas.path_for(shipped, world.options))
     elif ":" not in name and not Path(name).exists():
         one_of("driver", name, (*policies.NAMES, *known, "a policy file"))
     more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": True}
@@ -79,7 +82,7 @@ def continuous_driver_of(
 
 
 def refuse_misfit(
-    name: str, policy: ValuePolicy | DialPolicy, world: Intersection | SceneWorld
+    name: str, policy: ValuePolicy | DialPolicy | ActorDial, world: Intersection | SceneWorld
 ) -> None:
     """Raise an error for a policy or dial that was trained for another world.
 
@@ -88,6 +91,12 @@ def refuse_misfit(
     Raises:
         UserError: If the numbers of features or actions differ.
     """
+    if isinstance(policy, ActorDial):
+        shown = Interface.of(world)
+        wanted = Interface(policy.n_features, 0, policy.action_size)
+        if not fits(policy, world) or wanted.action_size != shown.action_size:
+            wanted.check(name, shown)
+        return
     if not (fits(policy, world) and policy.n_actions == world.n_actions):
         raise UserError(
             f"{name} takes {policy.n_features} features and {policy.n_actions} actions, the "
@@ -96,13 +105,15 @@ def refuse_misfit(
         )
 
 
-def fits(policy: ValuePolicy | DialPolicy, world: Intersection | SceneWorld) -> bool:
+def fits(policy: ValuePolicy | DialPolicy | ActorDial, world: Intersection | SceneWorld) -> bool:
     """Whether a policy takes the observations of the world, with or without the time."""
     return policy.n_features in (world.n_features, world.n_features + 1)
 
 
 def road_named(name: str) -> Intersection | SceneWorld:
     """Return the intersection, or another road of highway-env, with its default options."""
+    if name in CONTINUOUS:
+        return Intersection(continuous_options(name))
     return world_of(name) if name in SCENES else Intersection(Options())
 
 

@@ -70,7 +70,8 @@ class Evaluate:
     """Policy files, of `socialiq train`."""
     world: str = "crossing7"
     """crossing5, crossing7, intersection, intersection-continuous,
-    intersection-continuous-steering, or an environment."""
+    intersection-continuous-steering (with -offroad: leaving the road ends an episode), or an
+    environment."""
     data: Path | None = None
     """Demonstrations file with both rewards, in the place of a world."""
     angle: float = 0.0
@@ -118,8 +119,9 @@ class Evaluate:
             named = [
                 {"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)
             ]
-            shown = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "length")
-            print_table([{key: row[key] for key in shown} for row in named])
+            shown = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
+            shown = (*shown, "length")
+            print_table([{key: row[key] for key in shown if key in row} for row in named])
             pooled = self.pooled(rows)
             why = pooled.pop("angle_not_pooled", "")
             print_table([{"pooled": name, "value": value} for name, value in pooled.items()])
@@ -179,7 +181,8 @@ class Evaluate:
             episodes = self._steered(name)
         else:
             episodes = self._split(name) if self.engine.given else self._played(name)
-        row = policy_row(name, readout, episodes)
+        # With discrete actions the ego follows its lane.
+        row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
         method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
         return method | {key: value for key, value in row.items() if key not in ("policy",)}
 

@@ -26,12 +26,14 @@ from socialiq.policies.load import load_policy
 from socialiq.policies.record import Loaded
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair
-from socialiq.worlds import IDS, SCENE_IDS
+from socialiq.worlds import CONTINUOUS_IDS, IDS, SCENE_IDS
 from socialiq.worlds.environment import action_size, make_environment, sizes
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 
 SIDE_BY_SIDE = 512
+ROADS = (IDS["intersection"], *CONTINUOUS_IDS.values())
+"""Ids of the intersection, whose environments show the time where a policy takes it."""
 _KIND, _VERSION, _FILE = "episodes", 1, "episodes.safetensors"
 _PAIRS = ("totals", "classical")
 
@@ -168,7 +170,7 @@ def driven_in(
     """Yield an environment and the policy that drives in it.
 
     On a road of highway-env a file of this package may take the time as a further feature, which
-    the environment then shows.
+    the environment then shows, the intersection with continuous actions too.
 
     Args:
         world: Name, as of `make_environment`.
@@ -180,11 +182,11 @@ def driven_in(
         UserError: If one can't be made, or they don't fit together.
     """
     env = make_environment(world, allow_code=allow_code, continuous=True)
-    shows_time = world in (*SCENE_IDS, *SCENE_IDS.values(), IDS["intersection"])
+    shows_time = world in (*SCENE_IDS, *SCENE_IDS.values(), *ROADS)
     more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": shows_time}
     with load_policy(driver, *sizes(env), action_size=action_size(env), **more) as loaded:
         if loaded.record.interface.n_features > sizes(env)[0]:
-            env = make_environment(world, {"clock": True})
+            env = make_environment(world, {"clock": True}, continuous=True)
         yield env, loaded
 
 

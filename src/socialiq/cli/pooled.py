@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from socialiq.errors import UserError
+from socialiq.nn.actor_policy import KIND, ActorPolicy
+from socialiq.nn.value_policy import ValuePolicy
 from socialiq.policies.card import trained_angle
 from socialiq.social.angle import angle_of
+from socialiq.storage import kind_of
 from socialiq.worlds.context_policy import load_driver
 from socialiq.worlds.intersection import atlas
 
@@ -47,7 +50,15 @@ def target_of(name: str) -> float | None:
     """
     name = name.removeprefix("atlas:")
     try:
-        policy = atlas.load(name) if name in atlas.names() else load_driver(Path(name))
+        return trained_angle(_named(name).provenance)
     except UserError:
         return None
-    return trained_angle(policy.provenance)
+
+
+def _named(name: str) -> ValuePolicy | ActorPolicy:
+    if name in atlas.names():
+        return atlas.load(name)
+    if name in atlas.names(atlas.CONTINUOUS_STUDIES):
+        return atlas.load_continuous(name)
+    path = Path(name)
+    return ActorPolicy.load(path) if kind_of(path) == KIND else load_driver(path)

@@ -31,8 +31,9 @@ class New:
 
     world: str
     """crossing5, crossing7, intersection, intersection-continuous,
-    intersection-continuous-steering, merge, roundabout, a file of `socialiq data world`, or
-    an environment: a Gymnasium id, MODULE:ID or MODULE:FUNCTION."""
+    intersection-continuous-steering (with -offroad: leaving the road ends an episode), merge,
+    roundabout, a file of `socialiq data world`, or an environment: a Gymnasium id, MODULE:ID or
+    MODULE:FUNCTION."""
     angle: float
     """Declared social angle in degrees: 0 egoistic, 90 altruistic."""
     angle_rule: Path | None = None

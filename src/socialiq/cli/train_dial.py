@@ -32,7 +32,7 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.offline import config as offline
 from socialiq.storage import kind_of
 from socialiq.types import Row
-from socialiq.worlds import WORLD_FILE
+from socialiq.worlds import CONTINUOUS, WORLD_FILE
 from socialiq.worlds.registry import GRIDWORLDS, make_grid
 
 # Every field of the configs is an option, but for those that the world or the seeds decide.
@@ -84,6 +84,11 @@ class TrainDial:
     def run(self) -> int:
         """Train, write the folder, print what came out."""
         check_seeds(self.seed)
+        if self.world in CONTINUOUS:
+            raise UserError(
+                f"{self.world} has continuous actions: `socialiq train FILE --world {self.world} "
+                "--dial True` trains a dial of them"
+            )
         if kind_of(Path(self.world)) != WORLD_FILE:
             one_of("world", self.world, (*GRIDWORLDS, *ROADS))
         elif self.preset not in offline.PRESETS:

@@ -15,6 +15,7 @@ from socialiq.evaluation.exact import Optimum, Readout, action_table, evaluate_e
 from socialiq.evaluation.metrics import Metrics
 from socialiq.evaluation.play import metrics_of, road_episodes
 from socialiq.mdp.front import AttainableSet, attainable_set
+from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import AngleEstimate, estimate_angle, exact_weights
 from socialiq.social.dial import Setting, setting
@@ -136,10 +137,12 @@ class DialRollouts:
     Attributes:
         sweep: Means over all episodes at each angle.
         totals: Sums of (r_env, r_social) of each episode, by angle.
+        off_road: Share of episodes in which the ego left the road, by angle.
     """
 
     sweep: Sweep
     totals: tuple[Float[np.ndarray, "episode 2"], ...]
+    off_road: tuple[float, ...]
 
     def mixture(self, wanted: float, seed: int) -> tuple[Setting, AngleEstimate]:
         """Return the mixture of two queried policies with a given behavioural angle.
@@ -163,7 +166,7 @@ class DialRollouts:
 
 
 def rollout_dial(
-    dial: DialPolicy,
+    dial: DialPolicy | ActorDial,
     batch: RoadBatch,
     angles: Sequence[float],
     seeds: Int64[np.ndarray, " episode"],
@@ -190,4 +193,5 @@ def rollout_dial(
     return DialRollouts(
         Sweep(tuple(angles), tuple(metrics_of(one) for one in driven)),
         tuple(np.stack([one.totals.env, one.totals.social], axis=1) for one in driven),
+        tuple(float(one.off_road.mean()) for one in driven),
     )

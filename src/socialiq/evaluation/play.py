@@ -144,6 +144,7 @@ class Episodes(NamedTuple):
             was in it or within 3 s of it.
         pressed: Number of these decisions in which the ego did not choose slower, or with
             continuous actions not to brake.
+        off_road: Whether the ego was off the road after a decision.
     """
 
     totals: RewardPair
@@ -160,6 +161,7 @@ class Episodes(NamedTuple):
     entered: Bool[np.ndarray, " episode"]
     conflicts: Int64[np.ndarray, " episode"]
     pressed: Int64[np.ndarray, " episode"]
+    off_road: Bool[np.ndarray, " episode"]
 
     def metrics(self) -> Metrics:
         """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
@@ -174,6 +176,7 @@ class RoadEpisodes(NamedTuple):
     length: Int64[np.ndarray, " episode"]
     speed: Float[np.ndarray, " episode"]
     stopped: Float[np.ndarray, " episode"]
+    off_road: Bool[np.ndarray, " episode"]
 
 
 def metrics_of(episodes: Episodes | RoadEpisodes) -> Metrics:
@@ -206,6 +209,7 @@ def road_episodes(
         length=sums["length"].astype(np.int64),
         speed=sums["speed"] / sums["length"],
         stopped=sums["stopped"] / sums["length"],
+        off_road=sums["off_road"] > 0,
     )
 
 
@@ -243,6 +247,7 @@ def summed(steps: Iterator[Step], count: int) -> Episodes:
         signals=sums["signals"],
         signal_names=SIGNALS,
         entered=sums["beyond"] > 0,
+        off_road=sums["off_road"] > 0,
         **last,
         **counted,
     )
@@ -282,6 +287,7 @@ def _driven(played: Step) -> dict[str, np.ndarray]:
         "length": np.ones(len(rows)),
         "speed": made.speed[rows],
         "stopped": made.speed[rows] < STOPPED_BELOW,
+        "off_road": made.off_road[rows],
     }
 
 

@@ -97,9 +97,10 @@ class Interface(NamedTuple):
         if self == world:
             return
         if self.action_size or world.action_size:
+            clock = " (a clock adds a feature)" if self.n_features == world.n_features + 1 else ""
             raise UserError(
                 f"{source} takes {self.n_features} features and {self._actions()}, the world has "
-                f"{world.n_features} and {world._actions()}: name the world it was made for"
+                f"{world.n_features} and {world._actions()}{clock}: name the world it was made for"
             )
         raise UserError(
             f"{source} takes {self.n_features} features and {self.n_actions} actions, the "

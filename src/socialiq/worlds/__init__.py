@@ -5,6 +5,8 @@ Here are their Gymnasium ids; the environments load when they are made.
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 
 from socialiq.worlds.highway.scenes import SCENES
@@ -15,19 +17,23 @@ IDS = {
     "intersection": "socialiq/Intersection-v1",
 }
 
+CONTINUOUS: dict[str, dict[str, Any]] = {
+    "intersection-continuous": {"actions": "continuous"},
+    "intersection-continuous-steering": {"actions": "continuous_steering"},
+    "intersection-continuous-steering-offroad": {
+        "actions": "continuous_steering",
+        "offroad_terminal": True,
+    },
+}
+"""The intersection with continuous actions by the name of the world: the options it stands for."""
+
 CONTINUOUS_IDS = {
-    "continuous": "socialiq/IntersectionContinuous-v1",
-    "continuous_steering": "socialiq/IntersectionContinuousSteering-v1",
+    "intersection-continuous": "socialiq/IntersectionContinuous-v1",
+    "intersection-continuous-steering": "socialiq/IntersectionContinuousSteering-v1",
+    "intersection-continuous-steering-offroad": "socialiq/IntersectionContinuousSteeringOffroad-v1",
 }
-"""The intersection with continuous actions, by the option `actions`."""
 
-CONTINUOUS = {
-    "intersection-continuous": "continuous",
-    "intersection-continuous-steering": "continuous_steering",
-}
-"""The same by the name of the world: the option `actions`."""
-
-NAMED = IDS | {name: CONTINUOUS_IDS[actions] for name, actions in CONTINUOUS.items()}
+NAMED = IDS | CONTINUOUS_IDS
 """Gymnasium id of each world that commands name."""
 
 SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SCENES}
@@ -58,9 +64,9 @@ def register() -> None:
             gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS)
         else:
             gymnasium.register(name, _GRID, kwargs={"world": world})
-    for actions, name in CONTINUOUS_IDS.items():
+    for world, name in CONTINUOUS_IDS.items():
         if name not in gymnasium.registry:
-            more = {"actions": actions}
+            more = CONTINUOUS[world]
             gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=more)
     for scene, name in SCENE_IDS.items():
         if name not in gymnasium.registry:

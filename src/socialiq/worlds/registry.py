@@ -40,15 +40,15 @@ def make(name: str, **options: Any) -> GridWorld | Intersection:
 
 
 def default_options(name: str) -> dict[str, Any]:
-    """Return the default of every option of a world, by name; `actions` is named by the world.
+    """Return the default of every option of a world, by name, without those that the name gives.
 
     Args:
         name: One of `NAMES`.
     """
     kind = ContinuousOptions if name in CONTINUOUS else WORLDS[name].Options
-    found = {field.name: field.default for field in dataclasses.fields(kind)}
-    found.pop("actions", None)
-    return found
+    named = CONTINUOUS.get(name, {})
+    fields = {field.name: field.default for field in dataclasses.fields(kind)}
+    return {option: default for option, default in fields.items() if option not in named}
 
 
 def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> ContinuousOptions:
@@ -62,7 +62,7 @@ def continuous_options(name: str, given: Mapping[str, Any] | None = None) -> Con
         UserError: If the name, an option or an option's value is unknown.
     """
     one_of("world with continuous actions", name, tuple(CONTINUOUS))
-    return parse_options(name, ContinuousOptions, {"actions": CONTINUOUS[name], **(given or {})})
+    return parse_options(name, ContinuousOptions, {**CONTINUOUS[name], **(given or {})})
 
 
 @lru_cache(maxsize=32)

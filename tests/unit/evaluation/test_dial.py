@@ -140,7 +140,7 @@ def test_every_angle_drives_the_same_episodes(driver: DialPolicy) -> None:
 def test_one_half_of_the_episodes_chooses_and_the_other_measures() -> None:
     rng = np.random.default_rng(0)
     totals = tuple(rng.normal(center, 0.3, (200, 2)) for center in ((3.0, 0.0), (0.0, 2.0)))
-    one, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
+    one, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals, (0.0, 0.0)).mixture(45.0, seed=7)
     chosen = setting(np.array([sums[:100].mean(axis=0) for sums in totals]), 45.0)
     assert one == chosen and 0.0 < one.share < 1.0
     means = np.array([sums[100:].mean(axis=0) for sums in totals])
@@ -155,7 +155,7 @@ def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
     widths = []
     for sign in (1.0, -1.0):
         totals = (luck + east, sign * luck + north)
-        _, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals).mixture(45.0, seed=7)
+        _, shown = DialRollouts(Sweep((0.0, 90.0), ()), totals, (0.0, 0.0)).mixture(45.0, seed=7)
         widths.append(shown.high - shown.low)
     assert widths[1] < 0.2 * widths[0]
 
@@ -163,7 +163,7 @@ def test_the_interval_knows_that_both_drove_the_same_episodes() -> None:
 def test_a_mixture_out_of_reach_and_too_few_episodes_are_said(driver: DialPolicy) -> None:
     totals = (np.ones((4, 2)), np.ones((4, 2)))
     with pytest.raises(UserError, match="no mixture of these policies lies at 90 degrees"):
-        DialRollouts(Sweep((0.0, 90.0), ()), totals).mixture(90.0, seed=0)
+        DialRollouts(Sweep((0.0, 90.0), ()), totals, (0.0, 0.0)).mixture(90.0, seed=0)
     with pytest.raises(UserError, match="two episodes or more"):
         rollout_dial(driver, Batch(Options(), 1), (0.0,), np.arange(1))
 

@@ -116,6 +116,7 @@ def test_sums_are_those_of_a_hand_played_episode(played):
             "active": (signals != 0).sum(axis=0),
             "entered": any(beyond),
             "conflicts": sum(met),
+            "off_road": any(step.off_road[0] for step in steps),
             "pressed": sum(one and not slow for one, slow in zip(met, slower, strict=True)),
         }
         found = columns(played)

@@ -58,9 +58,16 @@ def policy_rows(episodes: PolicyEpisodes) -> dict[tuple[str, str], Row]:
     return {key: policy_row(*key, played) for key, played in episodes.items()}
 
 
-def policy_row(policy: str, readout: str, episodes: Episodes) -> Row:
-    """Return every metric of thesis 5.4 of one policy, and its collisions by exposure."""
-    outcome, reward = outcome_row(episodes), reward_row(episodes)
+def policy_row(policy: str, readout: str, episodes: Episodes, off_road: bool = False) -> Row:
+    """Return every metric of thesis 5.4 of one policy, and its collisions by exposure.
+
+    Args:
+        policy: Its name.
+        readout: How it chooses, greedy or soft.
+        episodes: Results of its episodes.
+        off_road: As of `outcome_row`.
+    """
+    outcome, reward = outcome_row(episodes, off_road), reward_row(episodes)
     angle = estimate_angle(*episodes.totals, seed=_BOOTSTRAP_SEED)
     row = {"policy": policy, "readout": readout} | outcome
     row |= {name: reward[name] for name in (*_REWARDS, *_CLASSICAL)}
@@ -72,12 +79,19 @@ def policy_row(policy: str, readout: str, episodes: Episodes) -> Row:
     }
 
 
-def outcome_row(episodes: Episodes) -> Row:
-    """Return rates with Wilson intervals, contacts, length and speeds."""
+def outcome_row(episodes: Episodes, off_road: bool = False) -> Row:
+    """Return rates with Wilson intervals, contacts, length and speeds.
+
+    Args:
+        episodes: Results of the episodes.
+        off_road: Whether to add the share of episodes in which the ego left the road.
+    """
     count, length = len(episodes.ending), episodes.length
     row: Row = {"episodes": count}
-    for name, kind in OUTCOMES.items():
-        share = wilson(int((episodes.ending == kind).sum()), count)
+    happened = {name: episodes.ending == kind for name, kind in OUTCOMES.items()}
+    happened |= {"off_road": episodes.off_road} if off_road else {}
+    for name, which in happened.items():
+        share = wilson(int(which.sum()), count)
         row |= {name: share.value, f"{name}_low": share.low, f"{name}_high": share.high}
     return row | {
         "ego_struck": float((episodes.contact == Contact.EGO_STRUCK).mean()),

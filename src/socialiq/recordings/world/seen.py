@@ -13,7 +13,6 @@ import math
 import numpy as np
 
 from socialiq.recordings.world.traffic import DT, ahead_of, closed_line
-from socialiq.types import Ending
 from socialiq.worlds.highway.core import rewards
 from socialiq.worlds.highway.core.compile import inlined_kernel, kernel
 from socialiq.worlds.highway.core.vehicle import clip
@@ -22,7 +21,6 @@ from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
 _FAR = 100.0  # m; vehicles whose way has nothing to do with the ego's come after the others
 _UNTOUCHED, _STRUCK, _WAS_STRUCK = (int(kind) for kind in Contact)
-_COLLIDED, _OTHER, _NONE = int(Ending.COLLISION), int(Ending.OTHER), int(Ending.NONE)
 
 
 @kernel
@@ -226,10 +224,8 @@ def annotate(road, traffic, row, base, count, progress, ending, settings, signal
             far = settings.conflict_distance
             counted[other] = charged(road, traffic, row, base, count, other, far)
             lost[other] = traffic.before[row, other] - traffic.speed[row, other]
-    fatal = _COLLIDED if ending == _OTHER else ending
-    rewards.env_signals(progress, True, speed, fatal, settings, signals)
+    rewards.env_signals(progress, True, speed, ending, settings, signals)
     within = road.zone[vehicle, 0] <= own <= road.zone[vehicle, 1]
-    social = _NONE if ending == _OTHER else ending
     braking = np.empty(count, np.bool_)
-    rewards.social_signals(speed, within, counted, lost, social, settings, signals, braking)
+    rewards.social_signals(speed, within, counted, lost, ending, settings, signals, braking)
     pair[0], pair[1] = rewards.pair(signals, settings)

@@ -52,6 +52,11 @@ class Batch(RoadBatch):
         run_in_parts(step.run, self._threads, self.size, self.buffers, *given)
 
     @property
+    def lanes(self) -> np.ndarray:
+        """Records of the scene's lanes."""
+        return self.scene.road.lanes
+
+    @property
     def n_actions(self) -> int:
         """Number of discrete actions."""
         return len(ACTIONS)

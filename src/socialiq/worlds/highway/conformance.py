@@ -24,6 +24,7 @@ class Compared(NamedTuple):
         max_deviation: Greatest difference of any continuous field: m, rad, m/s, m/s².
         max_observation_deviation: Greatest difference of any number of the observation.
         max_reward_deviation: Greatest difference of r_env or r_social.
+        off_road: Whether the ego was off the road after a decision.
     """
 
     seed: int
@@ -32,3 +33,4 @@ class Compared(NamedTuple):
     max_deviation: float
     max_observation_deviation: float
     max_reward_deviation: float
+    off_road: bool

@@ -28,6 +28,7 @@ class Decisions(NamedTuple):
         contact: Values of `Contact`: which vehicle struck, if the ego collided, (batch,).
         neighbours_collided: Number of other vehicles that collided with each other, (batch,).
         classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
+        off_road: Whether the ego's centre is beyond the edges of its closest lane, (batch,).
     """
 
     observation: Float32[np.ndarray, "batch feature"]
@@ -38,6 +39,7 @@ class Decisions(NamedTuple):
     contact: Int8[np.ndarray, " batch"]
     neighbours_collided: Int64[np.ndarray, " batch"]
     classical: RewardPair
+    off_road: Bool[np.ndarray, " batch"]
 
 
 class State(NamedTuple):
@@ -97,6 +99,11 @@ class RoadBatch(abc.ABC):
             seeded: Whether to begin the stream from that seed, bool.
             actions: As `_checked` returned them; int64 zeros for a reset.
         """
+
+    @property
+    @abc.abstractmethod
+    def lanes(self) -> np.ndarray:
+        """Records of the road's lanes."""
 
     @property
     @abc.abstractmethod
@@ -191,7 +198,10 @@ class RoadBatch(abc.ABC):
         return chosen
 
     def _decisions(self) -> Decisions:
-        made = self.buffers
+        from socialiq.worlds.highway.core import off_road  # import Numba only when it is needed
+
+        made, left = self.buffers, np.zeros(self.size, bool)
+        off_road.run(self.lanes, made.after, made.present, left, 0, self.size)
         return Decisions(
             observation=made.reached.reshape(self.size, -1).copy(),
             rewards=RewardPair(*made.rewards.T.copy()),
@@ -201,6 +211,7 @@ class RoadBatch(abc.ABC):
             contact=made.contact.copy(),
             neighbours_collided=made.neighbours_collided.copy(),
             classical=RewardPair(*made.classical.T.copy()),
+            off_road=left,
         )
 
     def save(self) -> State:

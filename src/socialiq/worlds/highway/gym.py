@@ -19,7 +19,7 @@ from socialiq.worlds.highway.scene import Scene
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.highway.world import world_of
 
-_TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION))
+TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 
 
 @runtime_checkable
@@ -54,8 +54,9 @@ class RoadEnv(gymnasium.Env):
 
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
     (r_env, r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's
-    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided` and
-    `classical` (the ego's own reward and its neighbours' mean, thesis A.1).
+    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided`,
+    `classical` (the ego's own reward and its neighbours' mean, thesis A.1) and `off_road`. Where
+    leaving the road ends an episode, its ending is `other`.
 
     Args:
         world: The road.
@@ -100,9 +101,10 @@ class RoadEnv(gymnasium.Env):
             "contact": Contact(int(made.contact[0])).name.lower(),
             "neighbours_collided": int(made.neighbours_collided[0]),
             "classical": np.array([made.classical.env[0], made.classical.social[0]]),
+            "off_road": bool(made.off_road[0]),
         }
         reward = float(score(self._weights, made.rewards)[0])
-        terminated, truncated = ending in _TERMINAL, ending == int(Ending.TIMEOUT)
+        terminated, truncated = ending in TERMINAL, ending == int(Ending.TIMEOUT)
         seen = self._with_time(made.observation, self.batch.time)
         return seen[0], reward, terminated, truncated, info
 
@@ -182,7 +184,7 @@ class RoadVectorEnv(gymnasium.vector.VectorEnv):
             self.batch.reset(rows=resetting)
         before = self.batch.time
         made = self.batch.step(np.asarray(actions), auto_reset=same_step, rows=~resetting)
-        terminated = np.isin(made.ending, _TERMINAL) & ~resetting
+        terminated = np.isin(made.ending, TERMINAL) & ~resetting
         truncated = (made.ending == int(Ending.TIMEOUT)) & ~resetting
         reward = np.where(resetting, 0.0, score(self._weights, made.rewards))
         if not same_step:
@@ -204,6 +206,7 @@ def _masked(made: Decisions, mask: np.ndarray) -> dict[str, Any]:
         "contact": made.contact,
         "neighbours_collided": made.neighbours_collided,
         "classical": np.stack(made.classical, axis=1),
+        "off_road": made.off_road,
     }
     return info | {f"_{name}": mask.copy() for name in info}
 

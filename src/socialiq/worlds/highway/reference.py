@@ -155,18 +155,18 @@ def _episode(
 ) -> Compared:
     seen = np.abs(core.reset([seed]) - real.reset(seed)).max()
     discrete, deviation = _differences(core.buffers.vehicles[0], real.cars())
-    worst, steps, going = np.array([deviation, seen]), 0, not discrete
+    worst, steps, left, going = np.array([deviation, seen]), 0, False, not discrete
     while going:
         action = int(rng.choice(allowed))
         made = core.step(np.array([action]), auto_reset=False)
         observation, ended = real.step(action)
-        steps += 1
+        steps, left = steps + 1, left or bool(made.off_road[0])
         discrete, deviation = _differences(core.buffers.vehicles[0], real.cars())
         worst = np.maximum(worst, [deviation, np.abs(made.observation[0] - observation).max()])
         going = int(made.ending[0]) == Ending.NONE
         if discrete or (ended and going):
             discrete, going = 1, False
-    return Compared(seed, steps, discrete, float(worst[0]), float(worst[1]), 0.0)
+    return Compared(seed, steps, discrete, float(worst[0]), float(worst[1]), 0.0, left)
 
 
 def _differences(ours: np.ndarray, theirs: np.ndarray) -> tuple[int, float]:

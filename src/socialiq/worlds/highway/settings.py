@@ -58,6 +58,7 @@ SETTINGS = np.dtype(
         ("speed_cap", np.float64),
         ("weights", np.float64, (len(SIGNALS),)),
         ("continuous", np.bool_),  # the ego's record holds its commands
+        ("offroad_terminal", np.bool_),
     ],
     align=True,
 )

@@ -13,6 +13,8 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.ensemble import EnsemblePolicy, load_values
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results, read_json
+from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.options import Options
 
 FOLDER = "atlas"
 MANIFEST = "manifest.json"
@@ -76,6 +78,21 @@ def path_of(name: str, studies: tuple[str, ...] = STUDIES) -> Path:
     parts = _parts(studies)
     folder, entry = next((folder, part[name]) for folder, part in parts if name in part)
     return folder / entry["file"]
+
+
+def path_for(name: str, options: Options) -> Path:
+    """Return the path of a policy's file, of the kind of actions that a scenario has.
+
+    Raises:
+        UserError: If the name is unknown, or the scenario steers: no policy of the atlas does.
+    """
+    path = path_of(name, CONTINUOUS_STUDIES if options.continuous else STUDIES)
+    if width(options) == 2:
+        raise UserError(
+            f"atlas:{name} accelerates and doesn't steer: name a rule or a policy file that was "
+            "trained with steering"
+        )
+    return path
 
 
 def _parts(studies: tuple[str, ...]) -> list[tuple[Path, dict[str, Any]]]:

@@ -101,6 +101,13 @@ class Batch(RoadBatch):
         self._engine.run(commands, seeds, seeded, actions)
 
     @property
+    def lanes(self) -> np.ndarray:
+        """Records of the crossing's lanes."""
+        from socialiq.worlds.intersection.core.geometry import LANES
+
+        return LANES
+
+    @property
     def n_actions(self) -> int:
         """Number of discrete actions."""
         return len(ACTIONS)

@@ -25,8 +25,9 @@ class IntersectionEnv(RoadEnv):
 
     The scalar reward is R(α) (Eq 4.3) at the given angle. `info` has `reward_pair`
     (r_env, r_social), `signals` (every named signal, unweighted), `ending` (its name), the ego's
-    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided` and
-    `classical` (the ego's own reward and its neighbours' mean, thesis A.1).
+    `speed` in m/s, `contact` (which vehicle struck, if the ego collided), `neighbours_collided`,
+    `classical` (the ego's own reward and its neighbours' mean, thesis A.1) and `off_road`. Where
+    leaving the road ends an episode, its ending is `other`.
 
     Args:
         angle: Social angle α in degrees of the scalar reward R(α).

@@ -148,6 +148,8 @@ class ContinuousOptions(Options):
             alone it must be "straight".
         actions: "continuous": acceleration alone. "continuous_steering": acceleration, then the
             angle of the front wheels.
+        offroad_terminal: Whether an episode ends when the ego is off the road after a decision, as
+            with highway-env's option of this name. It then costs r_env what a collision costs.
 
     Raises:
         UserError: As `Options`, and if the ego can't reach its destination.
@@ -155,6 +157,7 @@ class ContinuousOptions(Options):
 
     destination: Destination = "straight"
     actions: ContinuousActions = "continuous"
+    offroad_terminal: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

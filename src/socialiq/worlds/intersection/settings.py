@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from socialiq.worlds.highway import settings
-from socialiq.worlds.intersection.options import POPULATIONS, Destination, Options
+from socialiq.worlds.intersection.options import (
+    POPULATIONS,
+    ContinuousOptions,
+    Destination,
+    Options,
+)
 
 TIE = 1e-9
 """Largest difference that counts as equal in canonical mode, m."""
@@ -22,6 +27,8 @@ def settings_of(options: Options) -> np.ndarray:
     record["destination"] = _ARMS[options.destination]
     record["connected_lanes"] = options.connected_lanes
     record["population"] = POPULATIONS[options.population]
+    if isinstance(options, ContinuousOptions):
+        record["offroad_terminal"] = options.offroad_terminal
     return record
 
 

@@ -133,7 +133,7 @@ def test_bad_options_are_refused():
     with pytest.raises(UserError, match="can't reach 'left' by acceleration alone"):
         ContinuousOptions(destination="left")
     with pytest.raises(UserError, match="choose one of continuous, continuous_steering"):
-        gymnasium.make(CONTINUOUS_IDS["continuous"], actions="jumps")
+        gymnasium.make(CONTINUOUS_IDS["intersection-continuous"], actions="jumps")
 
 
 def test_the_world_names_its_space():
@@ -147,9 +147,9 @@ def test_the_world_names_its_space():
     assert "continuous_steering" in Intersection(STEERED).description
 
 
-@pytest.mark.parametrize("actions", list(CONTINUOUS_IDS))
-def test_gymnasium_accepts_it(actions):
-    env = gymnasium.make(CONTINUOUS_IDS[actions])
+@pytest.mark.parametrize("name", CONTINUOUS_IDS.values())
+def test_gymnasium_accepts_it(name):
+    env = gymnasium.make(name)
     check_env(env.unwrapped, skip_render_check=True)
     assert env.action_space.dtype == np.float32
 

@@ -78,16 +78,26 @@ _OVERRIDE, _ADD = range(len(get_args(Crash)))
     _DISRUPTION,
     _NEIGHBOUR_COLLISION,
 ) = range(len(SIGNALS))
-_NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT = (
-    int(kind) for kind in (Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT)
+_NO_ENDING, _ARRIVED, _COLLIDED, _TIMED_OUT, _LEFT = (
+    int(kind)
+    for kind in (Ending.NONE, Ending.ARRIVAL, Ending.COLLISION, Ending.TIMEOUT, Ending.OTHER)
 )
 
 
 @kernel
-def ending_of(crashed, arrived, out_of_time):
-    """Return the ending of the episode at this snapshot; a collision precedes an arrival."""
+def ending_of(crashed, left, arrived, out_of_time):
+    """Return the ending of the episode at this snapshot; of several, the first in this order.
+
+    Args:
+        crashed: Whether the ego has crashed.
+        left: Whether it is off the road, and that ends an episode.
+        arrived: Whether it is so far along an exit, on its lane or beside it.
+        out_of_time: Whether the time is over.
+    """
     if crashed:
         return _COLLIDED
+    if left:
+        return _LEFT
     if arrived:
         return _ARRIVED
     return _TIMED_OUT if out_of_time else _NO_ENDING
@@ -97,7 +107,8 @@ def ending_of(crashed, arrived, out_of_time):
 def env_signals(advance, on_road, speed, ending, settings, signals):
     """Write the signals of r_env (Eq 4.1).
 
-    Collision and arrival replace the other signals of the step; a timeout adds to them.
+    Collision and arrival replace the other signals of the step; a timeout adds to them. To leave
+    the road, where that ends the episode, costs as a collision.
 
     Args:
         advance: Metres that the ego advanced along its route.
@@ -108,7 +119,7 @@ def env_signals(advance, on_road, speed, ending, settings, signals):
         signals: All signals in the order of `SIGNALS`, overwritten up to `TIMEOUT`.
     """
     signals[:_N_ENV] = 0.0
-    if ending == _COLLIDED:
+    if ending in (_COLLIDED, _LEFT):
         signals[_COLLISION] = 1.0
         return
     if ending == _ARRIVED:
@@ -137,7 +148,7 @@ def social_signals(speed, within, counted, lost, ending, settings, signals, brak
     """
     braking[:] = False
     signals[_N_ENV:] = 0.0
-    if ending == _COLLIDED:
+    if ending == _COLLIDED:  # an ego that leaves the road meets no one
         signals[_NEIGHBOUR_COLLISION] = 1.0
         if settings.crash == _OVERRIDE:
             return

@@ -28,7 +28,7 @@ def ending_of(ego, road, out_of_time):
     """Return the ending of the episode at this state of the ego."""
     lane = road.lanes[ego.lane]
     arrived = lane.kind == EXIT and longitudinal(lane, ego.x, ego.y) > road.sight[0].arrival
-    return rewards.ending_of(ego.crashed, arrived, out_of_time)
+    return rewards.ending_of(ego.crashed, False, arrived, out_of_time)
 
 
 @kernel

@@ -24,9 +24,10 @@ def see(vehicles, count, ego, tie, observation):
 
 
 @kernel
-def ending_of(ego, out_of_time):
+def ending_of(ego, out_of_time, settings):
     """Return the ending of the episode at this snapshot of the ego."""
-    return rewards.ending_of(ego.crashed, arrived(ego), out_of_time)
+    left = settings.offroad_terminal and not _on_road(ego)
+    return rewards.ending_of(ego.crashed, left, arrived(ego), out_of_time)
 
 
 @inlined_kernel

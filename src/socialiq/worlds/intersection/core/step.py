@@ -97,7 +97,7 @@ def annotate(buffers, row, settings):
     count, ego = buffers.present[row]
     episode = buffers.episodes[row]
     road_context.see(after, count, ego, settings.tie, buffers.reached[row])
-    ending = road_context.ending_of(after[ego], episode.time >= settings.duration)
+    ending = road_context.ending_of(after[ego], episode.time >= settings.duration, settings)
     signals, start, braking = buffers.signals[row], episode.start, buffers.braking[row]
     road_context.write_signals(before, after, count, ego, start, ending, settings, signals, braking)
     r_env, r_social = rewards.pair(signals, settings)

@@ -107,21 +107,21 @@ class RandomValues:
 def _episode(core: Batch, real: Batch, driver: Policy, seed: int) -> Compared:
     observation = core.reset([seed])
     worst = np.array([0.0, np.abs(real.reset([seed]) - observation).max(), 0.0])
-    steps, going = 0, _same(core, real)
+    steps, left, going = 0, False, _same(core, real)
     if going:
         worst[0] = _deviation(core, real)
     while going:
         action, _ = driver.predict(core.seen_by(driver))
         ours, theirs = core.step(action, auto_reset=False), real.step(action, auto_reset=False)
-        steps += 1
+        steps, left = steps + 1, left or bool(ours.off_road[0])
         ended_alike = ours.ending[0] == theirs.ending[0] and ours.contact[0] == theirs.contact[0]
         if not (ended_alike and _same(core, real)):
-            return Compared(seed, steps, 1, *worst.tolist())
+            return Compared(seed, steps, 1, *worst.tolist(), off_road=left)
         seen = np.abs(ours.observation - theirs.observation).max()
         paid = np.abs(np.subtract(ours.rewards, theirs.rewards)).max()
         worst = np.maximum(worst, [_deviation(core, real), seen, paid])
         going = int(ours.ending[0]) == Ending.NONE
-    return Compared(seed, steps, int(steps == 0), *worst.tolist())
+    return Compared(seed, steps, int(steps == 0), *worst.tolist(), off_road=left)
 
 
 def _present(batch: Batch) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Real highway-env as an engine: the same arrays, filled from Python objects.
 
-States, observations and the causes of endings are read from highway-env. Rewards are computed from
-its snapshots by the code that the core uses.
+States, observations, and whether an episode has ended are read from highway-env. Rewards and the
+kind of an ending are computed from its snapshots by the code that the core uses.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import for_python
+from socialiq.worlds.highway.gym import TERMINAL
 from socialiq.worlds.highway.state import ANNOTATE, DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
 from socialiq.worlds.intersection.core import ego, step
 from socialiq.worlds.intersection.options import Options
@@ -47,11 +48,22 @@ class Reference:
         wanted = np.where(decided, ANNOTATE, SKIP).astype(np.int8)
         unseeded, unused = np.zeros_like(decided), np.zeros(len(decided), np.int64)
         step.on_threads(1, made, wanted, seeds, unseeded, unused, self._settings)
+        for row in np.flatnonzero(decided):
+            self._take_ending(int(row))
         made.reached[decided] = seen[decided]
         made.observation[decided] = seen[decided]
         ended = (commands == DECIDE_AND_RESET) & (made.ending != int(Ending.NONE))
         for row in np.flatnonzero((commands == RESET) | ended):
             self._reset(int(row), int(seeds[row]) if seeded[row] else None)
+
+    def _take_ending(self, row: int) -> None:
+        """Correct an ending that is terminal here and not in highway-env, or the other way round.
+
+        A comparison then finds the difference.
+        """
+        made, terminated = self._buffers, self._rows[row].terminated
+        if terminated != (made.ending[row] in TERMINAL):
+            made.ending[row] = int(Ending.OTHER if terminated else Ending.NONE)
 
     def _reset(self, row: int, seed: int | None) -> None:
         made, real = self._buffers, self._rows[row]

@@ -23,7 +23,7 @@ from socialiq.worlds.highway.core.compile import for_python
 from socialiq.worlds.highway.state import FEATURES, Contact
 from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.core.geometry import SPEED_LIMIT
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE, VEHICLE
 
 try:
@@ -81,7 +81,7 @@ def environment_config(options: Options) -> dict[str, Any]:
         "spawn_probability": options.spawn_probability,
         "destination": ARMS[options.destination],
         "controlled_vehicles": 1,
-        "offroad_terminal": False,
+        "offroad_terminal": isinstance(options, ContinuousOptions) and options.offroad_terminal,
         "neighbour_vehicles_connected_lanes": options.connected_lanes,
         "other_vehicles_type": f"{driver.__module__}.{driver.__name__}",
     }
@@ -243,6 +243,7 @@ class HighwayIntersection:
         before: Vehicles at the decision, VEHICLE (vehicles,).
         after: Vehicles after the sub-steps, before clearing and spawning,
             VEHICLE (vehicles,). Observation, endings and rewards are of this moment.
+        terminated: Whether highway-env says that the last step led to a terminal state.
 
     Args:
         options: The scenario.
@@ -250,6 +251,7 @@ class HighwayIntersection:
 
     def __init__(self, options: Options) -> None:
         self.environment = _WatchedEnv(config=environment_config(options))
+        self.terminated = False
         self.reset()
 
     def reset(self, seed: int | None = None) -> np.ndarray:
@@ -275,7 +277,7 @@ class HighwayIntersection:
             The observation, float32 (observed vehicles * 7,).
         """
         self.before = self.vehicles
-        observation, *_ = self.environment.step(action)
+        observation, _, self.terminated, _, _ = self.environment.step(action)
         self.after = self.environment.after
         return observation.reshape(-1)
 
