@@ -22,6 +22,7 @@ from socialiq.recordings.conflicts import rules
 from socialiq.recordings.conflicts.config import ConflictConfig
 from socialiq.recordings.conflicts.counterfactual import rollout
 from socialiq.recordings.conflicts.influence import reason
+from socialiq.recordings.conflicts.lights import held
 from socialiq.recordings.conflicts.moments import moments_of
 from socialiq.recordings.conflicts.pairs import Encounters
 from socialiq.recordings.conflicts.table import required_at, rows_of, ttc_at
@@ -30,7 +31,7 @@ from socialiq.recordings.episodes.ego_swap import swap
 from socialiq.recordings.episodes.scene import Scene
 from socialiq.recordings.readers.commonroad import read_commonroad
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
+from socialiq.recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
 from socialiq.recordings.tracks import Tracks
 from socialiq.worlds.highway.settings import SIGNALS
 
@@ -161,6 +162,55 @@ def test_who_queues_behind_another_is_in_no_conflict_with_crossing_traffic():
     # Without the second, it is the third's conflict.
     _, rows = found(east(-46, steady(10)), north(-65, steady(10)))
     assert len(rows) == 2
+
+
+def lit(*phases):
+    """The crossroads with lights 5 m before the origin; those of lane 2 alone have states."""
+    cycle = Cycle(phases) if phases else None
+    return RoadNetwork(
+        {
+            1: lane(1, (-80, 0), (-5, 0), successors=(11,), sign=Sign.LIGHT),
+            11: lane(11, (-5, 0), (120, 0), predecessors=(1,)),
+            2: lane(2, (0, -80), (0, -5), successors=(12,), sign=Sign.LIGHT, cycle=cycle),
+            12: lane(12, (0, -5), (0, 120), predecessors=(2,)),
+        }
+    )
+
+
+STOPS = north(-52, np.interp(np.arange(120) * DT, [0, 1, 7, 12], [10, 10, 0, 0]))  # at -12
+
+
+@pytest.mark.parametrize(
+    ("phases", "conflicts"),
+    [
+        ((), 2),
+        (((Colour.GREEN, 900),), 2),
+        (((Colour.INACTIVE, 900),), 2),
+        (((Colour.RED, 900),), 0),
+    ],
+)
+def test_who_stands_at_a_red_light_yields_to_nobody(phases, conflicts):
+    encounters, rows = found(east(-50, steady(10)), STOPS, road=lit(*phases))
+    assert len(rows) == conflicts
+    why = reason(encounters, 0, 1, (15, 30))
+    assert why.relation == ("crossing" if conflicts else "none")
+
+
+def test_a_light_holds_those_before_it_while_it_is_closed():
+    road = lit((Colour.RED, 20), (Colour.RED_YELLOW, 5), (Colour.GREEN, 20), (Colour.YELLOW, 15))
+    encounters, _ = found(east(-50, steady(10)), STOPS, road=road)
+    ways = encounters.ways
+    at = [held(encounters.scene, ways[1], frame) for frame in (0, 19, 24, 25, 44, 45, 59, 60)]
+    assert at == [True, True, True, False, False, True, True, True]
+    assert not held(encounters.scene, ways[0], 0)
+    # 35 m a second: the light, 5 m before the origin, is passed after 1.9 s, and too far at first.
+    fast, _ = found(north(-72, steady(35, 40)), road=lit((Colour.RED, 900)))
+    assert [held(fast.scene, fast.ways[0], frame) for frame in (0, 6, 18, 20)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 def test_far_apart_in_time_is_no_conflict():

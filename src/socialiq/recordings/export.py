@@ -18,7 +18,7 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 from socialiq.recordings.readers import commonroad_xml as words
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Lanelet, RoadNetwork
+from socialiq.recordings.road.network import Cycle, Lanelet, RoadNetwork
 from socialiq.recordings.tracks import RoadUser, Tracks
 from socialiq.storage import write_atomically
 
@@ -198,7 +198,7 @@ def write_commonroad(recording: Recording, path: Path) -> None:
 def _write_road(root: ElementTree.Element, road: RoadNetwork, free: Iterable[int]) -> None:
     numbers = iter(free)
     signs: list[tuple[int, str, str]] = []
-    lights: list[int] = []
+    lights: dict[int, Cycle | None] = {}
     for lanelet in road.lanelets.values():
         element = _write_lanelet(root, lanelet)
         signed = [(words.SIGN_NUMBERS[lanelet.sign], "")] if lanelet.sign > 0 else []
@@ -207,7 +207,7 @@ def _write_road(root: ElementTree.Element, road: RoadNetwork, free: Iterable[int
         for number, value in signed:
             identity = next(numbers)
             if number == words.LIGHT:
-                lights.append(identity)
+                lights[identity] = lanelet.cycle
                 ElementTree.SubElement(element, "trafficLightRef", ref=str(identity))
             else:
                 signs.append((identity, number, value))
@@ -219,11 +219,23 @@ def _write_road(root: ElementTree.Element, road: RoadNetwork, free: Iterable[int
         if value:
             ElementTree.SubElement(inside, "additionalValue").text = value
         ElementTree.SubElement(sign, "virtual").text = "true"
-    for identity in lights:
+    for identity, cycle in lights.items():
         light = ElementTree.SubElement(root, "trafficLight", id=str(identity))
-        # Colours are unknown, but other readers require the cycle.
-        ElementTree.SubElement(light, "cycle")
+        _write_cycle(light, cycle)
         ElementTree.SubElement(light, "active").text = "true"
+
+
+def _write_cycle(light: ElementTree.Element, cycle: Cycle | None) -> None:
+    """Write a cycle; other readers require one also where its colours are unknown."""
+    element = ElementTree.SubElement(light, "cycle")
+    if cycle is None:
+        return
+    named = {colour: word for word, colour in words.COLOURS.items()}
+    for colour, length in cycle.phases:
+        phase = ElementTree.SubElement(element, "cycleElement")
+        ElementTree.SubElement(phase, "duration").text = str(length)
+        ElementTree.SubElement(phase, "color").text = named[colour]
+    ElementTree.SubElement(element, "timeOffset").text = str(cycle.offset)
 
 
 def _write_lanelet(root: ElementTree.Element, lanelet: Lanelet) -> ElementTree.Element:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,13 @@ import numpy as np
 from socialiq import storage
 from socialiq.errors import UserError
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
+from socialiq.recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
 from socialiq.recordings.tracks import ROAD_USERS, STATES, Tracks
 
 KIND = "recording"
 SCHEMA_VERSION = 1
+SECOND_VERSION = 2
+"""Schema version of recordings with cycles of lights, which a reader of version 1 would miss."""
 
 ROAD: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "lanelet": (np.int64, ()),
@@ -30,6 +33,12 @@ ROAD: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "stop_line": (np.float64, (5,)),
 }
 """The road's arrays: type, and shape of one row. Rows of pairs begin with the lanelet's number."""
+
+LIGHTS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+    "light": (np.int64, (2,)),
+    "light_phase": (np.int64, (3,)),
+}
+"""Arrays of version 2: lanelet and offset of a cycle; lanelet, colour and frames of a phase."""
 
 
 def save(path: Path, recording: Recording) -> str:
@@ -47,8 +56,10 @@ def save(path: Path, recording: Recording) -> str:
     """
     tracks = recording.tracks
     header = {"dt": tracks.dt, "recording": tracks.recording, "source": tracks.source}
-    arrays = tracks.arrays() | _arrays_of(recording.road)
-    return storage.save_arrays(path, KIND, SCHEMA_VERSION, arrays, header)
+    lights = lights_of(recording.road)
+    arrays = tracks.arrays() | _arrays_of(recording.road) | lights
+    version = SECOND_VERSION if lights else SCHEMA_VERSION
+    return storage.save_arrays(path, KIND, version, arrays, header)
 
 
 def load(path: Path) -> Recording:
@@ -58,8 +69,9 @@ def load(path: Path) -> Recording:
         UserError: If the file is missing, damaged, of another kind or version, or its content
             isn't a valid recording; the line names the file.
     """
-    arrays, header = storage.load_arrays(path, KIND, SCHEMA_VERSION)
-    expected = {*STATES, *ROAD_USERS, *ROAD}
+    arrays, header = storage.load_arrays(path, KIND, (SCHEMA_VERSION, SECOND_VERSION))
+    lights = LIGHTS if header["version"] == SECOND_VERSION else {}
+    expected = {*STATES, *ROAD_USERS, *ROAD, *lights}
     if set(arrays) != expected or not isinstance(header.get("source"), dict):
         raise UserError(f"{path} lacks a column or its source: make the file again")
     columns = {name: arrays[name] for name in (*STATES, *ROAD_USERS)}
@@ -70,7 +82,8 @@ def load(path: Path) -> Recording:
             recording=header.get("recording"),  # type: ignore[arg-type]
             source=header["source"],
         )
-        return Recording(tracks, _road_of(arrays))
+        road = _road_of(arrays)
+        return Recording(tracks, with_lights(road, arrays) if lights else road)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
 
@@ -98,6 +111,45 @@ def _arrays_of(road: RoadNetwork) -> dict[str, np.ndarray]:
         name: np.array(rows[name], dtype).reshape(-1, *shape)
         for name, (dtype, shape) in ROAD.items()
     }
+
+
+def lights_of(road: RoadNetwork) -> dict[str, np.ndarray]:
+    """Return the arrays of a road's cycles of lights, none if it has none."""
+    cycles = {
+        identity: one.cycle for identity, one in road.lanelets.items() if one.cycle is not None
+    }
+    if not cycles:
+        return {}
+    phases = [(identity, *phase) for identity, one in cycles.items() for phase in one.phases]
+    lights = [(identity, one.offset) for identity, one in cycles.items()]
+    return {"light": np.array(lights, np.int64), "light_phase": np.array(phases, np.int64)}
+
+
+def with_lights(road: RoadNetwork, arrays: dict[str, np.ndarray]) -> RoadNetwork:
+    """Return a road with the cycles of lights that `lights_of` made arrays of.
+
+    Raises:
+        UserError: If the arrays don't fit the road or each other.
+    """
+    for name, (dtype, shape) in LIGHTS.items():
+        if arrays[name].dtype != dtype or arrays[name].shape[1:] != shape:
+            raise UserError(f"array {name} has another type or shape: make the file again")
+    lights, phases = arrays["light"], arrays["light_phase"]
+    numbers, colours = lights[:, 0].tolist(), {int(one) for one in Colour}
+    if (
+        len({*numbers}) < len(numbers)
+        or not {*numbers} <= {*road.lanelets}
+        or {*phases[:, 0].tolist()} != {*numbers}
+        or not {*phases[:, 1].tolist()} <= colours
+        or (phases[:, 2] < 1).any()
+    ):
+        raise UserError("the cycles of lights don't fit together: make the file again")
+    lanelets = dict(road.lanelets)
+    for identity, offset in lights.tolist():
+        mine = phases[phases[:, 0] == identity, 1:].tolist()
+        cycle = Cycle(tuple((Colour(colour), length) for colour, length in mine), offset)
+        lanelets[identity] = replace(lanelets[identity], cycle=cycle)
+    return RoadNetwork(lanelets)
 
 
 def _beside(lanelets: list[Lanelet], side: str) -> list[tuple[int, int, int]]:

@@ -117,6 +117,7 @@ def same_road(one: RoadNetwork, other: RoadNetwork) -> None:
         for name in ("identity", "successors", "predecessors", "adjacent_left", "adjacent_right"):
             assert getattr(mine, name) == getattr(theirs, name)
         assert mine.speed_limit == theirs.speed_limit and mine.sign == theirs.sign
+        assert mine.cycle == theirs.cycle
 
 
 @pytest.fixture(name="same_road")

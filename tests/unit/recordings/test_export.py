@@ -11,7 +11,7 @@ from socialiq.recordings.readers.column_map import read_map
 from socialiq.recordings.readers.commonroad import read_commonroad
 from socialiq.recordings.readers.csv_recording import read_csv
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import RoadNetwork
+from socialiq.recordings.road.network import Colour, Cycle, RoadNetwork
 
 EXACT = ("track", "frame", "x", "y", "vx", "vy", "identity", "road_user", "length", "width")
 
@@ -61,6 +61,15 @@ def test_commonroad_is_read_back(tmp_path, recording, same_road):
         np.testing.assert_allclose(getattr(back, name), getattr(tracks, name), atol=2e-15 * 10)
     assert back.recording == tracks.recording and imported.refused == ()
     same_road(imported.recording.road, recording.road)
+
+
+def test_cycles_of_lights_are_written(tmp_path, recording, same_road):
+    lanelets = dict(recording.road.lanelets)
+    cycle = Cycle(tuple((colour, 3 + colour) for colour in Colour), offset=-7)
+    lanelets[2] = replace(lanelets[2], cycle=cycle)
+    road = RoadNetwork(lanelets)
+    write_commonroad(Recording(recording.tracks, road), tmp_path / "s.xml")
+    same_road(read_commonroad(tmp_path / "s.xml").recording.road, road)
 
 
 def test_small_numbers_are_written_without_exponents(tmp_path, straight):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,7 @@ from socialiq import storage
 from socialiq.errors import UserError
 from socialiq.recordings import files
 from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import RoadNetwork
+from socialiq.recordings.road.network import Colour, Cycle, RoadNetwork
 
 
 def test_a_recording_comes_back_to_the_last_bit(tmp_path, recording, same_road):
@@ -19,17 +21,54 @@ def test_a_recording_comes_back_to_the_last_bit(tmp_path, recording, same_road):
     assert files.save(tmp_path / "again.safetensors", back) == sha256
 
 
+@pytest.fixture(name="lit")
+def with_a_light(recording):
+    lanelets = dict(recording.road.lanelets)
+    cycle = Cycle(((Colour.RED, 30), (Colour.GREEN, 20)), offset=-7)
+    lanelets[2] = replace(lanelets[2], cycle=cycle)
+    return Recording(recording.tracks, RoadNetwork(lanelets))
+
+
+def test_cycles_of_lights_come_back(tmp_path, lit, recording, same_road):
+    path = tmp_path / "r.safetensors"
+    files.save(path, lit)
+    same_road(files.load(path).road, lit.road)
+    assert storage.load_arrays(path, files.KIND, 2)[1]["version"] == 2
+    # Without a cycle the file is that of before.
+    files.save(path, recording)
+    assert storage.load_arrays(path, files.KIND, 1)[1]["version"] == 1
+
+
+@pytest.mark.parametrize(
+    ("columns", "line"),
+    [
+        ({"light": None}, "lacks a column"),
+        ({"light": np.array([[9, 0]])}, "cycles of lights"),
+        ({"light_phase": np.array([[2, 9, 30]])}, "cycles of lights"),
+        ({"light_phase": np.array([[2, 1, 0]])}, "cycles of lights"),
+        ({"light_phase": np.zeros((0, 3), np.int64)}, "cycles of lights"),
+        ({"light_phase": np.zeros((1, 2), np.int64)}, "array light_phase has another type"),
+    ],
+)
+def test_cycles_that_are_none_are_refused(tmp_path, lit, columns, line):
+    path, target = tmp_path / "r.safetensors", tmp_path / "bad.safetensors"
+    files.save(path, lit)
+    changed(path, target, version=2, **columns)
+    with pytest.raises(UserError, match=line):
+        files.load(target)
+
+
 def test_a_recording_without_a_road(tmp_path, straight):
     path = tmp_path / "r.safetensors"
     files.save(path, Recording(straight([5.0]), RoadNetwork()))
     assert files.load(path).road.lanelets == {}
 
 
-def changed(path, target, **columns):
-    arrays, header = storage.load_arrays(path, files.KIND, files.SCHEMA_VERSION)
+def changed(path, target, version=files.SCHEMA_VERSION, **columns):
+    arrays, header = storage.load_arrays(path, files.KIND, version)
     plain = {name: one for name, one in header.items() if name not in ("kind", "version", "sha256")}
     arrays = {name: one for name, one in (arrays | columns).items() if one is not None}
-    storage.save_arrays(target, files.KIND, files.SCHEMA_VERSION, arrays, plain)
+    storage.save_arrays(target, files.KIND, version, arrays, plain)
 
 
 @pytest.mark.parametrize(

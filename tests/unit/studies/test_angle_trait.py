@@ -55,7 +55,9 @@ def test_angles_of_a_dial_are_recovered_by_that_dial():
 
 
 def test_the_study_makes_its_tables():
-    config = Config(50_801_000, repeats=1, drivers=3, lengths=(2,), spreads=(0.0,), step=90.0)
+    config = Config(
+        50_801_000, repeats=1, drivers=3, lengths=(2,), spreads=(0.0,), step=90.0, dials=()
+    )
     results = run(STUDY, config)
     pooled = results.tables["pooled"]
     assert [row["kind"] for row in pooled] == ["planner", "dial", "dial"]
@@ -65,7 +67,15 @@ def test_the_study_makes_its_tables():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"lengths": (3,)}, {"lengths": ()}, {"drivers": 1}, {"step": 7.0}]
+    "wrong",
+    [
+        {"lengths": (3,)},
+        {"lengths": ()},
+        {"drivers": 1},
+        {"step": 7.0},
+        {"dials": (1, 2)},
+        {"dials": (1, 2, 2)},
+    ],
 )
 def test_bad_options_are_refused(wrong):
     with pytest.raises(UserError):

@@ -69,8 +69,8 @@ def reason(encounters: Encounters, ego: int, other: int, frames: tuple[int, int]
     if begin >= last or begin > ways[ego].last:
         return UNRELATED
     related = relation(encounters, ego, other, begin)
-    if related == "none":
-        return UNRELATED
+    if related == "none" or encounters.held(ways[ego], ways[other], begin):
+        return UNRELATED  # what a red light makes a vehicle do is no vehicle's doing
     back = round(encounters.config.lookback / ways[ego].dt)
     start = max(begin - back, ways[ego].first, ways[other].first)
     span = (start, last)

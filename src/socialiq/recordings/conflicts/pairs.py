@@ -17,6 +17,7 @@ from socialiq.recordings.conflicts.areas import Area, area_of, swept
 from socialiq.recordings.conflicts.around import OnWay, on_way
 from socialiq.recordings.conflicts.config import ConflictConfig
 from socialiq.recordings.conflicts.in_time import InTime
+from socialiq.recordings.conflicts.lights import held
 from socialiq.recordings.conflicts.occupancy import Occupancy
 from socialiq.recordings.conflicts.ways import Way, frames_together, way_of
 from socialiq.recordings.episodes.scene import Scene
@@ -140,10 +141,11 @@ class Encounters:
         met = complete and together[0] * dt < second.enters
         met = met and second.enters - first.leaves <= self.config.near
         if met:
-            # No third vehicle enters between them.
+            # No third vehicle enters between them, and no red light holds the second.
             way = (one, two)[late]
             frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
             met = self.first_in_line(way, area.entry[late], frame, (one, two)[1 - late].track)
+            met = met and not held(self.scene, way, frame)
         if not met and not any(self._on_course(area, one, two, int(frame)) for frame in frames):
             return None
         times = [occupancy.expected(way, *at) for way, at in zip((one, two), sides, strict=True)]
@@ -161,7 +163,12 @@ class Encounters:
             and occupancy.apart(*times) <= self.config.near
             and self.first_in_line(one, area.entry[0], frame, two.track)
             and self.first_in_line(two, area.entry[1], frame, one.track)
+            and not self.held(one, two, frame)
         )
+
+    def held(self, one: Way, two: Way, frame: int) -> bool:
+        """Whether a red light holds either of two vehicles at a frame."""
+        return held(self.scene, one, frame) or held(self.scene, two, frame)
 
     def first_in_line(self, way: Way, entry: float, frame: int, but: int) -> bool:
         """Whether no other vehicle is on a way between a vehicle and a conflict area.

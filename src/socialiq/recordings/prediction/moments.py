@@ -233,6 +233,7 @@ class _Seen:
         first = self.encounters.first_in_line
         alone = first(way, area.entry[0], frame, other.track)
         alone = alone and first(other, area.entry[1], frame, way.track)
+        alone = alone and not self.encounters.held(way, other, frame)
         return max(arrives, 0.0) if alone else math.inf
 
 

@@ -12,16 +12,20 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.recordings import files
 from socialiq.recordings.readers.commonroad_xml import (
+    COLOURS,
     SIGNS,
     SPEED_LIMITS,
     State,
     read,
     whole_number,
 )
-from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
+from socialiq.recordings.road.network import Cycle, Lanelet, RoadNetwork, Sign
 from socialiq.storage import kind_of
 
 _IGNORED = ("intersection",)
+
+LONGEST_CYCLE = 1_000_000
+"""Most frames of a cycle that is read: more than a day at ten frames a second."""
 
 
 class RoadDraft:
@@ -36,6 +40,7 @@ class RoadDraft:
         self._lanelets: dict[int, Lanelet] = {}
         self._signs: dict[int, tuple[Sign, float]] = {}
         self._named: dict[int, list[int]] = {}
+        self._cycles: dict[int, Cycle] = {}
 
     def thing(self, thing: Element) -> bool:
         """Add a child of the first element, if it belongs to the road.
@@ -51,7 +56,11 @@ class RoadDraft:
             elif thing.tag == "trafficLight":
                 dark = (thing.findtext("active") or "").strip() == "false"
                 signs = Sign.NONE if dark else Sign.LIGHT
-                self._signs[whole_number(thing.attrib["id"])] = signs, np.inf
+                identity = whole_number(thing.attrib["id"])
+                self._signs[identity] = signs, np.inf
+                cycle = None if dark else _cycle(thing.find("cycle"))
+                if cycle is not None:
+                    self._cycles[identity] = cycle
             else:
                 return thing.tag in _IGNORED
         except (KeyError, ValueError, TypeError, UserError) as error:
@@ -67,13 +76,17 @@ class RoadDraft:
         )
 
     def _with_signs(self, lanelet: Lanelet) -> Lanelet:
-        signs = [self._signs[one] for one in self._named[lanelet.identity] if one in self._signs]
+        named = self._named[lanelet.identity]
+        signs = [self._signs[one] for one in named if one in self._signs]
         if not signs:
             return lanelet
         # A light takes precedence over signs, as on the road.
         sign = max(one for one, _ in signs)
         limit = min(lanelet.speed_limit, *(limit for _, limit in signs))
-        return replace(lanelet, sign=sign, speed_limit=limit)
+        cycles = [self._cycles[one] for one in named if one in self._cycles]
+        # Lights for several directions of one lanelet can't be told apart by a route: none is read.
+        cycle = cycles[0] if cycles and all(one == cycles[0] for one in cycles) else None
+        return replace(lanelet, sign=sign, speed_limit=limit, cycle=cycle)
 
     def _lanelet(self, thing: Element) -> None:
         identity = whole_number(thing.attrib["id"])
@@ -124,6 +137,25 @@ def _stop_line(element: Element | None, left: np.ndarray, right: np.ndarray) -> 
     if len(points) not in (0, 2):
         raise ValueError(f"its stop line has {len(points)} points, not two")
     return points if len(points) else np.stack([left[-1], right[-1]])
+
+
+def _cycle(element: Element | None) -> Cycle | None:
+    """Return a light's cycle; None if it has no phase."""
+    phases = [] if element is None else element.findall("cycleElement")
+    if element is None or not phases:
+        return None
+    found = tuple(
+        (
+            COLOURS[(one.findtext("color") or "").strip()],
+            whole_number(one.findtext("duration") or ""),
+        )
+        for one in phases
+    )
+    if min(length for _, length in found) < 1 or sum(length for _, length in found) > LONGEST_CYCLE:
+        raise ValueError(
+            f"its phases must have a frame or more each, and {LONGEST_CYCLE:,} together at most"
+        )
+    return Cycle(found, whole_number(element.findtext("timeOffset") or "0"))
 
 
 def _sign(thing: Element) -> tuple[Sign, float]:

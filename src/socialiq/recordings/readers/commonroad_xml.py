@@ -12,7 +12,7 @@ from xml.parsers import expat
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import open_file
-from socialiq.recordings.road.network import Sign
+from socialiq.recordings.road.network import Colour, Sign
 from socialiq.recordings.tracks import RoadUser
 
 VERSIONS = ("2017a", "2017b", "2018a", "2018b", "2020a")
@@ -63,7 +63,16 @@ SPEED_LIMITS = ("274", "R2-1", "R15", "r301", "3.24", "C43", "B14", "B31", "Ρ-3
 LIGHT = "light"
 SPEED_LIMIT_NUMBER = "274"
 SIGN_NUMBERS = {Sign.PRIORITY: "306", Sign.YIELD: "205", Sign.STOP: "206", Sign.LIGHT: LIGHT}
-"""Version that is written."""
+"""Numbers of right-of-way signs that are written."""
+
+COLOURS = {
+    "green": Colour.GREEN,
+    "yellow": Colour.YELLOW,
+    "red": Colour.RED,
+    "redYellow": Colour.RED_YELLOW,
+    "inactive": Colour.INACTIVE,
+}
+"""Colours of a light by their words in the file."""
 
 State = dict[str, "str | tuple[str, str]"]
 """Texts of a state by the element's name; two for an interval."""

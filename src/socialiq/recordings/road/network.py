@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -32,6 +32,41 @@ class Sign(enum.IntEnum):
     LIGHT = 4
 
 
+class Colour(enum.IntEnum):
+    """Colour of a traffic light; INACTIVE if it is off or flashes."""
+
+    GREEN = 0
+    YELLOW = 1
+    RED = 2
+    RED_YELLOW = 3
+    INACTIVE = 4
+
+
+class Cycle(NamedTuple):
+    """Cycle of a traffic light, in frames of the recording.
+
+    Attributes:
+        phases: Colour and number of frames of each phase, in their order.
+        offset: Frame at which the first phase begins.
+    """
+
+    phases: tuple[tuple[Colour, int], ...]
+    offset: int = 0
+
+    def at(self, frame: int) -> Colour:
+        """Return the colour at a frame; the cycle repeats before and after."""
+        left = (frame - self.offset) % sum(length for _, length in self.phases)
+        for colour, length in self.phases:
+            if left < length:
+                return colour
+            left -= length
+        raise AssertionError  # what is left is below the sum of all lengths
+
+    def closed(self, frame: int) -> bool:
+        """Whether the light tells drivers to stop: yellow, red, or both."""
+        return self.at(frame) in (Colour.YELLOW, Colour.RED, Colour.RED_YELLOW)
+
+
 @dataclass(frozen=True, eq=False)
 class Lanelet:
     """Section of a lane, driven from the first points of its bounds to the last.
@@ -47,6 +82,7 @@ class Lanelet:
         speed_limit: m/s; infinity if unknown.
         sign: Right of way.
         stop_line: Two points, if the file has a stop line.
+        cycle: Of the traffic light at its end; None if the file has no states of it.
 
     Raises:
         UserError: If a bound has fewer than two points, the numbers differ, or a coordinate
@@ -63,6 +99,7 @@ class Lanelet:
     speed_limit: float = float("inf")
     sign: Sign = Sign.NONE
     stop_line: Float64[np.ndarray, "2 2"] | None = None
+    cycle: Cycle | None = None
 
     # Run-time type checkers leave the constructor to `__post_init__`, whose lines say what to do.
     __no_type_check__: ClassVar[bool] = True

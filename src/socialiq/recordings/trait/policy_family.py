@@ -4,7 +4,8 @@ A driver of angle α takes the candidate a of a decision s with probability
 
     p(a | s) = (1 - ε) softmax(β Q_α(s, .))(a) + ε / n,
 
-with β shared and ε the share of choices at random. What weights of two rewards are to
+with β shared and ε the share of choices at random among the n candidates. A candidate whose value
+is minus infinity is none (`by_effect`). What weights of two rewards are to
 `recordings.trait.traits`, the family's own values are here: all that is inferred from first halves
 stays the same.
 """
@@ -12,7 +13,7 @@ stays the same.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from scipy.special import softmax
 
 from socialiq.recordings.trait.choice_model import LEAST_SCALE, Tabulated
@@ -48,8 +49,26 @@ def family_trait(
 
 def value_scale(values: Values) -> float:
     """Return the typical difference of value between candidates; 1 if there is none."""
-    scale = float(np.sqrt(values.var(axis=1).mean())) if values.size else 0.0
+    known = np.isfinite(values)
+    variance = values.var(axis=1, where=known) if values.size else np.zeros(1)
+    scale = float(np.sqrt(variance.mean()))
     return scale if scale > LEAST_SCALE else 1.0
+
+
+def by_effect(values: Values, same: Int64[np.ndarray, "decision candidate"]) -> Values:
+    """Return values in which candidates of one effect are one: the first, with their largest value.
+
+    The others get minus infinity.
+
+    Args:
+        values: Q_α(s, a).
+        same: For each candidate the first one of the same effect.
+    """
+    merged = np.full(values.shape, -np.inf)
+    rows = np.arange(len(values))
+    for candidate, first in enumerate(same.T):
+        merged[rows, first] = np.maximum(merged[rows, first], values[:, candidate])
+    return merged
 
 
 def tabulate_family(
@@ -63,6 +82,9 @@ def tabulate_family(
         trait: Of the family (`family_trait`).
         random: ε, above 0.
     """
-    chance = softmax(trait.shared[:, None] * values[:, :, None, :], axis=1)
-    chance = (1 - random) * chance + random / values.shape[1]
-    return Tabulated(np.log(chance), np.einsum("dcsv,c->dsv", chance, grid))
+    known = np.isfinite(values)[:, :, None, :]
+    score = trait.shared[:, None] * np.where(known, values[:, :, None, :], 0.0)
+    chance = softmax(np.where(known, score, -np.inf), axis=1)
+    chance = np.where(known, (1 - random) * chance + random / known.sum(axis=1, keepdims=True), 0.0)
+    log_p = np.log(np.maximum(chance, np.finfo(np.float64).tiny))
+    return Tabulated(log_p, np.einsum("dcsv,c->dsv", chance, grid))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int64
 from scipy.special import softmax
 
-from socialiq.evaluation.branching import branched_returns, observed
+from socialiq.evaluation.branching import branched_returns, equivalent_actions, observed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.recordings.prediction.choices import ChoiceTable
@@ -44,6 +44,7 @@ class Decided(NamedTuple):
         social: Return of each action in r_social.
         action: The action taken.
         seen: What the ego observes, and the time.
+        same: For each action the first one that has the same effect.
     """
 
     row: Int64[np.ndarray, " decision"]
@@ -52,6 +53,7 @@ class Decided(NamedTuple):
     social: Float[np.ndarray, "decision action"]
     action: Int64[np.ndarray, " decision"]
     seen: Float32[np.ndarray, "decision feature"]
+    same: Int64[np.ndarray, "decision action"]
 
 
 def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:
@@ -74,18 +76,22 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
     policies = [dial.at(angle) for angle in population.angle] if population.kind == "dial" else []
     driver, found = np.repeat(np.arange(len(population.angle)), episodes), []
     running = np.ones(size, bool)
+    clock = dial.n_features > batch.observation.shape[1]
     while running.any():
-        returns = branched_returns(batch, copies, lambda seen: middle.predict(seen)[0])
+        returns = branched_returns(batch, copies, lambda seen: middle.predict(seen)[0], clock)
+        seen = observed(batch, clock)
         if policies:
-            seen = batch.observation.reshape(len(policies), episodes, -1)
-            each = [one.predict(rows)[0] for one, rows in zip(policies, seen, strict=True)]
+            of_driver = seen.reshape(len(policies), episodes, -1)
+            each = [one.predict(rows)[0] for one, rows in zip(policies, of_driver, strict=True)]
             action = np.concatenate(each)
         else:
             action = _planned(population, returns, driver, rng)
         rows = np.flatnonzero(running)
-        base = base_of(mixed if policies else [], batch.observation[rows])
+        base = base_of(mixed if policies else [], seen[rows])
         seen = observed(batch, clock=True)[rows]
-        found.append((rows, base, returns.env[rows], returns.social[rows], action[rows], seen))
+        same = equivalent_actions(batch.save(), batch.options)[rows]
+        decided = (base, returns.env[rows], returns.social[rows], action[rows], seen, same)
+        found.append((rows, *decided))
         made = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
         running &= made.ending == int(Ending.NONE)
     return Decided(*(np.concatenate(column) for column in zip(*found, strict=True)))
@@ -98,12 +104,12 @@ def base_of(
 
     Args:
         mixed: The policies; with none every action is equally likely.
-        seen: Observations.
+        seen: Observations, the time last; a policy without a clock doesn't read it.
     """
     even = np.full((len(seen), len(ACTIONS)), 1 / len(ACTIONS))
     if not mixed:
         return np.log(even)
-    chosen = [np.eye(len(ACTIONS))[one.predict(seen)[0]] for one in mixed]
+    chosen = [np.eye(len(ACTIONS))[one.predict(seen[:, : one.n_features])[0]] for one in mixed]
     return np.log((1 - RANDOM) * np.mean(chosen, axis=0) + RANDOM * even)
 
 
@@ -136,7 +142,7 @@ def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
         episodes: Episodes of a driver in `decided`.
         used: Episodes of a driver to use: half of them to infer.
     """
-    row, log_base, env, social, action, _ = first_episodes(decided, episodes, used)
+    row, log_base, env, social, action, *_ = first_episodes(decided, episodes, used)
     driver, episode = np.divmod(row, episodes)
     order = np.lexsort([np.arange(len(row)), row])
     time = np.empty(len(row))

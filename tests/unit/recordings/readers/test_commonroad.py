@@ -9,7 +9,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.recordings.readers import commonroad_xml
 from socialiq.recordings.readers.commonroad import read_commonroad
-from socialiq.recordings.road.network import Sign
+from socialiq.recordings.road.network import Colour, Cycle, Sign
 from socialiq.recordings.tracks import RoadUser
 
 
@@ -154,6 +154,59 @@ def test_the_road_has_its_neighbours_signs_and_limits(read):
     assert two.stop_line.tolist() == [[1.0, 2.0], [3.0, 4.0]]
     assert three.sign == Sign.NONE and three.speed_limit == 13.4 and len(three.left) == 4
     np.testing.assert_array_equal(one.centre, [[0.0, 1.5], [50.0, 1.5]])
+
+
+def light(identity, *phases, offset="", active="true"):
+    cycle = "".join(
+        f"<cycleElement><duration>{length}</duration><color>{color}</color></cycleElement>"
+        for color, length in phases
+    )
+    offset = f"<timeOffset>{offset}</timeOffset>" if offset else ""
+    return (
+        f'<trafficLight id="{identity}"><cycle>{cycle}{offset}</cycle>'
+        f"<active>{active}</active></trafficLight>"
+    )
+
+
+def test_cycles_of_lights(read):
+    def lane(identity, *lights):
+        named = "".join(f'<trafficLightRef ref="{one}"/>' for one in lights)
+        return f'<lanelet id="{identity}">{bounds(5 * identity)}{named}</lanelet>'
+
+    phases = ("red", 30), ("redYellow", 5), ("green", 20), ("yellow", 5), ("inactive", 40)
+    things = (
+        *(lane(1, 20), lane(2, 21), lane(3, 22), lane(4, 20, 21), lane(5, 20, 23)),
+        light(20, *phases, offset="10"),
+        light(21, ("green", 7)),
+        light(22, ("red", 7), active="false"),
+        light(23, *phases, offset="10"),
+        obstacle(7, driven()),
+    )
+    one, two, three, four, five = read(scenario(*things)).recording.road.lanelets.values()
+    assert one.sign == Sign.LIGHT and one.cycle is not None
+    seen = [one.cycle.at(frame) for frame in (9, 10, 39, 40, 45, 65, 70, 109, 110)]
+    assert seen[:3] == [Colour.INACTIVE, Colour.RED, Colour.RED]
+    assert seen[3:6] == [Colour.RED_YELLOW, Colour.GREEN, Colour.YELLOW]
+    assert seen[6:] == [Colour.INACTIVE, Colour.INACTIVE, Colour.RED]
+    assert [one.cycle.closed(frame) for frame in (10, 40, 45, 65, 70)] == [1, 1, 0, 1, 0]
+    assert two.cycle == Cycle(((Colour.GREEN, 7),)) and three.cycle is None
+    # Lights that differ are of different directions; equal ones are one light.
+    assert four.cycle is None and five.cycle == one.cycle
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        (light(20, ("purple", 7)), "no 'purple'"),
+        (light(20, ("red", 0)), "a frame or more"),
+        (light(20, ("red", "x")), "'x'"),
+        (light(20, ("red", 7), offset="x"), "'x'"),
+        (light(20, ("red", 2_000_000)), "together at most"),
+    ],
+)
+def test_a_cycle_that_is_none_is_refused(read, wrong, reason):
+    with pytest.raises(UserError, match=reason):
+        read(scenario(wrong, GOOD))
 
 
 GOOD = obstacle(1, driven())
