@@ -37,6 +37,7 @@ STUDIES = {
     "audit-power": "audit_power.study",
     "audits": "audits.study",
     "angle-trait": "angle_trait.study",
+    "angle-zeros": "angle_trait.zeros",
     "recorded-junction": "recorded_junction.study",
     "recorded-junction-ahead": "recorded_junction.ahead",
     "theory": "theory.study",

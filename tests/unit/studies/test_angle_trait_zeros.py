@@ -5,12 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from socialiq.errors import UserError
+from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, silent
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.recordings.trait.policy_family import by_effect
 from socialiq.studies.angle_trait import zeros
 from socialiq.studies.angle_trait.common_scale import Realised, mean_of
-from socialiq.studies.angle_trait.config import DIAL, OTHER_DIAL, PLAIN, Config
+from socialiq.studies.angle_trait.config import DIAL, OTHER_DIAL
 from socialiq.studies.angle_trait.driving import Decided, Population, drive
 from socialiq.studies.angle_trait.ensemble import (
     Member,
@@ -20,7 +22,8 @@ from socialiq.studies.angle_trait.ensemble import (
     likeliest,
     merged,
 )
-from socialiq.studies.angle_trait.plan import folder_of, plan
+from socialiq.studies.angle_trait.zeros_config import PLAIN, Config
+from socialiq.studies.angle_trait.zeros_jobs import folder_of, plan
 
 ANGLES = np.linspace(0.0, 90.0, 10)
 
@@ -126,34 +129,60 @@ def test_the_spread_of_zeros_leaves_the_left_out_dial_out():
 
 def test_each_dial_is_left_out_of_its_own_family():
     config = Config(dials=(1, 2, 3))
-    assert zeros.family_of(config, "2") == ["1", "3"]
-    assert zeros.family_of(config, PLAIN) == ["1", "2", "3"]
-    assert [job.name for job in plan(config)][1:] == [folder_of(seed) for seed in (1, 2, 3)]
-    assert plan(Config(dials=())) == []
+    assert config.family_of("2") == ("1", "3")
+    assert config.family_of(PLAIN) == ("1", "2", "3")
+    jobs = {job.name: job for job in plan(config)}
+    assert jobs["populations/25/2"].config.models == ("1", "3")
+    for job in jobs.values():
+        assert {*job.inputs} <= {*jobs}
+    episodes = [
+        (one.first, one.first + one.episodes * len(one.planted))
+        for one in (job.config for job in jobs.values() if job.stage in ("zeros", "populations"))
+    ]
+    for (_, end), (begin, _) in zip(sorted(episodes), sorted(episodes)[1:], strict=False):
+        assert end <= begin  # no episode is driven twice
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"dials": (1, 2)},
+        {"dials": (1, 2, 2)},
+        {"episodes": 3},
+        {"drivers": 1},
+        {"scale_episodes": 0},
+    ],
+)
+def test_bad_options_are_refused(wrong):
+    with pytest.raises(UserError):
+        Config(**wrong)
 
 
 @pytest.mark.slow
 def test_the_tables_of_three_dials(tmp_path):
-    """Three dials, one driver angle and few episodes: every table has its rows."""
+    """Three dials instead of the trained ones, and few episodes: every table has its rows."""
     for seed, path in ((1, DIAL), (2, OTHER_DIAL), (3, OTHER_DIAL)):
-        folder = tmp_path / folder_of(seed)
+        folder = tmp_path / folder_of("dials", str(seed))
         folder.mkdir(parents=True)
         DialPolicy.load(path).save(folder / "dial.safetensors")
-    config = Config(
-        drivers=3,
-        lengths=(2,),
-        spreads=(0.0,),
-        dials=(1, 2, 3),
-        first_common=50_820_000,
-        scale_episodes=4,
-        zero_episodes=1,
-    )
-    found = zeros.common_tables(config, Context((), tmp_path, silent))
-    assert len(found["realised"]) == 5 * 19
-    assert len(found["zeros"]) == 5 * 4 * 7
-    assert [row["driver"] for row in found["common"]] == ["1", "2", "3", PLAIN]
-    assert len(found["common_drivers"]) == 12
-    for row in found["common_drivers"]:
+    config = Config((1, 2, 3), 1, 50_820_000, 4, 1, 3, 2, spreads=(0.0,))
+    jobs = [job for job in plan(config) if job.stage not in ("demonstrations", "dials")]
+    for job in jobs:
+        (tmp_path / job.name).mkdir(parents=True)
+        inputs = {name: tmp_path / name for name in job.inputs}
+        job.work(job.config, tmp_path / job.name, inputs, lambda _share: None)
+    findings = zeros.compute_tables(config, Context(jobs, tmp_path, silent))
+    found = findings.tables
+    assert len(found["realised"]) == 5 * 13
+    assert len(found["zeros"]) == (3 * 3 + 4) * 7
+    assert [row["driver"] for row in found["populations"]] == ["1", "2", "3", PLAIN]
+    assert len(found["drivers"]) == 12
+    for row in found["drivers"]:
         assert row["low"] <= row["narrow_low"] <= row["narrow_high"] <= row["high"]
-    assert len(zeros.common_summary(found)) == 2
-    assert zeros.common_tables(Config(dials=()), Context((), tmp_path, silent)) == {}
+    # Dials 2 and 3 are one dial, so that each is the likeliest of the other at its own angle.
+    same = [r for r in found["zeros"] if (r["driver"], r["model"]) == ("2", "3")]
+    assert [row["likeliest"] for row in same if row["planted"] == 45.0] == [45.0]
+    assert len(findings.summary) == 2
+    results = Results.of("angle-zeros", config, found, findings.summary, findings.files)
+    assert zeros.draw(results).keys() == {"zeros"}
+    assert len(zeros.view(results)) == 2

@@ -16,12 +16,6 @@ OTHER_DIAL = packaged_results() / "intersection-dial-clock" / "calibrated.safete
 INFERENCES = (("planner", "returns"), ("dial", "returns"), ("dial", "another dial"))
 """Kinds of drivers, and what their angles are inferred from."""
 
-PLAIN = "another recipe"
-"""Name of `DIAL` beside the trained dials, which have a clock, another network and other rates."""
-
-CALIBRATED = "longer training"
-"""Name of `OTHER_DIAL` beside them: of their recipe, with 40,000 updates and settings."""
-
 MIXED = 10
 """Angles of the dial whose policies are the base predictor of dials; that of planners is even."""
 
@@ -54,26 +48,11 @@ class Config:
     step: float = 10.0
     """Of the angles integrated over, degrees."""
 
-    dials: tuple[int, ...] = (70, 71, 72, 73, 74)
-    """Training seeds of the dials that are a family, each left out in turn to drive; none leaves
-    these tables out. 101 to 103 were used in development."""
-    updates: int = 12_000
-    """Gradient steps of each of these dials."""
-    first_common: int = 63_000_000
-    """Seed of the first episode of these tables. 50,900,000 to 51,199,999 were used in
-    development."""
-    scale_episodes: int = 500
-    """Episodes at each angle of which a dial's common scale is measured."""
-    zero_episodes: int = 50
-    """Episodes of each angle that are projected on other dials."""
-
     def __post_init__(self) -> None:
         """Check what no population can be made of."""
         if not self.lengths or any(one < 2 or one % 2 for one in self.lengths):
             raise UserError(f"lengths must be even numbers from 2, got {list(self.lengths)}")
         if self.drivers < 2 or self.repeats < 1:
             raise UserError("drivers must be at least 2, and repeats at least 1")
-        if 0 < len({*self.dials}) < 3 or len({*self.dials}) < len(self.dials):
-            raise UserError("dials must be three different training seeds or more, or none")
         if not self.step > 0 or 360 % self.step:
             raise UserError(f"step must divide 360, got {self.step:g}")

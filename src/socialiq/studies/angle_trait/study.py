@@ -5,8 +5,7 @@ episodes the angle of each is inferred as from recordings (`recordings.trait`), 
 second half. Two kinds of drivers: planners, and policies of one trained dial. Angles are inferred
 from returns, where a candidate's rewards are those of a rollout that takes it first: planners
 choose by these very returns, so that the model is true, and dials don't. And from another dial,
-whose policies are the model of drivers: near the one that drives, and never equal to it. And from
-a family of dials on their common scale (`zeros`).
+whose policies are the model of drivers: near the one that drives, and never equal to it.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from socialiq.experiments.results import Results
-from socialiq.experiments.study import Context, Findings, Study, View, counter, view_of
+from socialiq.experiments.study import Context, Findings, Study, counter, view_of
 from socialiq.experiments.tables import groups, matching, mean
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import COLORS, figure, finish
@@ -44,9 +43,6 @@ from socialiq.studies.angle_trait.driving import (
     drive,
     first_episodes,
 )
-from socialiq.studies.angle_trait.plan import plan
-from socialiq.studies.angle_trait.zeros import common_summary, common_tables
-from socialiq.studies.angle_trait.zeros_figure import draw_zeros
 from socialiq.types import Row
 
 
@@ -109,15 +105,6 @@ def recovery(models: Models, angle: Float[np.ndarray, " driver"]) -> Row:
 
 def compute_tables(config: Config, context: Context) -> Findings:
     """Drive all populations, infer and test."""
-    rows, drivers = _populations(config, context)
-    pooled = [_pooled(values, group) for values, group in groups(rows, *_KEYS).items()]
-    common = common_tables(config, context)
-    tables = {"populations": rows, "pooled": pooled, "drivers": drivers, **common}
-    return Findings(tables, _summary(pooled) | common_summary(common))
-
-
-def _populations(config: Config, context: Context) -> tuple[list[Row], list[Row]]:
-    """Return a row for each population and inference, and one for each of its drivers."""
     dial, strength = DialPolicy.load(DIAL), _strength(config)
     cells = [
         (kind, spread, repeat)
@@ -140,7 +127,8 @@ def _populations(config: Config, context: Context) -> tuple[list[Row], list[Row]
                 rows.append(head | {"repeat": repeat} | _row(models, angle, first))
                 drivers += _drivers(head | {"repeat": repeat}, models, angle)
         count(number + 1)
-    return rows, drivers
+    pooled = [_pooled(values, group) for values, group in groups(rows, *_KEYS).items()]
+    return Findings({"populations": rows, "pooled": pooled, "drivers": drivers}, _summary(pooled))
 
 
 def _inferred(config: Config, decided: Decided, source: str, used: int, seed: int) -> Models:
@@ -210,11 +198,7 @@ def draw(results: Results) -> dict[str, Figure]:
         for axes, episodes in zip(line, used, strict=True):
             mine = matching(rows, kind=kind, inferred_from=source, episodes=episodes)
             _panel(axes, mine, f"{kind} from {source}, {episodes} episodes")
-    zeros = results.tables.get("zeros")
-    if not zeros:
-        return {"angles": drawn}
-    drivers = results.tables["common_drivers"]
-    return {"angles": drawn, "zeros": draw_zeros(results.tables["realised"], zeros, drivers)}
+    return {"angles": drawn}
 
 
 def _panel(axes: Any, rows: list[Row], title: str) -> None:
@@ -232,9 +216,12 @@ def _panel(axes: Any, rows: list[Row], title: str) -> None:
     finish(axes, title, 8, xlabel="planted angle, degrees", ylabel="inferred angle, degrees")
 
 
-def view(results: Results) -> list[View]:
-    """Return the means over repeats, and those of the common scale."""
-    first = view_of(
+STUDY = Study(
+    name="angle-trait",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw,
+    view=view_of(
         "pooled",
         *_KEYS,
         "correlation",
@@ -245,21 +232,5 @@ def view(results: Results) -> list[View]:
         "found",
         "beats_every_rival",
         title="Planted angles: means over repeats",
-    )(results)
-    if "zeros_pooled" not in results.tables:
-        return list(first)
-    return [
-        *first,
-        View(results.tables["zeros_pooled"], "Likeliest angle of another dial, less the planted"),
-        View(results.tables["common_pooled"], "A family of dials on their common scale"),
-    ]
-
-
-STUDY = Study(
-    name="angle-trait",
-    Config=Config,
-    tables=compute_tables,
-    figures=draw,
-    view=view,
-    jobs=plan,
+    ),
 )

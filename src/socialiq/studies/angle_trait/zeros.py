@@ -7,116 +7,70 @@ a family is off is measured between its own dials, and widens the intervals of i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from socialiq.experiments.intersection.episodes import DIAL as DIAL_FILE
-from socialiq.experiments.study import Context, counter
+from socialiq.experiments.results import Results
+from socialiq.experiments.study import Context, Findings, Study, View
 from socialiq.experiments.tables import groups, mean
-from socialiq.nn.dial_policy import DialPolicy
-from socialiq.recordings.trait.contrasts import contrasts
-from socialiq.recordings.trait.models import Models
-from socialiq.studies.angle_trait.common_scale import Realised, mean_of
-from socialiq.studies.angle_trait.config import (
-    CALIBRATED,
-    CONFIDENCE,
-    DIAL,
-    OTHER_DIAL,
-    PLAIN,
-    Config,
-)
-from socialiq.studies.angle_trait.driving import Decided, Population, drive
-from socialiq.studies.angle_trait.ensemble import Member, common_angle, fit_dials, likeliest
-from socialiq.studies.angle_trait.plan import folder_of
+from socialiq.storage import read_json
+from socialiq.studies.angle_trait.common_scale import Realised
+from socialiq.studies.angle_trait.config import CONFIDENCE
+from socialiq.studies.angle_trait.zeros_config import CALIBRATED, PLAIN, Config
+from socialiq.studies.angle_trait.zeros_figure import draw_zeros
+from socialiq.studies.angle_trait.zeros_jobs import FOUND, folder_of, plan
 from socialiq.types import Row
 
-_STEP = 5.0  # of angles of a common scale, degrees
-_PLANTED = 15.0  # distance of the angles that are projected, degrees
-_SCALE, _ZEROS, _POPULATIONS = 0, 100_000, 200_000  # first episodes of each table
 _FINE = 0.1  # grid of widened intervals, degrees
 
 
-def common_tables(config: Config, context: Context) -> dict[str, list[Row]]:
-    """Return the tables of the trained dials, none without training seeds."""
-    if not config.dials:
-        return {}
-    members = _members(config, context)
-    zeros = _zeros(config, members, context)
-    populations, drivers = _populations(config, members, zeros, context)
-    return {
-        "realised": _realised(members),
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Return what dials realise, their projections on each other, and the populations."""
+
+    def found(stage: str, name: str) -> Any:
+        return read_json(context.work / folder_of(stage, name) / FOUND)
+
+    realised = [
+        {"dial": name, "angle": angle, "r_env": env, "r_social": social}
+        for name in config.names
+        for angle, env, social in zip(*found("realised", name), strict=True)
+    ]
+    driving = (*config.family_of(""), PLAIN)
+    zeros = [row for name in driving for row in found("zeros", name)]
+    populations: list[Row] = []
+    drivers: list[Row] = []
+    for name in driving:
+        off = zero_spread(zeros, config.family_of(name))
+        for spread in config.spreads:
+            head = {"driver": name, "spread_planted": spread}
+            made = found(f"populations/{spread:g}", name)
+            each = _drivers(made, off)
+            populations.append(head | {"zero_spread": off} | _population(made, each))
+            drivers += [head | one for one in each]
+    pooled = _populations_pooled(populations)
+    tables = {
+        "realised": realised,
         "zeros": zeros,
         "zeros_pooled": _zeros_pooled(zeros),
-        "common": populations,
-        "common_pooled": _common_pooled(populations),
-        "common_drivers": drivers,
+        "populations": populations,
+        "pooled": pooled,
+        "drivers": drivers,
     }
+    return Findings(tables, _summary(pooled))
 
 
-def family_of(config: Config, driver: str) -> list[str]:
-    """Return the names of the dials that are the model of a driver of some dial."""
-    return [str(seed) for seed in config.dials if str(seed) != driver]
-
-
-def _members(config: Config, context: Context) -> dict[str, Member]:
-    """Return all dials by name, with what each realises."""
-    dials = {
-        str(seed): DialPolicy.load(context.work / folder_of(seed) / DIAL_FILE)
-        for seed in config.dials
-    }
-    dials |= {PLAIN: DialPolicy.load(DIAL), CALIBRATED: DialPolicy.load(OTHER_DIAL)}
-    count, found = counter(context.on_stage, "realised rewards", len(dials), "dials"), {}
-    for name, dial in dials.items():
-        first = config.first_common + _SCALE
-        found[name] = Member(dial, Realised.of(dial, config.scale_episodes, first, _STEP))
-        count(len(found))
-    return found
-
-
-def _realised(members: Mapping[str, Member]) -> list[Row]:
-    return [
-        {"dial": name, "angle": angle, "r_env": env, "r_social": social}
-        for name, one in members.items()
-        for angle, env, social in zip(*(column.tolist() for column in one.realised), strict=True)
-    ]
-
-
-def _zeros(config: Config, members: Mapping[str, Member], context: Context) -> list[Row]:
-    """Return the projections of each dial's angles on every other dial."""
-    rows: list[Row] = []
-    count = counter(context.on_stage, "zeros", len(members), "dials")
-    for number, (name, one) in enumerate(members.items()):
-        planted = np.arange(one.dial.low, one.dial.high + 1e-9, _PLANTED)
-        first = config.first_common + _ZEROS + number * len(planted) * config.zero_episodes
-        population = Population("dial", planted, 0.0)
-        decided = drive(population, one.dial, config.zero_episodes, first)
-        social = one.realised.social_at(planted)
-        for other, model in members.items():
-            if other == name:
-                continue
-            matched = model.realised.angle_of(social)
-            found = likeliest(decided, config.zero_episodes, model.dial, model.realised.angle)
-            rows += [
-                {"driver": name, "model": other, "planted": a, "r_social": s, "matched": m} | row
-                for a, s, m, row in zip(
-                    *(x.tolist() for x in (planted, social, matched)), found, strict=True
-                )
-            ]
-        count(number + 1)
-    return rows
-
-
-def zero_spread(zeros: list[Row], family: list[str]) -> float:
+def zero_spread(zeros: Sequence[Row], family: Sequence[str]) -> float:
     """Return the root mean square of likeliest less matched angles between dials of a family."""
     of = [row for row in zeros if row["driver"] in family and row["model"] in family]
     return float(np.sqrt(np.mean([(row["likeliest"] - row["matched"]) ** 2 for row in of])))
 
 
-def _zeros_pooled(zeros: list[Row]) -> list[Row]:
+def _zeros_pooled(zeros: Sequence[Row]) -> list[Row]:
     """Return mean and root mean square of what projections miss, by kinds of driver and model."""
 
     def kind(name: str) -> str:
@@ -172,84 +126,36 @@ def widened(
     return Widened(float(common @ chance / chance.sum()), *inside.tolist())
 
 
-def _populations(
-    config: Config, members: Mapping[str, Member], zeros: list[Row], context: Context
-) -> tuple[list[Row], list[Row]]:
-    """Drive populations of every dial, and infer with the others as the family."""
-    driving = [*family_of(config, ""), PLAIN]
-    count = counter(context.on_stage, "populations", len(driving) * len(config.spreads), "")
-    rows: list[Row] = []
-    drivers: list[Row] = []
-    size = config.drivers * max(config.lengths)
-    for number, (name, spread) in enumerate((a, b) for a in driving for b in config.spreads):
-        first, dial = config.first_common + _POPULATIONS + number * size, members[name].dial
-        drawn = config.mean + spread * np.random.default_rng(first).standard_normal(config.drivers)
-        planted = drawn.clip(dial.low, dial.high)
-        decided = drive(Population("dial", planted, 0.0), dial, max(config.lengths), first)
-        for row, each in _inferred(config, members, zeros, name, decided, planted, first):
-            head = {"driver": name, "spread_planted": spread, "episodes": row["episodes"]}
-            rows.append(head | row)
-            drivers += [head | one for one in each]
-        count(number + 1)
-    return rows, drivers
-
-
-def _inferred(
-    config: Config,
-    members: Mapping[str, Member],
-    zeros: list[Row],
-    name: str,
-    decided: Decided,
-    planted: Float[np.ndarray, " driver"],
-    seed: int,
-) -> Iterator[tuple[Row, list[Row]]]:
-    """Return a population's row and its drivers' rows, for each number of episodes."""
-    names = family_of(config, name)
-    family = [members[one] for one in names]
-    reference, off = mean_of([one.realised for one in family]), zero_spread(zeros, names)
-    for used in config.lengths:
-        models = fit_dials(decided, max(config.lengths), used, family, seed, _STEP)
-        angle = planted[models.sample.identity]
-        truth = common_angle(members[name], angle, reference)
-        each = _drivers(models, angle, truth, off)
-        tests = contrasts(models, seed % 2**31)
-        yield (
-            {
-                "episodes": used,
-                "zero_spread": off,
-                **_recovery(each, reference),
-                **{f"over {one['angle_over']}": one["gain_nats"] for one in tests},
-                "p_holm": tests[0]["p_holm"],
-                "found": float(tests[0]["found"]),
-                "beats_every_rival": float(all(one["found"] for one in tests)),
-            },
-            each,
-        )
-
-
-def _drivers(
-    models: Models,
-    planted: Float[np.ndarray, " driver"],
-    truth: Float[np.ndarray, " driver"],
-    off: float,
-) -> list[Row]:
+def _drivers(made: dict[str, Any], off: float) -> list[Row]:
     """Return each driver's planted and inferred angle, with and without the zero's spread."""
-    rows = []
-    common, posterior = models.trait.value, models.angle.drivers.sum(axis=1)
-    for number, chance in enumerate(posterior):
-        wide = widened(common, chance, off, CONFIDENCE)
-        narrow = widened(common, chance, 0.0, CONFIDENCE)
+    rows, common = [], np.array(made["common"])
+    planted = zip(made["planted"], made["planted_common"], made["posterior"], strict=True)
+    for number, (own, truth, chance) in enumerate(planted):
+        wide = widened(common, np.array(chance), off, CONFIDENCE)
+        narrow = widened(common, np.array(chance), 0.0, CONFIDENCE)
         rows.append(
             {
-                "number": int(models.sample.identity[number]),
-                "planted": float(planted[number]),
-                "planted_common": float(truth[number]),
+                "number": number,
+                "planted": own,
+                "planted_common": truth,
                 **wide._asdict(),
                 "narrow_low": narrow.low,
                 "narrow_high": narrow.high,
             }
         )
     return rows
+
+
+def _population(made: dict[str, Any], each: list[Row]) -> Row:
+    """Return how a population is recovered, and what its angles predict."""
+    tests, reference = made["tests"], Realised(*(np.array(one) for one in made["reference"]))
+    return {
+        **_recovery(each, reference),
+        **{f"over {one['angle_over']}": one["gain_nats"] for one in tests},
+        "p_holm": tests[0]["p_holm"],
+        "found": float(tests[0]["found"]),
+        "beats_every_rival": float(all(one["found"] for one in tests)),
+    }
 
 
 def _recovery(each: list[Row], reference: Realised) -> Row:
@@ -275,12 +181,12 @@ def _recovery(each: list[Row], reference: Realised) -> Row:
     }
 
 
-def _common_pooled(populations: list[Row]) -> list[Row]:
+def _populations_pooled(populations: list[Row]) -> list[Row]:
     """Return means over left-out dials, and the dial of another recipe alone."""
     labelled = [
         row | {"drivers": PLAIN if row["driver"] == PLAIN else "left out"} for row in populations
     ]
-    keys = ("drivers", "spread_planted", "episodes")
+    keys = ("drivers", "spread_planted")
     return [
         dict(zip(keys, values, strict=True))
         | {"populations": len(group)}
@@ -289,11 +195,51 @@ def _common_pooled(populations: list[Row]) -> list[Row]:
     ]
 
 
-def common_summary(tables: Mapping[str, list[Row]]) -> dict[str, Any]:
-    """Return what the claims may refer to; nothing without the tables."""
+def _summary(pooled: list[Row]) -> dict[str, Any]:
     names = ("zero_spread", "correlation", "error", "error_own", "covered", "beats_every_rival")
     return {
-        f"common scale, {row['drivers']}, spread {row['spread_planted']:g}, "
-        f"{row['episodes']} episodes": {name: row[name] for name in names}
-        for row in tables.get("common_pooled", [])
+        f"{row['drivers']}, spread {row['spread_planted']:g}": {name: row[name] for name in names}
+        for row in pooled
     }
+
+
+_SHOWN = (
+    "drivers",
+    "spread_planted",
+    "zero_spread",
+    "correlation",
+    "mean_common",
+    "mean_inferred",
+    "error",
+    "error_own",
+    "covered",
+    "covered_narrow",
+    "found",
+    "beats_every_rival",
+)
+
+
+def view(results: Results) -> list[View]:
+    """Return the means of zeros and of populations."""
+    pooled = [{name: row[name] for name in _SHOWN} for row in results.tables["pooled"]]
+    zeros = results.tables["zeros_pooled"]
+    return [
+        View(zeros, "Likeliest angle of another dial, less the planted and the matched one"),
+        View(pooled, "A family of dials on their common scale: means over populations"),
+    ]
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw what angles realise, projections, and recovered angles."""
+    tables = results.tables
+    return {"zeros": draw_zeros(tables["realised"], tables["zeros"], tables["drivers"])}
+
+
+STUDY = Study(
+    name="angle-zeros",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw,
+    view=view,
+    jobs=plan,
+)

@@ -6,9 +6,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from socialiq.experiments.tables import groups, matching
+from socialiq.experiments.tables import groups
 from socialiq.plotting.style import COLORS, figure, finish
-from socialiq.studies.angle_trait.config import CALIBRATED, PLAIN
+from socialiq.studies.angle_trait.zeros_config import CALIBRATED, PLAIN
 from socialiq.types import Row
 
 _GREY = "#888888"
@@ -20,7 +20,7 @@ def draw_zeros(realised: list[Row], zeros: list[Row], drivers: list[Row]) -> Fig
     Args:
         realised: Table of that name.
         zeros: Table of that name.
-        drivers: Table `common_drivers`.
+        drivers: Table of that name.
     """
     drawn = figure(12.6, 3.7)
     first, second, third = drawn.subplots(1, 3)
@@ -36,13 +36,13 @@ def draw_zeros(realised: list[Row], zeros: list[Row], drivers: list[Row]) -> Fig
         second.plot(x, y, ".", color=color, alpha=0.6, label=f"over {name}")
     finish(second, "between trained dials", 8, xlabel="degrees", ylabel="likeliest, degrees")
     _diagonal(third)
-    most = max(row["episodes"] for row in drivers)
     for apart, color in ((False, COLORS["prosocial"]), (True, COLORS["egoistic"])):
-        mine = [r for r in matching(drivers, episodes=most) if (r["driver"] == PLAIN) == apart]
+        mine = [row for row in drivers if (row["driver"] == PLAIN) == apart]
         x, y = [row["planted_common"] for row in mine], [row["angle"] for row in mine]
         third.plot(x, y, ".", color=color, alpha=0.6, label=PLAIN if apart else "left out")
-    title = f"family of dials, {most} episodes"
-    finish(third, title, 8, xlabel="planted, common scale", ylabel="inferred, common scale")
+    finish(
+        third, "family of dials", 8, xlabel="planted, common scale", ylabel="inferred, common scale"
+    )
     return drawn
 
 
