@@ -169,7 +169,7 @@ def piece(name: str, method: str, seed: int) -> dict[str, Any]:
     """Train and evaluate; return the content of one file."""
     task = TASKS[name]
     seed_everything(seed)
-    env, held = (Counted(make(task["env"]), seed) for _ in range(2))
+    env, held = (Counted(make(task["env"], **task.get("options", {})), seed) for _ in range(2))
     began = time.perf_counter()
     turned = method != PARETO
     train: Callable[..., Any] = METHODS[method] if turned else pareto

@@ -69,6 +69,33 @@ def test_a_task_of_three_rewards_is_refused_in_one_line():
         rollout_env(env, Still(), 1, seed=0)
 
 
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_has_a_pair_of_rewards_and_a_time_limit(name):
+    if name.startswith(("mo-half", "mo-hopper", "mo-swimmer")):
+        pytest.importorskip("mujoco", reason="mujoco is not installed")
+    env = TASKS[name].make()
+    assert TASKS[name].time_limit() in {100, 200, 1000}
+    env.reset(seed=100)
+    still = 1 if name == "mo-mountaincar" else env.action_space.sample()
+    info, steps = {}, 0
+    for _ in range(TASKS[name].time_limit()):
+        _, _, terminated, truncated, info = env.step(still)
+        steps += 1
+        if terminated or truncated:
+            break
+    assert np.shape(info["reward_pair"]) == (2,) and np.isfinite(info["reward_pair"]).all()
+    assert steps <= TASKS[name].time_limit() and (terminated or truncated)
+
+
+def test_the_reservoir_releases_a_share_of_what_it_may():
+    """Without `normalized_action` its actions have no upper bound, and none could be scaled."""
+    env = TASKS["water-reservoir"].make()
+    env.reset(seed=100)
+    level = env.unwrapped.state.copy()
+    env.step(np.ones(1, np.float32))  # the upper end of [-1, 1]: all of it
+    assert env.unwrapped.last_action == pytest.approx(level[0])
+
+
 @pytest.mark.slow
 def test_a_small_study_adds_to_what_is_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

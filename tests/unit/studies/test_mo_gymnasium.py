@@ -12,7 +12,7 @@ from socialiq.experiments.study import Context, run
 from socialiq.storage import packaged_results
 from socialiq.studies.mo_gymnasium import study
 from socialiq.studies.mo_gymnasium.config import Config
-from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read
+from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read, within
 from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS
 from socialiq.studies.mo_gymnasium.training import DIAL, METHODS
 
@@ -88,8 +88,8 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     rows = {row["method"]: row for row in found.tables["pooled"]}
     assert list(rows) == [*METHODS, "CAPQL"]
     assert [row["runs"] for row in rows.values()] == [2] * len(METHODS) + [1]
-    # The reference is (-100, -1000): 400 x 500 of the first, and 100 x 500 above it.
-    assert rows["CAPQL"]["hypervolume"] == 250_000.0
+    # The reference is (-100, -6000): 400 x 5500 of the first, and 100 x 500 above it.
+    assert rows["CAPQL"]["hypervolume"] == 2_250_000.0
     weights = np.array([[np.cos(one), np.sin(one)] for one in np.radians(ANGLES)])
     best = np.maximum(weights @ [300.0, -500.0], 0.0).mean()
     assert rows[DIAL]["expected_utility"] == pytest.approx(best, abs=1e-5)
@@ -99,6 +99,52 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     assert [len(view.rows) for view in study.view(found)] == [len(METHODS) + 1, 2]
     assert set(found.files) == {f"{FOLDER}/{path.name}" for path in pieces.iterdir()}
     assert study.draw(found).keys() == {"hypervolumes"}
+
+
+def test_pieces_of_another_budget_are_left_out():
+    steps = {TASK: 1000}
+    early = dataclasses.replace(PIECE, steps=400, settings={"allowed_steps": 1000})
+    other = dataclasses.replace(early, settings={"allowed_steps": 500})
+    assert within([early, other], steps) == [early]
+    # A piece that doesn't say what it was allowed is told by its steps.
+    unsaid = [dataclasses.replace(PIECE, steps=count) for count in (400, 950, 1000, 1001)]
+    assert [one.steps for one in within(unsaid, steps)] == [950, 1000]
+    assert within([early], {"mo-swimmer": 1000}) == []
+
+
+def test_the_dial_is_tested_against_each_peer():
+    def rows(method, first):
+        return [
+            {"task": TASK, "method": method, "hypervolume": first + seed, "expected_utility": 1.0}
+            for seed in range(5)
+        ]
+
+    found = study.comparison_rows(
+        [*rows(DIAL, 10.0), *rows("experts", 0.0), *rows("CAPQL", 5.0), *rows("GPI-LS", 10.0)[:1]]
+    )
+    # One run of a peer is not compared, and ours are not tested against each other.
+    assert [(row["second"], row["measure"]) for row in found] == [
+        ("CAPQL", "hypervolume"),
+        ("CAPQL", "expected_utility"),
+    ]
+    # All of the dial's are above: 2 of the 252 divisions are as extreme, and there are two tests.
+    assert found[0]["value"] == 5.0 and found[0]["low"] < 5.0 < found[0]["high"]
+    assert found[0]["p"] == pytest.approx(2 / 252)
+    assert found[0]["p_holm_task"] == found[0]["p_holm"] == pytest.approx(4 / 252)
+    assert found[1]["p"] == found[1]["p_holm"] == 1.0
+
+
+def test_holm_is_within_a_task_and_over_all():
+    rows = [
+        {"task": task, "method": method, "hypervolume": first + seed, "expected_utility": 1.0}
+        for task in ("a", "b")
+        for method, first in ((DIAL, 10.0), ("CAPQL", 5.0))
+        for seed in range(5)
+    ]
+    found = study.comparison_rows(rows)
+    of_tasks = [row["p_holm_task"] for row in found]
+    assert of_tasks == pytest.approx([4 / 252, 1.0, 4 / 252, 1.0])
+    assert [row["p_holm"] for row in found] == pytest.approx([8 / 252, 1.0, 8 / 252, 1.0])
 
 
 def test_the_utility_that_is_asked_for_takes_no_better_policy():

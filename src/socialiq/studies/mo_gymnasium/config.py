@@ -16,7 +16,7 @@ from socialiq.studies.mo_gymnasium.training import METHODS
 class Config:
     """Configuration of the study; the defaults are the committed results."""
 
-    tasks: tuple[str, ...] = ("deep-sea-treasure", "deep-sea-treasure-concave")
+    tasks: tuple[str, ...] = tuple(TASKS)
     """Names of `TASKS`."""
     methods: tuple[str, ...] = METHODS
     """Names of `METHODS`, ours. Peers are read from `pieces`."""

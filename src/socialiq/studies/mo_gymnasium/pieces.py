@@ -86,9 +86,15 @@ def _read(path: Path) -> Piece:
 
 
 def within(pieces: Iterable[Piece], steps: dict[str, int]) -> list[Piece]:
-    """Return the pieces of these tasks whose methods had at most, and nearly, these steps."""
-    return [
-        one
-        for one in pieces
-        if one.task in steps and 0.9 * steps[one.task] <= one.steps <= steps[one.task]
-    ]
+    """Return the pieces of these tasks whose methods were allowed these steps.
+
+    Pieces of ours say so as `allowed_steps` of their settings: where episodes of experts end early,
+    fewer are taken. Of the others it is told by the steps taken: at most, and nearly, these.
+    """
+    return [one for one in pieces if one.task in steps and _allowed(one, steps[one.task])]
+
+
+def _allowed(piece: Piece, steps: int) -> bool:
+    if "allowed_steps" in piece.settings:
+        return piece.settings["allowed_steps"] == steps and piece.steps <= steps
+    return 0.9 * steps <= piece.steps <= steps

@@ -17,19 +17,24 @@ from socialiq.evaluation.front import expected_utility, hypervolume, utilities, 
 from socialiq.experiments.jobs import Job
 from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, Study, View
-from socialiq.experiments.tables import column, groups, matching, nested, spread
+from socialiq.experiments.tables import column, groups, matching, nested, spread, with_holm
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.social.angle import exact_weights
+from socialiq.statistics.comparisons import holm, mean_contrast, permutation_p
 from socialiq.studies.mo_gymnasium.config import Config
 from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read
 from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS, exact_set, known_front
-from socialiq.studies.mo_gymnasium.training import METHODS, Training, train_and_evaluate
+from socialiq.studies.mo_gymnasium.training import DIAL, METHODS, Training, train_and_evaluate
 from socialiq.types import Row
 
 LINEAR, FRONT = "exact, linear", "known front"
 """Rows of reference: the optimum of each angle, and all totals that no other dominates."""
 
 MEASURES = ("hypervolume", "expected_utility", "mean_loss", "largest_loss", "asked_loss")
+COMPARED = MEASURES[:2]
+
+COLUMNS = 3
+"""Panels in a row of the figure."""
 
 
 def plan(config: Config) -> list[Job]:
@@ -56,6 +61,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     references = [row for task in config.tasks if TASKS[task].exact for row in reference_rows(task)]
     tables = {
         "pooled": sorted([*references, *pooled(rows)], key=lambda row: row["task"]),
+        "comparisons": comparison_rows(rows),
         "coverage": coverage(config, pieces),
         "runs": rows,
         "points": [row for one in pieces for row in point_rows(one)],
@@ -151,10 +157,32 @@ def pooled(rows: Sequence[Row]) -> list[Row]:
             if all(row[name] != "" for row in group):
                 both = spread(group, name)
                 measures[name] = both["mean"]
-                if name in ("hypervolume", "expected_utility"):
+                if name in COMPARED:
                     measures |= {f"{name}_least": both["low"], f"{name}_largest": both["high"]}
         found.append(_row(label, measures))
     return found
+
+
+def comparison_rows(rows: Sequence[Row]) -> list[Row]:
+    """Test the dial against every peer on a task, on the two measures that need no known front.
+
+    Differences of means have Welch's interval and the p-value of the permutation test; Holm over
+    the tests of a task (`p_holm_task`) and over all (`p_holm`).
+    """
+    found: list[Row] = []
+    for (task,), group in groups(rows, "task").items():
+        own, tests = matching(group, method=DIAL), list[Row]()
+        for (method,), others in groups(group, "method").items():
+            if method in METHODS or min(len(own), len(others)) < 2:
+                continue
+            for name in COMPARED:
+                sides = np.array(column(own, name)), np.array(column(others, name))
+                label = {"task": task, "first": DIAL, "second": method, "measure": name}
+                contrast = mean_contrast(*sides)._asdict()
+                tests.append(label | contrast | {"p": permutation_p(*sides)})
+        adjusted = holm([row["p"] for row in tests]).tolist()
+        found += [row | {"p_holm_task": p} for row, p in zip(tests, adjusted, strict=True)]
+    return with_holm(found)
 
 
 def _row(label: Row, measures: Row) -> Row:
@@ -179,9 +207,13 @@ def draw(results: Results) -> dict[str, Figure]:
     by_task = groups(results.tables.get("runs", []), "task")
     if not by_task:
         return {}
-    drawn = figure(5.6 * len(by_task), 3.6)
-    panels = np.atleast_1d(drawn.subplots(1, len(by_task)))
-    for axes, ((task,), rows) in zip(panels, by_task.items(), strict=True):
+    columns = min(COLUMNS, len(by_task))
+    lines = -(-len(by_task) // columns)
+    drawn = figure(4.8 * columns, 2.6 * lines)
+    panels = np.atleast_1d(drawn.subplots(lines, columns)).ravel()
+    for unused in panels[len(by_task) :]:
+        unused.set_axis_off()
+    for axes, ((task,), rows) in zip(panels, by_task.items(), strict=False):
         for method, line in ((LINEAR, "--"), (FRONT, "-")):
             for row in matching(results.tables["pooled"], task=task, method=method):
                 axes.axvline(row["hypervolume"], linestyle=line, color="#6e6e6e", label=method)
@@ -200,7 +232,10 @@ def view(results: Results) -> Sequence[View]:
     rows = [{name: row[name] for name in shown} for row in results.tables["pooled"]]
     title = "Means over seeds; losses against the exact optimum of each angle"
     partial = [row for row in results.tables["coverage"] if row["runs"] < row["of"]]
-    return [View(rows, title), *([View(partial, "Not all there yet")] if partial else [])]
+    tests = results.tables.get("comparisons", [])
+    compared = [View(tests, "Dial minus peer, permutation test of the means")] if tests else []
+    missing = [View(partial, "Not all there yet")] if partial else []
+    return [View(rows, title), *compared, *missing]
 
 
 STUDY = Study(

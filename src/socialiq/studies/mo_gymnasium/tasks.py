@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ class Task:
         first_episode: Seed of the first one.
         peers: Methods of morl-baselines that are run on it.
         exact: Whether it is finite and deterministic, so that its exact front is computed.
+        options: Keyword arguments of the environment.
     """
 
     env: str
@@ -50,6 +52,7 @@ class Task:
     first_episode: int
     peers: tuple[str, ...]
     exact: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self) -> gymnasium.Env[Any, Any]:
         """Make the environment, whose vector reward is the pair.
@@ -59,7 +62,11 @@ class Task:
         """
         try:
             return make_environment(
-                f"mo_gymnasium:{self.env}", allow_code=True, needs_pair=True, continuous=True
+                f"mo_gymnasium:{self.env}",
+                self.options,
+                allow_code=True,
+                needs_pair=True,
+                continuous=True,
             )
         except UserError as error:
             raise UserError(

@@ -80,7 +80,7 @@ def train_and_evaluate(
             evaluation_steps_while_training=0,
             angles=list(ANGLES) if turned else None,
             totals=[totals(task, policy) for policy in policies],
-            settings=one.settings,
+            settings=one.settings | {"allowed_steps": config.steps},
             seconds=round(seconds, 1),
             versions=versions(LIBRARIES),
         )
