@@ -30,7 +30,14 @@ from socialiq.types import Row
 LINEAR, FRONT = "exact, linear", "known front"
 """Rows of reference: the optimum of each angle, and all totals that no other dominates."""
 
-MEASURES = ("hypervolume", "expected_utility", "mean_loss", "largest_loss", "asked_loss")
+MEASURES = (
+    "hypervolume",
+    "expected_utility",
+    "asked_utility",
+    "mean_loss",
+    "largest_loss",
+    "asked_loss",
+)
 COMPARED = MEASURES[:2]
 
 COLUMNS = 3
@@ -96,7 +103,8 @@ def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
 def measured(piece: Piece) -> Row:
     """Return the measures of one piece; losses only where the front is known.
 
-    `asked_loss` is that of the policy of the asked angle, without a choice among the others.
+    `asked_utility` and `asked_loss` are those of the policy of the asked angle, without a choice
+    among the others.
     """
     task, points = TASKS[piece.task], piece.points
     row: Row = {
@@ -223,6 +231,8 @@ def draw(results: Results) -> dict[str, Figure]:
             axes.plot(areas, [method] * len(runs), "o", color=ink, alpha=0.6)
         finish(axes, task, 7 if TASKS[task].exact else None, xlabel="hypervolume of a run")
         axes.set_xlim(left=0.0)
+        axes.locator_params(axis="x", nbins=5)
+        axes.ticklabel_format(axis="x", scilimits=(-3, 4))
     return {"hypervolumes": drawn}
 
 
