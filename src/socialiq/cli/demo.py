@@ -17,11 +17,11 @@ from socialiq.experiments.intersection.rows import outcome_row
 from socialiq.learners.config import check_seeds
 from socialiq.studies.grid import study as grid
 from socialiq.types import Row
+from socialiq.worlds.highway.pictures.render import save as film
+from socialiq.worlds.highway.pictures.scenes import episode_scenes
 from socialiq.worlds.intersection import atlas
-from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.pictures.render import save as film
-from socialiq.worlds.intersection.pictures.scenes import episode_scenes
+from socialiq.worlds.intersection.world import Intersection
 
 FILMED = "prosocial"
 DRIVEN = ("baseline", "egoistic", FILMED, "altruistic", "expert_egoistic", "set_egoistic")
@@ -49,8 +49,8 @@ class Demo:
         """Outcomes of the atlas' learners, its best egoist and a rule; and a film of one."""
         with Display() as display:
             display.stage("intersection: compiling, the first time only")
-            options = Options()
-            batch = Batch(options, self.episodes)
+            world = Intersection(Options())
+            batch = world.batch(self.episodes)
             rows = []
             drivers = [name for name in DRIVEN if name in atlas.names()] + [*RULES]
             for name in drivers:
@@ -59,8 +59,9 @@ class Demo:
                 shown = ("collision", "arrival", "timeout", "speed_kmh", "stopped")
                 rows.append({"policy": name} | {key: row[key] for key in shown})
             filmed = FILMED if FILMED in drivers else RULES[0]
-            scenes = episode_scenes(options, driver_of(filmed), seed=3)
-            film(self.out / "intersection.gif", scenes, options.simulation_frequency)
+            scenes = episode_scenes(world.batch(1, traced=True), driver_of(filmed), seed=3)
+            rate = world.options.simulation_frequency
+            film(self.out / "intersection.gif", scenes, world.view, rate)
         return rows
 
     def run(self) -> int:

@@ -7,12 +7,15 @@ from typing import Any
 
 from socialiq.audit.resolve_policy import rule_of
 from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
+from socialiq.nn import actor_policy
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.value_policy import ValuePolicy
 from socialiq.policies.interface import Interface
 from socialiq.policies.load import load_policy
 from socialiq.policies.record import Loaded
+from socialiq.storage import kind_of
 from socialiq.types import Policy
 from socialiq.worlds import CONTINUOUS
 from socialiq.worlds.context_policy import load_driver
@@ -79,6 +82,36 @@ def continuous_driver_of(
         one_of("driver", name, (*policies.NAMES, *known, "a policy file"))
     more: dict[str, Any] = {"angle": angle, "allow_code": allow_code, "clock": True}
     return load_policy(name, world.n_features, 0, action_size=width(world.options), **more)
+
+
+def driver_on(
+    world: Intersection | SceneWorld, name: str, angle: float | None = None, seed: int = 0
+) -> Policy:
+    """Return a driver of a road by name or file.
+
+    Args:
+        world: The road.
+        name: A policy file, which may take the time too; at the intersection as of `driver_of`.
+        angle: Of a dial, in degrees; None is 0, and of all else.
+        seed: Seed of the random driver.
+
+    Raises:
+        UserError: If it is none of these, was made for another world, or is no dial and an angle is
+            given.
+    """
+    path = Path(name)
+    dial = path.is_file() and kind_of(path) in ("dial", actor_policy.DIAL_KIND)
+    if angle is not None and not dial:
+        raise UserError(f"--angle is of a dial, which {one_line(name)} is not: leave it out")
+    if isinstance(world, Intersection) and not dial:
+        return driver_of(name, seed, world.options)
+    if not path.exists():
+        raise UserError(f"no such file: {one_line(name)}: name a policy file")
+    given: dict[str, Any] = {"angle": angle or 0.0, "clock": True}
+    size = Interface.of(world)
+    return load_policy(
+        name, size.n_features, size.n_actions, action_size=size.action_size, **given
+    ).policy
 
 
 def refuse_misfit(

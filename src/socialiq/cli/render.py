@@ -9,38 +9,41 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from socialiq.cli.drivers import driver_of
+from socialiq.cli.drivers import driver_on, road_named
 from socialiq.errors import UserError, one_of
 from socialiq.evaluation.rollout import rollout_table
 from socialiq.plotting.style import png
 from socialiq.social.angle import check_angle
 from socialiq.storage import write_atomically
 from socialiq.worlds.enumerate import Table, tabulate
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.pictures import filmstrip, picture
-from socialiq.worlds.registry import make, make_grid
+from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
 from socialiq.worlds.tabular_policy import expert_policy
 
 FILMS = (".gif", ".mp4")
+WORLDS = (*GRIDWORLDS, *INTERSECTIONS, *SCENES)
 
 
 @dataclass(frozen=True)
 class Render:
-    """Draw a world's first state, or an episode: as a filmstrip, or as a film in the intersection.
+    """Draw a world's first state, or an episode: as a filmstrip, or on a road as a film.
 
     Example: socialiq render intersection --driver gap_3s --seed 3 --out episode.gif
     """
 
     world: Annotated[str, tyro.conf.Positional]
-    """crossing5, crossing7 or intersection."""
+    """crossing5, crossing7, intersection, intersection-continuous, intersection-continuous-steering
+    (with -offroad: leaving the road ends an episode), merge or roundabout."""
     out: Path
     """PNG file to write; .gif or .mp4 for a film."""
     angle: float | None = None
-    """In a gridworld: draw an episode of this angle's expert."""
+    """In a gridworld: draw an episode of this angle's expert. On a road: angle of a dial."""
     driver: str = ""
-    """In the intersection: draw an episode of this reference driver or policy file."""
+    """On a road: draw an episode of this policy file; at the intersection a rule or a policy of the
+    atlas too."""
     seed: int = 0
     """Seed of the episode."""
 
@@ -48,44 +51,45 @@ class Render:
         """Draw and write."""
         if self.seed < 0:
             raise UserError(f"seed must be at least 0, got {self.seed}")
-        world = make(self.world)
-        suffixes = (".png", *FILMS) if isinstance(world, Intersection) else (".png",)
+        one_of("world", self.world, WORLDS)
+        on_road = self.world not in GRIDWORLDS
+        suffixes = (".png", *FILMS) if on_road else (".png",)
         one_of(f"kind of picture of {self.world}", self.out.suffix, suffixes)
-        if isinstance(world, Intersection):
-            self._check_unused("angle", self.angle is not None, "--driver")
-            self.intersection(world.options)
+        if self.angle is not None:
+            check_angle(self.angle)
+        if on_road:
+            self.road(road_named(self.world))
             return 0
-        self._check_unused("driver", bool(self.driver), "--angle")
+        if self.driver:
+            raise UserError(f"{self.world} has no --driver: use --angle")
         table = tabulate(make_grid(self.world))
         if self.angle is None:
             drawn = picture(table.world, table.world.start[0][0])
         else:
-            drawn = filmstrip(table.world, _episode(table, check_angle(self.angle), self.seed))
+            drawn = filmstrip(table.world, _episode(table, self.angle, self.seed))
         write_atomically(self.out, png({"picture": drawn})["picture"])
         return 0
 
-    def _check_unused(self, option: str, given: bool, instead: str) -> None:
-        if given:
-            raise UserError(f"{self.world} has no --{option}: use {instead}")
-
-    def intersection(self, options: Options) -> None:
+    def road(self, world: Intersection | SceneWorld) -> None:
         """Draw the first state, an episode's decisions, or a film of all its sub-steps."""
-        from socialiq.worlds.intersection.pictures import render, scenes
+        from socialiq.worlds.highway.pictures import render, scenes
 
+        batch = world.batch(1, traced=True)
         if not self.driver:
             if self.out.suffix in FILMS:
                 raise UserError("a film needs an episode: add --driver")
-            batch = Batch(options, 1)
+            if self.angle is not None:
+                raise UserError(f"{self.world} has no --angle of its own: add --driver, a dial")
             batch.reset([self.seed])
-            drawn = render.picture(scenes.present_scene(batch))
+            drawn = render.picture(scenes.present_scene(batch), world.view)
             write_atomically(self.out, png({"picture": drawn})["picture"])
             return
-        driver = driver_of(self.driver, self.seed, options)
-        episode = scenes.episode_scenes(options, driver, self.seed)
+        driver = driver_on(world, self.driver, self.angle, self.seed)
+        episode = scenes.episode_scenes(batch, driver, self.seed)
         if self.out.suffix in FILMS:
-            render.save(self.out, episode, options.simulation_frequency)
+            render.save(self.out, episode, world.view, world.options.simulation_frequency)
             return
-        drawn = render.filmstrip(episode[:: options.frames])
+        drawn = render.filmstrip(episode[:: world.options.frames], world.view)
         write_atomically(self.out, png({"picture": drawn})["picture"])
 
 

@@ -84,8 +84,9 @@ class Train:
     """Training seeds."""
     preset: str = "grid"
     """Settings to begin with: table-c1, poc, grid, lambda-sweep; for tens to hundreds of
-    demonstrated rows without social rewards few-offline, and with a world few-online. Every option
-    below overrides."""
+    demonstrated rows without social rewards few-offline, and with a world few-online. At the
+    intersection with continuous actions intersection-continuous, of IQ-Learn and of sac. Every
+    option below overrides."""
     resume: bool = False
     """Go on with a run that was stopped."""
     tensorboard: Path | None = None

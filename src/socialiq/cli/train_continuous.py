@@ -11,6 +11,7 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
+from socialiq.learners.continuous.presets import PRESETS
 from socialiq.learners.continuous.standardise import Standardisation
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
 from socialiq.learners.continuous.vector_acting import ActorVectorCollector
@@ -23,6 +24,7 @@ from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import continuous_options
 
+NO_PRESET = "grid"  # the default of `train`, which is of discrete actions
 SIDE_BY_SIDE = 24
 """Episodes of the intersection side by side, of each run."""
 
@@ -46,7 +48,7 @@ def run(command: Any, data: Demonstrations | None) -> int:
         command.resume,
         command.tensorboard,
     )
-    change = _standardisation(command, data)
+    change = _standardisation(command, static, data)
     seen = change.transitions(data) if change is not None and data is not None else data
     prepared = _prepared(command, learner, static, runs, seen, change)
     labels = [command.label(one) for one in runs]
@@ -69,9 +71,10 @@ def settings(command: Any, learner: type[Learner]) -> tuple[Any, list[Any]]:
     own = {"online": bool(command.world)} if learner is LEARNERS["iq-learn"] else {}
     # Options of both kinds in one step: a config is checked as a whole.
     given = (command.static, command.continuous, command.critics)
-    static = overridden(learner.StaticConfig(), *given, **own)
+    structure, numbers = _begun(command, learner)
+    static = overridden(structure, *given, **own)
     base = overridden(
-        learner.Hyperparameters(),
+        numbers,
         command.hyperparameters,
         command.tuning,
         command.towards_data,
@@ -83,8 +86,6 @@ def _learner(command: Any) -> type[Learner]:
     """Return the learner's class, after a check of the options that only discrete ones have."""
     if command.loss:
         raise UserError("--loss is of discrete actions: leave it out")
-    if command.preset != "grid":
-        raise UserError("presets are of discrete actions: leave --preset out")
     for name in ("prior", "divergence"):
         if ":" in (getattr(command.static, name) or ""):
             raise UserError(
@@ -96,7 +97,9 @@ def _learner(command: Any) -> type[Learner]:
     return LEARNERS[named]
 
 
-def _standardisation(command: Any, data: Demonstrations | None) -> Standardisation | None:
+def _standardisation(
+    command: Any, static: Any, data: Demonstrations | None
+) -> Standardisation | None:
     """Return the change of observations that the command asks for.
 
     Raises:
@@ -106,9 +109,34 @@ def _standardisation(command: Any, data: Demonstrations | None) -> Standardisati
         return None
     if data is None:
         raise UserError("--standardise is by demonstrations, and sac has none: leave it out")
-    if command.world in CONTINUOUS or command.static.view not in (None, "flat"):
+    if command.world in CONTINUOUS or static.view != "flat":
         raise UserError("observations of vehicles are scaled already: leave --standardise out")
     return Standardisation.of(data.observation)
+
+
+def _begun(command: Any, learner: type[Learner]) -> tuple[Any, Any]:
+    """Return the settings to begin with: the learner's own, or those of the preset.
+
+    Raises:
+        UserError: If the preset is of discrete actions, or of another learner or world.
+    """
+    if command.preset == NO_PRESET:
+        return learner.StaticConfig(), learner.Hyperparameters()
+    if command.preset not in PRESETS:
+        known = ", ".join(PRESETS)
+        raise UserError(
+            f"no preset '{command.preset}' of continuous actions: choose {known}, or leave "
+            "--preset out"
+        )
+    named = command.learner or "iq-learn"
+    found = PRESETS[command.preset].get(named)
+    if found is None:
+        known = " and ".join(PRESETS[command.preset])
+        raise UserError(f"preset {command.preset} is of {known}, not of {named}: leave it out")
+    if command.world and command.world not in CONTINUOUS:
+        known = ", ".join(CONTINUOUS)
+        raise UserError(f"preset {command.preset} is not for {command.world}: choose {known}")
+    return found
 
 
 def _prepared(

@@ -17,10 +17,10 @@ from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, StageCallback, Study, counter, view_of
 from socialiq.experiments.tables import matching, nested
 from socialiq.types import Row
+from socialiq.worlds.highway.pictures.render import filmstrip, picture
+from socialiq.worlds.highway.pictures.scenes import episode_scenes
 from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.pictures.render import filmstrip, picture
-from socialiq.worlds.intersection.pictures.scenes import episode_scenes
 from socialiq.worlds.intersection.policies import policy
 from socialiq.worlds.intersection.world import make
 
@@ -156,12 +156,12 @@ def start_row(config: Config) -> Row:
 
 def draw(results: Results) -> dict[str, Figure]:
     """Draw the intersection (thesis Fig 5.3), an episode, and outcomes by driver."""
-    options = Options()
-    scenes = episode_scenes(options, policy("gap_3s"), EPISODE_SEED)
-    decisions = scenes[:: options.frames]
+    world = make(Options())
+    scenes = episode_scenes(world.batch(1, traced=True), policy("gap_3s"), EPISODE_SEED)
+    decisions = scenes[:: world.options.frames]
     return {
-        "fig_5_3": picture(scenes[4 * options.frames]),
-        "gap_3s_episode": filmstrip(decisions[:10]),
+        "fig_5_3": picture(scenes[4 * world.options.frames], world.view),
+        "gap_3s_episode": filmstrip(decisions[:10], world.view),
         "outcomes": _outcomes(results),
     }
 

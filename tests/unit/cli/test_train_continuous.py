@@ -14,6 +14,9 @@ from socialiq.types import RewardPair
 pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
 
 
+PRESET = "intersection-continuous"
+
+
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("data") / "drives.safetensors"
@@ -40,7 +43,9 @@ def data(tmp_path_factory) -> Path:
         (["--learner", "td3-bc", "--tuned", "True"], "no temperature to tune"),
         (["--learner", "td3-bc", "--divergence", "js"], "this learner has no 'divergence'"),
         (["--learner", "behaviour-cloning", "--world", "Pendulum-v1"], "leave --world out"),
-        (["--preset", "few-offline"], "leave --preset out"),
+        (["--preset", "few-offline"], "choose intersection-continuous, or leave --preset out"),
+        (["--learner", "td3-bc", "--preset", PRESET], "is of sac and iq-learn, not of td3-bc"),
+        (["--world", "Pendulum-v1", "--preset", PRESET], "is not for Pendulum-v1: choose inter"),
         (["--loss", "mine.py:mine"], "leave it out"),
         (["--prior", "mine.py:mine"], "is for Python"),
         (["--view", "set", "--value-term", "value_expert"], "use the view flat"),

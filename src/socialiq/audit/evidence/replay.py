@@ -17,9 +17,10 @@ from socialiq.evaluation.simulators import FixedChance, TableSimulator
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.pictures import scenes
+from socialiq.worlds.highway.pictures.render import Scene
 from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.pictures import scenes
-from socialiq.worlds.intersection.pictures.render import REACH, Scene
+from socialiq.worlds.intersection.pictures.crossing import REACH
 from socialiq.worlds.intersection.world import Intersection
 
 PER_SECOND = 5

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
-from socialiq.worlds.intersection.pictures.shapes import JUNCTION
+from socialiq.worlds.intersection.pictures.crossing import JUNCTION
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
 
 HELD = 1.5

@@ -15,7 +15,7 @@ from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
-from socialiq.worlds.intersection.pictures import render, scenes
+from socialiq.worlds.highway.pictures import render, scenes
 from socialiq.worlds.intersection.world import Intersection
 
 _SELECTED = 3
@@ -130,14 +130,15 @@ def films_of(
     Raises:
         UserError: If the world is not the intersection.
     """
-    found, options = {}, check_filmed(world).options
-    every = max(1, options.simulation_frequency // _PER_SECOND)
+    found, shown = {}, check_filmed(world)
+    every = max(1, shown.options.simulation_frequency // _PER_SECOND)
+    batch = shown.batch(1, traced=True)
     with tempfile.TemporaryDirectory() as place:
         film = Path(place) / "film.gif"
         for kind, rows in chosen.items():
             for number, row in enumerate(rows, 1):
-                played = scenes.episode_scenes(options, policy, int(row["seed"]))
+                played = scenes.episode_scenes(batch, policy, int(row["seed"]))
                 frames = [*played[:-1:every], played[-1]]
-                render.save(film, frames, _PER_SECOND)
+                render.save(film, frames, shown.view, _PER_SECOND)
                 found[path_of(kind, number)] = film.read_bytes()
     return found

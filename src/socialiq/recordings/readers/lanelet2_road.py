@@ -129,17 +129,18 @@ def _plain(one: Lanelet) -> dict[str, Any]:
 
 
 def _of_plain(one: dict[str, Any]) -> Lanelet:
-    beside = {
-        side: None if one[side] is None else (int(one[side][0]), bool(one[side][1]))
+    left, right = (
+        None if one[side] is None else (int(one[side][0]), bool(one[side][1]))
         for side in ("adjacent_left", "adjacent_right")
-    }
+    )
     return Lanelet(
         int(one["identity"]),
         np.array(one["left"]),
         np.array(one["right"]),
         tuple(one["successors"]),
         tuple(one["predecessors"]),
-        **beside,
+        left,
+        right,
         speed_limit=float(one["speed_limit"]),
         sign=Sign(one["sign"]),
         stop_line=None if one["stop_line"] is None else np.array(one["stop_line"]),

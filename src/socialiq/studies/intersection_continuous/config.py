@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -17,45 +16,20 @@ from socialiq.learners.continuous.config import (
     IQStaticConfig,
     StaticConfig,
 )
+from socialiq.learners.continuous.presets import (
+    DIAL,
+    EXPERT,
+    EXPERT_NUMBERS,
+    LEARNER,
+    LEARNER_NUMBERS,
+)
 from socialiq.learners.dial.config import INTERSECTION
 from socialiq.learners.dial.config import Hyperparameters as DiscreteHyperparameters
 from socialiq.learners.dial.config import StaticConfig as DiscreteStaticConfig
-from socialiq.learners.iq_learn.config import Endings
 from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
-STEPS_PER_UPDATE = 12
-"""Environment steps for each update, of experts and dials with either kind of actions."""
-
-_NETWORK: dict[str, Any] = {
-    "view": "set",
-    "hidden": (128, 128),
-    "batch_size": 128,
-    "endings": Endings(),
-}
-_NUMBERS: dict[str, Any] = {
-    "temperature": 0.03,
-    "learning_rate": 2e-3,
-    "polyak": 0.03,
-    "discount": 0.99,
-}
-
-EXPERT = StaticConfig(
-    **_NETWORK,
-    times=20,
-    updates=3_000,
-    env_steps_per_update=STEPS_PER_UPDATE,
-    updates_per_round=200,
-    replay_capacity=40_000,
-    schedule="linear",
-)
-"""Soft actor-critic on R(α), which sees the time."""
-
-DIAL = dataclasses.replace(EXPERT, high_share=0.4)
-"""The same, trained at every angle (`plan` makes it a dial), with the angles of the preset of
-discrete actions."""
-
 HIGH_ANGLES = dataclasses.replace(DIAL, high_share=0.8)
-"""The same with most of its angles beyond 65 degrees; chosen among ten settings in development."""
+"""The dial with most of its angles beyond 65 degrees; chosen among ten settings in development."""
 
 DISCRETE = dataclasses.replace(
     INTERSECTION.structure,
@@ -66,18 +40,6 @@ DISCRETE = dataclasses.replace(
 )
 """The preset of discrete actions in the continuous dial's budget: its updates, rows, environment
 steps and widths; like it, it is trained without demonstrations (`plan`)."""
-
-LEARNER = IQStaticConfig(
-    **_NETWORK,
-    prior="shifted_chi2",
-    chi2_on="mixture",
-    updates=1_200,
-    env_steps_per_update=2,
-    updates_per_round=200,
-    replay_capacity=20_000,
-    target_kind="instantaneous",
-)
-"""The preset `intersection-shifted` with an actor; without the time, as its demonstrations."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +59,7 @@ class Config:
     """Angles at which dials are driven, in degrees."""
     expert: StaticConfig = EXPERT
     """Static config of the experts."""
-    numbers: Hyperparameters = field(default_factory=lambda: Hyperparameters(**_NUMBERS))
+    numbers: Hyperparameters = EXPERT_NUMBERS
     """Hyperparameters of experts and continuous dials, without angle and seed."""
     continuous: StaticConfig = DIAL
     """Static config of the continuous dials."""
@@ -109,11 +71,7 @@ class Config:
     """Hyperparameters of the discrete dials, without the seed."""
     learner: IQStaticConfig = LEARNER
     """Static config of the learners; the baseline has no prior."""
-    learner_numbers: IQHyperparameters = field(
-        default_factory=lambda: IQHyperparameters(
-            temperature=0.1, learning_rate=3e-4, prior_weight=5.0
-        )
-    )
+    learner_numbers: IQHyperparameters = LEARNER_NUMBERS
     """Hyperparameters of the learners, without angle, seed and data."""
     options: ContinuousOptions = field(default_factory=ContinuousOptions)
     """Scenario of continuous actions."""

@@ -24,6 +24,7 @@ from socialiq.experiments.intersection.training import dial_collector
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.learners.continuous.actor_critic import ActorCritic
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
+from socialiq.learners.continuous.presets import STEPS_PER_UPDATE
 from socialiq.learners.continuous.sac import SoftActorCritic
 from socialiq.learners.continuous.train import train
 from socialiq.learners.continuous.vector_acting import ActorVectorCollector
@@ -31,7 +32,7 @@ from socialiq.learners.dial import config as dial
 from socialiq.learners.dial import train as dial_training
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.studies.intersection_continuous.config import STEPS_PER_UPDATE, Config
+from socialiq.studies.intersection_continuous.config import Config
 from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.gym import intersections

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -18,6 +18,9 @@ from socialiq.worlds.highway.options import RoadOptions
 from socialiq.worlds.highway.scene import Scene
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.highway.world import world_of
+
+if TYPE_CHECKING:
+    from socialiq.worlds.highway.pictures.render import View
 
 TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 
@@ -39,6 +42,11 @@ class RoadWorld(Protocol):
     @property
     def action_space(self) -> spaces.Discrete | spaces.Box:
         """Space of one action."""
+        ...
+
+    @property
+    def view(self) -> View:
+        """The road as pictures show it."""
         ...
 
 
@@ -107,6 +115,16 @@ class RoadEnv(gymnasium.Env):
         terminated, truncated = ending in TERMINAL, ending == int(Ending.TIMEOUT)
         seen = self._with_time(made.observation, self.batch.time)
         return seen[0], reward, terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:
+        """Return a picture of the current state, uint8 (height, width, 3)."""
+        if self.render_mode != "rgb_array":
+            return None
+        from socialiq.worlds.highway.pictures.render import picture
+        from socialiq.worlds.highway.pictures.scenes import present_scene
+        from socialiq.worlds.pictures import pixels
+
+        return pixels(picture(present_scene(self.batch), self.world.view))
 
     def _with_time(self, observation: np.ndarray, time: np.ndarray) -> np.ndarray:
         return np.column_stack([observation, time]) if self._clock else observation
@@ -224,7 +242,7 @@ class SceneEnv(RoadEnv):
     Args:
         scene: A scene, or the name of one.
         angle: Social angle α in degrees of the scalar reward R(α).
-        render_mode: None.
+        render_mode: "rgb_array" or None.
         clock: Whether observations end with the time, in decisions since the reset.
         options: Fields of `RoadOptions`.
 
@@ -232,7 +250,7 @@ class SceneEnv(RoadEnv):
         UserError: If the scene or an option is unknown, or the angle is invalid.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  as in Gymnasium
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012  as in Gymnasium
 
     def __init__(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gymnasium import spaces
 
@@ -15,6 +15,9 @@ from socialiq.worlds.highway.scene import ACTIONS, Scene
 from socialiq.worlds.highway.scenes import scene_of
 from socialiq.worlds.highway.settings import SIGNALS
 from socialiq.worlds.highway.state import FEATURES
+
+if TYPE_CHECKING:
+    from socialiq.worlds.highway.pictures.render import View
 
 _CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's on these roads
 
@@ -65,6 +68,13 @@ class SceneWorld:
     def description(self) -> str:
         """Name of the world and its options."""
         return f"{self.name} {self.options}"
+
+    @property
+    def view(self) -> View:
+        """The road as pictures show it."""
+        from socialiq.worlds.highway.pictures.lanes import Lanes  # imports Numba
+
+        return Lanes(self.scene)
 
     def batch(self, size: int, threads: int = 1, traced: bool = False) -> Batch:
         """Return episodes side by side; see `Batch`."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from socialiq.worlds.highway.gym import RoadEnv, RoadVectorEnv
@@ -55,16 +54,6 @@ class IntersectionEnv(RoadEnv):
         super().__init__(world, batch, angle, render_mode, clock)
         self.world: Intersection = world
         self.batch: Batch = batch
-
-    def render(self) -> np.ndarray | None:
-        """Return a picture of the current state, uint8 (height, width, 3)."""
-        if self.render_mode != "rgb_array":
-            return None
-        from socialiq.worlds.intersection.pictures.render import picture
-        from socialiq.worlds.intersection.pictures.scenes import present_scene
-        from socialiq.worlds.pictures import pixels
-
-        return pixels(picture(present_scene(self.batch)))
 
 
 class IntersectionVectorEnv(RoadVectorEnv):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from gymnasium import spaces
 
@@ -13,6 +14,9 @@ from socialiq.worlds.intersection.actions import space_of
 from socialiq.worlds.intersection.batch import BackEnd, Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS
+
+if TYPE_CHECKING:
+    from socialiq.worlds.highway.pictures.render import View
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,13 @@ class Intersection:
     def description(self) -> str:
         """Name of the world and its options."""
         return f"{self.name} {self.options}"
+
+    @property
+    def view(self) -> View:
+        """The crossing as pictures show it."""
+        from socialiq.worlds.intersection.pictures.crossing import VIEW  # imports Numba
+
+        return VIEW
 
     def batch(
         self, size: int, threads: int = 1, back_end: BackEnd = "core", traced: bool = False

@@ -8,8 +8,9 @@ from PIL import Image
 
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
+from socialiq.worlds.highway.pictures import encoding, render, shapes
 from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
-from socialiq.worlds.intersection.pictures import encoding, render, shapes
+from socialiq.worlds.intersection.pictures.crossing import VIEW
 from socialiq.worlds.intersection.state import VEHICLE
 from socialiq.worlds.pictures import EGO, OTHER, pixels
 
@@ -43,7 +44,7 @@ def middle(image, color, rows=slice(0, 600)):
 
 @pytest.fixture(scope="module")
 def plain():
-    return pixels(render.picture(scene()))
+    return pixels(render.picture(scene(), VIEW))
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +55,12 @@ def episode():
 @pytest.fixture(scope="module")
 def frames(episode):
     """Expected frames of the episode's film: a newly drawn picture of each scene."""
-    return [pixels(render.picture(one)) for one in episode]
+    return [pixels(render.picture(one, VIEW)) for one in episode]
 
 
 def test_a_picture_is_a_quarter_higher_than_wide(plain):
     assert plain.shape == (750, 600, 3)
-    assert pixels(render.picture(scene(), 4.0)).shape == (500, 400, 3)
+    assert pixels(render.picture(scene(), VIEW, 4.0)).shape == (500, 400, 3)
 
 
 def test_the_ego_comes_from_the_bottom_and_drives_on_the_right(plain):
@@ -68,7 +69,7 @@ def test_the_ego_comes_from_the_bottom_and_drives_on_the_right(plain):
     row, column = middle(bare, EGO)
     assert row > 480
     assert 305 < column < 320
-    nearer = pixels(render.picture(scene(ego_y=20.0)))
+    nearer = pixels(render.picture(scene(ego_y=20.0), VIEW))
     nearer[:200, 300:] = 0
     assert middle(nearer, EGO)[0] < row - 100
 
@@ -87,7 +88,7 @@ def test_the_windscreen_is_in_front(plain):
     ],
 )
 def test_marks_lie_by_the_car(change, color, plain):
-    marked = pixels(render.picture(scene(**change)))
+    marked = pixels(render.picture(scene(**change), VIEW))
     assert has(marked, color).sum() > has(plain, color).sum() + 10
     rows, columns = np.nonzero((marked != plain).any(axis=-1))
     # The car is drawn around row 278, column 153.
@@ -98,15 +99,17 @@ def test_marks_lie_by_the_car(change, color, plain):
 
 
 def test_yielding_and_braking_look_different():
-    marks = [pixels(render.picture(scene(**{name: True}))) for name in ("yielding", "braking")]
+    marks = [
+        pixels(render.picture(scene(**{name: True}), VIEW)) for name in ("yielding", "braking")
+    ]
     assert not np.array_equal(*marks)
 
 
 def test_speeds_and_signals_show(plain):
-    faster = pixels(render.picture(scene(speed=9.5)))
+    faster = pixels(render.picture(scene(speed=9.5), VIEW))
     assert (faster[:600] != plain[:600]).any()
     assert np.array_equal(faster[600:], plain[600:])
-    earning = pixels(render.picture(scene(signals={**SIGNALS, "progress": 0.1})))
+    earning = pixels(render.picture(scene(signals={**SIGNALS, "progress": 0.1}), VIEW))
     assert (earning[610:] != plain[610:]).any()
     assert np.array_equal(earning[:600], plain[:600])
 
@@ -122,7 +125,7 @@ def test_vehicles_out_of_sight_are_not_drawn():
     for x in (-25.0, -90.0):
         made = scene()
         made.vehicles["x"][0] = x
-        counts.append(has(pixels(render.filmstrip([made])), OTHER).sum())
+        counts.append(has(pixels(render.filmstrip([made], VIEW)), OTHER).sum())
     assert counts[0] > counts[1] == 0
 
 
@@ -130,7 +133,7 @@ def test_vehicles_out_of_sight_are_not_drawn():
 def test_the_route_ends_where_the_ego_arrives(destination, arrow):
     made = scene()
     made.vehicles["destination"] = destination
-    figure = render.filmstrip([made])
+    figure = render.filmstrip([made], VIEW)
     image = pixels(figure)
     x, y = figure.axes[0].transData.transform(arrow)
     there = image[round(image.shape[0] - y), round(x)]
@@ -138,9 +141,9 @@ def test_the_route_ends_where_the_ego_arrives(destination, arrow):
 
 
 def test_ways_lie_on_the_lanes():
-    assert shapes.way(STRAIGHT)[[0, -1]].tolist() == [[2.0, 11.0], [2.0, -11.0]]
-    for lane, record in enumerate(LANES):
-        line = shapes.way(lane)
+    assert shapes.way(LANES[STRAIGHT])[[0, -1]].tolist() == [[2.0, 11.0], [2.0, -11.0]]
+    for record in LANES:
+        line = shapes.way(record)
         steps = np.hypot(*np.diff(line, axis=0).T)
         assert steps.max() <= 0.5
         assert steps.sum() == pytest.approx(record["length"], rel=1e-3)
@@ -148,16 +151,16 @@ def test_ways_lie_on_the_lanes():
 
 def test_a_filmstrip_has_one_axes_for_each_scene():
     for scenes, grid in ((1, (1, 1)), (6, (2, 5))):
-        figure = render.filmstrip([scene()] * scenes)
+        figure = render.filmstrip([scene()] * scenes, VIEW)
         assert [axes.get_title() for axes in figure.axes] == ["t = 3.0 s"] * scenes
         spec = figure.axes[0].get_subplotspec().get_gridspec()
         assert (spec.nrows, spec.ncols) == grid
-    titled = render.filmstrip([scene()] * 2, ["start", "Go"])
+    titled = render.filmstrip([scene()] * 2, VIEW, ["start", "Go"])
     assert [axes.get_title() for axes in titled.axes] == ["start", "Go"]
 
 
 def test_a_gif_has_the_pictures_in_order(tmp_path, episode, frames):
-    render.save(tmp_path / "film.gif", episode, 5)
+    render.save(tmp_path / "film.gif", episode, VIEW, 5)
     assert [path.name for path in tmp_path.iterdir()] == ["film.gif"]
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 3
@@ -179,7 +182,7 @@ def test_a_film_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
 
     monkeypatch.setattr(encoding, "_palette", fail)
     with pytest.raises(KeyboardInterrupt):
-        render.save(path, [scene()])
+        render.save(path, [scene()], VIEW)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -197,7 +200,7 @@ def test_a_film_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
 )
 def test_mistakes_are_refused(name, scenes, rate, message, tmp_path):
     with pytest.raises(UserError, match=message):
-        render.save(tmp_path / name, [scene()] * scenes, rate)
+        render.save(tmp_path / name, [scene()] * scenes, VIEW, rate)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -218,13 +221,13 @@ def programs(tmp_path, monkeypatch):
 
 def test_mp4_without_ffmpeg_is_refused(tmp_path, programs):
     with pytest.raises(UserError, match=r"choose a \.gif, or install ffmpeg"):
-        render.save(tmp_path / "film.mp4", [scene()])
+        render.save(tmp_path / "film.mp4", [scene()], VIEW)
     assert not (tmp_path / "film.mp4").exists()
 
 
 def test_ffmpeg_gets_every_picture(tmp_path, programs, episode, frames):
     ffmpeg(programs, 'for last; do :; done; /bin/cat > "$last"')
-    render.save(tmp_path / "film.mp4", episode)
+    render.save(tmp_path / "film.mp4", episode, VIEW)
     raw = np.frombuffer((tmp_path / "film.mp4").read_bytes(), np.uint8).reshape(3, 750, 600, 4)
     assert np.array_equal(raw[..., :3], np.stack(frames))
 
@@ -232,5 +235,5 @@ def test_ffmpeg_gets_every_picture(tmp_path, programs, episode, frames):
 def test_a_failing_ffmpeg_is_reported(tmp_path, programs):
     ffmpeg(programs, "exit 1")
     with pytest.raises(UserError, match=r"ffmpeg failed: choose a \.gif"):
-        render.save(tmp_path / "film.mp4", [scene()])
+        render.save(tmp_path / "film.mp4", [scene()], VIEW)
     assert not (tmp_path / "film.mp4").exists()

@@ -1,4 +1,4 @@
-"""Shapes of the intersection's pictures: road, vehicles and their marks, in metres.
+"""Shapes of the pictures of roads: lanes, vehicles and their marks, in metres.
 
 Axes must have y growing downwards, as it does in the world.
 """
@@ -12,8 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
-from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
-from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
 from socialiq.worlds.pictures import EGO, OTHER
 
 GRASS = "#dde6d5"
@@ -28,9 +26,6 @@ RED = "#e3001b"
 BURST = "#ffd400"
 FAINT = "#999999"
 COLORS = (GRASS, ASPHALT, PAINT, INK, GLASS, HEADLIGHT, ROUTE, RED, BURST, EGO, OTHER)
-
-JUNCTION = float(LANES["y"][STRAIGHT])  # half its width, m
-_CORNER = JUNCTION - LANE_WIDTH  # radius of its kerbs, m
 
 ZONE_APPROACH = 20.0  # m of the ego's approach that belong to its influence zone
 
@@ -51,108 +46,68 @@ class Pose(NamedTuple):
         )
 
 
-def way(lane: int, start: float = 0.0, end: float = math.inf) -> np.ndarray:
+def way(lane: Any, start: float = 0.0, end: float = math.inf) -> np.ndarray:
     """Return the centre line of a lane.
 
     Args:
-        lane: Its number.
+        lane: Its record, with the fields of `network.SHAPE`.
         start: Lane coordinate of the first point, m.
         end: Lane coordinate of the last point, m, at most the lane's length.
 
     Returns:
-        Points (x, y) at most half a metre apart, shape (points, 2).
+        Points (x, y) at most half a metre apart but on a sine, shape (points, 2).
     """
-    record = LANES[lane]
-    end = min(end, float(record["length"]))
+    end = min(end, float(lane["length"]))
     along = np.linspace(start, end, 2 + int(2 * (end - start)))
-    if record["straight"]:
-        x = record["x"] + along * record["along_x"]
-        y = record["y"] + along * record["along_y"]
+    if lane["straight"]:
+        aside = lane["amplitude"] * np.sin(lane["pulsation"] * along + lane["shift"])
+        x = lane["x"] + along * lane["along_x"] + aside * lane["across_x"]
+        y = lane["y"] + along * lane["along_y"] + aside * lane["across_y"]
     else:
-        angle = record["phase"] + record["sense"] * along / record["radius"]
-        x = record["x"] + record["radius"] * np.cos(angle)
-        y = record["y"] + record["radius"] * np.sin(angle)
+        angle = lane["phase"] + lane["sense"] * along / lane["radius"]
+        x = lane["x"] + lane["radius"] * np.cos(angle)
+        y = lane["y"] + lane["radius"] * np.sin(angle)
     return np.stack([x, y], axis=-1)
-
-
-def road(axes: Any, reach: float) -> None:
-    """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks.
-
-    Args:
-        axes: Matplotlib axes.
-        reach: Metres from the centre to the end of the road.
-    """
-    from matplotlib.collections import LineCollection, PolyCollection
-    from matplotlib.patches import Polygon, Rectangle
-
-    axes.add_artist(Rectangle((-reach, -reach), 2 * reach, 2 * reach, color=GRASS))
-    kerb = np.concatenate([_kerb(math.pi / 2 * corner, reach) for corner in range(4)])
-    axes.add_artist(
-        Polygon(kerb, facecolor=ASPHALT, edgecolor=PAINT, linewidth=1.2, joinstyle="round")
-    )
-    arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
-    centre = [arm.place([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
-    dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
-    stop = [arm.place([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
-    teeth = [tooth for arm in arms[::2] for tooth in _teeth(arm)]
-    for marking in (dashed, LineCollection(stop, linewidths=[2.0, 1.0]), PolyCollection(teeth)):
-        marking.set(color=PAINT, zorder=2)
-        axes.add_artist(marking)
-
-
-def _kerb(angle: float, reach: float) -> np.ndarray:
-    """Return one quarter of the kerb: in along an arm, round the corner, out along the next."""
-    bend = np.linspace(math.pi, 1.5 * math.pi, 12)
-    x = [LANE_WIDTH, *(JUNCTION + _CORNER * np.cos(bend)), reach]
-    y = [reach, *(JUNCTION + _CORNER * np.sin(bend)), LANE_WIDTH]
-    return Pose(0.0, 0.0, angle).place(list(zip(x, y, strict=True)))[::-1]
-
-
-def _teeth(arm: Pose) -> list[np.ndarray]:
-    """Return triangles before the stop line that point at the drivers who must give way."""
-    base, tip, width = JUNCTION + 0.6, JUNCTION + 2.0, LANE_WIDTH / 4
-    lefts = [-width * number for number in range(4)]
-    return [
-        arm.place([(base, left - 0.1), (base, left - width + 0.1), (tip, left - width / 2)])
-        for left in lefts
-    ]
-
-
-def zone(axes: Any, route: Sequence[int]) -> None:
-    """Tint the ego's influence zone: the end of its approach, and its way across."""
-    approach, across, _ = route
-    start = float(LANES["length"][approach]) - ZONE_APPROACH
-    line = np.concatenate([way(approach, start), way(across)])
-    _band(axes, line)
 
 
 def swatch(axes: Any, x: float, y: float) -> None:
     """Draw a sample of the influence zone's tint around (x, y), on asphalt."""
     line = np.array([[x - 2.5, y], [x + 2.5, y]])
-    _band(axes, line, width=3.0, facecolor=ASPHALT, zorder=1)
-    _band(axes, line, width=3.0)
+    band(axes, line, width=3.0, facecolor=ASPHALT, zorder=1)
+    band(axes, line, width=3.0)
 
 
-def _band(axes: Any, line: np.ndarray, width: float = LANE_WIDTH, **look: Any) -> None:
+def edges(line: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the left and the right edge of a strip along a line, each of its shape."""
+    along = np.gradient(line, axis=0)
+    along /= np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    across = width / 2 * np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    return line - across, line + across
+
+
+def band(axes: Any, line: np.ndarray, width: float = LANE_WIDTH, **look: Any) -> None:
     """Draw a strip along a line, by default with the influence zone's tint."""
     from matplotlib.patches import Polygon
 
     look = look or {"facecolor": ZONE, "alpha": 0.55, "zorder": 1.5}
-    along = np.gradient(line, axis=0)
-    along /= np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-    across = width / 2 * np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    axes.add_artist(Polygon(np.concatenate([line + across, (line - across)[::-1]]), **look))
+    left, right = edges(line, width)
+    axes.add_artist(Polygon(np.concatenate([right, left[::-1]]), **look))
 
 
-def route(axes: Any, lanes: Sequence[int], x: float, y: float) -> None:
-    """Dot the rest of a route from the closest point to (x, y), with an arrow at its end."""
-    approach, across, leave = lanes
-    line = np.concatenate([way(approach), way(across), way(leave, end=EXIT_DISTANCE)])
+def route(axes: Any, line: np.ndarray, x: float, y: float) -> None:
+    """Dot the rest of a way from the closest point to (x, y), with an arrow at its end.
+
+    Args:
+        axes: Matplotlib axes.
+        line: Points (x, y) of the way, shape (points, 2).
+        x: Place of the ego, m.
+        y: Place of the ego, m.
+    """
     left = line[int(np.argmin(np.hypot(line[:, 0] - x, line[:, 1] - y))) :]
     dots(axes, left)
     ahead = line[-1] - line[-2]
     tip = Pose(float(line[-1, 0]), float(line[-1, 1]), math.atan2(ahead[1], ahead[0]))
-    _fill(axes, tip, [(1.8, 0.0), (-0.4, -1.3), (-0.4, 1.3)], facecolor=ROUTE, zorder=3)
+    fill(axes, tip, [(1.8, 0.0), (-0.4, -1.3), (-0.4, 1.3)], facecolor=ROUTE, zorder=3)
 
 
 def dots(axes: Any, line: np.ndarray) -> None:
@@ -163,7 +118,8 @@ def dots(axes: Any, line: np.ndarray) -> None:
     axes.add_artist(Line2D(*line.T, color=ROUTE, linewidth=1.8, linestyle=dotted, zorder=3))
 
 
-def _fill(axes: Any, pose: Pose, points: Sequence[tuple[float, float]], **look: Any) -> None:
+def fill(axes: Any, pose: Pose, points: Sequence[tuple[float, float]], **look: Any) -> None:
+    """Draw a polygon of points in the frame of a pose."""
     from matplotlib.patches import Polygon
 
     axes.add_artist(Polygon(pose.place(points), **look))
@@ -191,12 +147,12 @@ _LAMP = [(_NOSE - 0.5, 0.35), (_NOSE + 0.15, 0.35), (_NOSE - 0.1, 0.95), (_NOSE 
 
 def vehicle(axes: Any, pose: Pose, color: str) -> None:
     """Draw a car with a windscreen and headlights that show its heading."""
-    _fill(axes, pose, _BODY, facecolor=color, edgecolor=PAINT, linewidth=0.8, zorder=6)
+    fill(axes, pose, _BODY, facecolor=color, edgecolor=PAINT, linewidth=0.8, zorder=6)
     for glass in (_WINDSCREEN, _REAR_WINDOW):
-        _fill(axes, pose, glass, facecolor=GLASS, zorder=7)
+        fill(axes, pose, glass, facecolor=GLASS, zorder=7)
     for side in (-1, 1):
         lamp = [(ahead, side * right) for ahead, right in _LAMP]
-        _fill(axes, pose, lamp, facecolor=HEADLIGHT, zorder=7)
+        fill(axes, pose, lamp, facecolor=HEADLIGHT, zorder=7)
 
 
 def brake_lights(axes: Any, pose: Pose) -> None:
@@ -213,7 +169,16 @@ def burst(axes: Any, pose: Pose, size: float = 1.0) -> None:
     angles = np.linspace(0, 2 * math.pi, 25)
     radii = size * np.where(np.arange(25) % 2, 3.0, 4.6)
     star = list(zip(radii * np.cos(angles), radii * np.sin(angles), strict=True))
-    _fill(axes, pose, star, facecolor=BURST, edgecolor=RED, linewidth=1.2, zorder=4)
+    fill(axes, pose, star, facecolor=BURST, edgecolor=RED, linewidth=1.2, zorder=4)
+
+
+def obstacle(axes: Any, pose: Pose) -> None:
+    """Draw an obstacle, a square of 2 m with a cross."""
+    square = [(-_SIDE, -_SIDE), (-_SIDE, _SIDE), (_SIDE, _SIDE), (_SIDE, -_SIDE)]
+    fill(axes, pose, square, facecolor=RED, edgecolor=PAINT, linewidth=0.8, zorder=6)
+    for side in (-1, 1):
+        bar = [(-0.8, -0.5 * side), (-0.5, -0.8 * side), (0.8, 0.5 * side), (0.5, 0.8 * side)]
+        fill(axes, pose, bar, facecolor=PAINT, zorder=7)
 
 
 def give_way(axes: Any, x: float, y: float) -> None:
@@ -221,7 +186,7 @@ def give_way(axes: Any, x: float, y: float) -> None:
     for size, color in ((2.0, RED), (1.1, PAINT)):
         sign = [(-size / 2, -0.87 * size), (-size / 2, 0.87 * size), (size, 0.0)]
         upside = Pose(x, y, math.pi / 2)
-        _fill(axes, upside, sign, facecolor=color, edgecolor=PAINT, linewidth=0.5, zorder=8)
+        fill(axes, upside, sign, facecolor=color, edgecolor=PAINT, linewidth=0.5, zorder=8)
 
 
 def beside(pose: Pose, ahead: float, gap: float, half: tuple[float, float]) -> tuple[float, float]:

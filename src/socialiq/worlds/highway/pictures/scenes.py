@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.pictures.render import Scene
 from socialiq.worlds.highway.settings import SIGNALS
-from socialiq.worlds.intersection.batch import Batch
-from socialiq.worlds.intersection.options import Options
-from socialiq.worlds.intersection.pictures.render import Scene
 
 
-def present_scene(batch: Batch, row: int = 0) -> Scene:
+def present_scene(batch: RoadBatch, row: int = 0) -> Scene:
     """Return the current scene of one episode, with the rewards of its last decision.
 
     Args:
@@ -29,7 +29,7 @@ def present_scene(batch: Batch, row: int = 0) -> Scene:
     return Scene(vehicles, ego, braking, *_rewards(batch, row, time > 0), time, "")
 
 
-def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
+def decision_scenes(batch: RoadBatch, row: int = 0) -> Iterator[Scene]:
     """Return the sub-steps of an episode's last decision; the batch must be `traced`.
 
     Args:
@@ -46,15 +46,14 @@ def decision_scenes(batch: Batch, row: int = 0) -> Iterator[Scene]:
         yield Scene(vehicles[:count].copy(), ego, braking, *rewards, time, "")
 
 
-def episode_scenes(options: Options, policy: Policy, seed: int) -> list[Scene]:
+def episode_scenes(batch: RoadBatch, policy: Policy, seed: int) -> list[Scene]:
     """Run one episode and return its first state and every sub-step.
 
     Args:
-        options: The scenario.
+        batch: Batch of one episode, which is `traced`.
         policy: Policy of the ego.
         seed: Seed of the episode.
     """
-    batch = Batch(options, 1, traced=True)
     batch.reset([seed])
     scenes, ending = [present_scene(batch)], Ending.NONE
     while ending == Ending.NONE:
@@ -64,7 +63,7 @@ def episode_scenes(options: Options, policy: Policy, seed: int) -> list[Scene]:
     return [*scenes[:-1], scenes[-1]._replace(caption=ending.name.lower())]
 
 
-def _rewards(batch: Batch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
+def _rewards(batch: RoadBatch, row: int, begun: bool) -> tuple[dict[str, float], RewardPair]:
     made = batch.buffers
     signals = {
         name: float(weight_of(batch.options, name) * value) if begun else 0.0
@@ -73,6 +72,6 @@ def _rewards(batch: Batch, row: int, begun: bool) -> tuple[dict[str, float], Rew
     return signals, RewardPair(*(made.rewards[row] * begun).tolist())
 
 
-def weight_of(options: Options, signal: str) -> float:
+def weight_of(options: RoadOptions, signal: str) -> float:
     """Return a signal's weight in its reward."""
     return float(getattr(options, f"{signal}_weight"))

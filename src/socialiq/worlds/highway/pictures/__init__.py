@@ -1,0 +1,1 @@
+"""Pictures and films of roads, from their state records."""

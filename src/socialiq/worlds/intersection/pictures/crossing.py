@@ -1,0 +1,115 @@
+"""The crossing of the intersection's pictures: its road, and the ego's way across."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from socialiq.worlds.highway.core.geometry import LANE_WIDTH
+from socialiq.worlds.highway.pictures.render import Frame, Scene, View
+from socialiq.worlds.highway.pictures.shapes import (
+    ASPHALT,
+    GRASS,
+    PAINT,
+    ZONE_APPROACH,
+    Pose,
+    band,
+    route,
+    way,
+)
+from socialiq.worlds.intersection.core.ego import EXIT_DISTANCE
+from socialiq.worlds.intersection.core.geometry import LANES, ROUTES, STRAIGHT
+
+REACH = 50.0
+"""Visible metres to the west and east of the centre."""
+
+JUNCTION = float(LANES["y"][STRAIGHT])  # half its width, m
+_CORNER = JUNCTION - LANE_WIDTH  # radius of its kerbs, m
+_SOUTHWARDS = 0.16  # the view looks this part of its reach further south: there the ego starts
+_NARROW = 0.76  # of the reach, to the west and east in a filmstrip
+
+
+class Crossing:
+    """The crossing as a view; the ego's way and zone are those of its destination.
+
+    Args:
+        reach: Visible metres to the west and east of the centre; slightly fewer to the north,
+            slightly more to the south, where the ego starts.
+    """
+
+    marks: tuple[str, ...] = ("gives way",)
+    corner: tuple[float, float] | None = (18.0, -39.0)
+
+    def __init__(self, reach: float = REACH) -> None:
+        self._reach = reach
+
+    def ground(self, axes: Any) -> None:
+        """Draw the empty crossing."""
+        road(axes, 2 * self._reach)
+
+    def frame(self, scene: Scene, strip: bool = False) -> Frame:  # noqa: ARG002  it never moves
+        """Return the visible part of the world."""
+        south, wide = (1 + _SOUTHWARDS) * self._reach, self._reach * (_NARROW if strip else 1.0)
+        return Frame(-wide, wide, south - 2 * self._reach, south)
+
+    def way(self, axes: Any, scene: Scene) -> None:
+        """Draw the ego's influence zone and the rest of its route."""
+        ego = scene.vehicles[scene.ego]
+        approach, across, leave = (LANES[lane] for lane in _route(ego))
+        start = float(approach["length"]) - ZONE_APPROACH
+        band(axes, np.concatenate([way(approach, start), way(across)]))
+        line = np.concatenate([way(approach), way(across), way(leave, end=EXIT_DISTANCE)])
+        route(axes, line, float(ego["x"]), float(ego["y"]))
+
+
+def _route(ego: Any) -> Sequence[int]:
+    return ROUTES[ego["origin"], ego["destination"]].tolist()
+
+
+VIEW: View = Crossing()
+
+
+def road(axes: Any, reach: float) -> None:
+    """Draw the empty crossing: asphalt, centre lines, stop lines and give-way marks.
+
+    Args:
+        axes: Matplotlib axes.
+        reach: Metres from the centre to the end of the road.
+    """
+    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.patches import Polygon, Rectangle
+
+    axes.add_artist(Rectangle((-reach, -reach), 2 * reach, 2 * reach, color=GRASS))
+    kerb = np.concatenate([_kerb(math.pi / 2 * corner, reach) for corner in range(4)])
+    axes.add_artist(
+        Polygon(kerb, facecolor=ASPHALT, edgecolor=PAINT, linewidth=1.2, joinstyle="round")
+    )
+    arms = [Pose(0.0, 0.0, math.pi / 2 * arm + math.pi / 2) for arm in range(4)]
+    centre = [arm.place([(JUNCTION, 0.0), (reach, 0.0)]) for arm in arms]
+    dashed = LineCollection(centre, linewidths=1.2, linestyles=(0, (6, 4)))
+    stop = [arm.place([(JUNCTION, 0.0), (JUNCTION, -LANE_WIDTH)]) for arm in arms]
+    teeth = [tooth for arm in arms[::2] for tooth in _teeth(arm)]
+    for marking in (dashed, LineCollection(stop, linewidths=[2.0, 1.0]), PolyCollection(teeth)):
+        marking.set(color=PAINT, zorder=2)
+        axes.add_artist(marking)
+
+
+def _kerb(angle: float, reach: float) -> np.ndarray:
+    """Return one quarter of the kerb: in along an arm, round the corner, out along the next."""
+    bend = np.linspace(math.pi, 1.5 * math.pi, 12)
+    x = [LANE_WIDTH, *(JUNCTION + _CORNER * np.cos(bend)), reach]
+    y = [reach, *(JUNCTION + _CORNER * np.sin(bend)), LANE_WIDTH]
+    return Pose(0.0, 0.0, angle).place(list(zip(x, y, strict=True)))[::-1]
+
+
+def _teeth(arm: Pose) -> list[np.ndarray]:
+    """Return triangles before the stop line that point at the drivers who must give way."""
+    base, tip, width = JUNCTION + 0.6, JUNCTION + 2.0, LANE_WIDTH / 4
+    lefts = [-width * number for number in range(4)]
+    return [
+        arm.place([(base, left - 0.1), (base, left - width + 0.1), (tip, left - width / 2)])
+        for left in lefts
+    ]
