@@ -222,18 +222,24 @@ def draw(results: Results) -> dict[str, Figure]:
     for unused in panels[len(by_task) :]:
         unused.set_axis_off()
     for axes, ((task,), rows) in zip(panels, by_task.items(), strict=False):
-        for method, line in ((LINEAR, "--"), (FRONT, "-")):
-            for row in matching(results.tables["pooled"], task=task, method=method):
-                axes.axvline(row["hypervolume"], linestyle=line, color="#6e6e6e", label=method)
-        for (method,), runs in reversed(groups(rows, "method").items()):
-            ink = COLORS["prosocial" if method in METHODS else "egoistic"]
-            areas = column(runs, "hypervolume")
-            axes.plot(areas, [method] * len(runs), "o", color=ink, alpha=0.6)
-        finish(axes, task, 7 if TASKS[task].exact else None, xlabel="hypervolume of a run")
-        axes.set_xlim(left=0.0)
-        axes.locator_params(axis="x", nbins=5)
-        axes.ticklabel_format(axis="x", scilimits=(-3, 4))
+        _panel(axes, task, rows, matching(results.tables["pooled"], task=task))
     return {"hypervolumes": drawn}
+
+
+def _panel(axes: Any, task: str, rows: Sequence[Row], pooled_rows: Sequence[Row]) -> None:
+    thousands = max(column(rows, "hypervolume")) >= 1e5
+    unit = 1000.0 if thousands else 1.0
+    for method, line in ((LINEAR, "--"), (FRONT, "-")):
+        for row in matching(pooled_rows, method=method):
+            axes.axvline(row["hypervolume"] / unit, linestyle=line, color="#6e6e6e", label=method)
+    for (method,), runs in reversed(groups(rows, "method").items()):
+        ink = COLORS["prosocial" if method in METHODS else "egoistic"]
+        areas = np.array(column(runs, "hypervolume")) / unit
+        axes.plot(areas, [method] * len(runs), "o", color=ink, alpha=0.6)
+    label = "hypervolume of a run" + ", thousands" * thousands
+    finish(axes, task, 7 if TASKS[task].exact else None, xlabel=label)
+    axes.locator_params(axis="x", nbins=6)
+    axes.set_xlim(0.0, axes.get_xlim()[1])
 
 
 def view(results: Results) -> Sequence[View]:
