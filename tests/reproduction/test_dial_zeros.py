@@ -63,9 +63,28 @@ def test_a_dial_is_projected_on_another_as_before(committed):
 
 
 def test_the_spread_of_zeros_follows_from_the_projections(committed):
-    names = ("driver", "model")
-    zeros = [row | {name: str(row[name]) for name in names} for row in committed.tables["zeros"]]
     config = Config()
+    zeros = [  # a name that is a number comes back from a table as one
+        row | {"driver": str(row["driver"]), "model": str(row["model"])}
+        for row in committed.tables["zeros"]
+    ]
     for row in committed.tables["populations"]:
         spread = zero_spread(zeros, config.family_of(str(row["driver"])))
         assert row["zero_spread"] == pytest.approx(spread, abs=1e-3)
+
+
+def test_what_the_page_says(committed):
+    def pooled(drivers, spread):
+        (row,) = matching(committed.tables["pooled"], drivers=drivers, spread_planted=spread)
+        return row
+
+    alike, differ = pooled("left out", 0.0), pooled("left out", 25.0)
+    assert differ["correlation"] > 0.9 and differ["found"] == 1.0
+    assert alike["found"] == 0.0 and pooled(PLAIN, 0.0)["found"] == 0.0
+    assert min(alike["covered"], differ["covered"]) >= 0.9
+    assert max(alike["covered_narrow"], differ["covered_narrow"]) < 0.8
+    # The zero of another recipe: recovered on the common scale, and not on the dial's own.
+    other = pooled(PLAIN, 0.0)
+    assert abs(other["mean_inferred"] - other["mean_common"]) < 1.0
+    assert other["error_own"] > 15.0
+    assert pooled(PLAIN, 25.0)["covered"] < 0.9

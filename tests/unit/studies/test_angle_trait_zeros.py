@@ -179,9 +179,6 @@ def test_the_tables_of_three_dials(tmp_path):
     assert len(found["drivers"]) == 12
     for row in found["drivers"]:
         assert row["low"] <= row["narrow_low"] <= row["narrow_high"] <= row["high"]
-    # Dials 2 and 3 are one dial: of one episode, its own angle is the likeliest within two steps.
-    same = [r for r in found["zeros"] if (r["driver"], r["model"]) == ("2", "3")]
-    assert max(abs(row["likeliest"] - row["planted"]) for row in same) <= 15.0
     assert len(findings.summary) == 2
     results = Results.of("angle-zeros", config, found, findings.summary, findings.files)
     assert zeros.draw(results).keys() == {"zeros"}

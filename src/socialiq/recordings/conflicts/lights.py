@@ -12,7 +12,7 @@ NEAR = 50.0
 def held(scene: Scene, way: Way, frame: int) -> bool:
     """Whether the next light on a vehicle's route is near, ahead of its front, and closed.
 
-    A light is at the end of its lanelet. Lights without states in the file hold no vehicle.
+    A light is at the end of its lanelet. Lights without states in the file hold no driver.
 
     Args:
         scene: The recording.
