@@ -90,13 +90,14 @@ class RunFolder:
                 self.out.rmdir()
 
     def save_policies(
-        self, trained: Trained, change: Callable[[Any], Any] = lambda policy: policy
+        self, trained: Trained, change: Callable[[Any], Any] | None = None
     ) -> list[Row]:
-        """Write the policy of each run, changed; return the files' names and hashes."""
+        """Write the policy of each run, changed if need be; return the files' names and hashes."""
         names = [f"{self.kind}_{run}.safetensors" for run in range(len(trained.hyperparameters))]
+        policies = [trained.policy(run) for run in range(len(names))]
         return [
-            {"file": name, "sha256": change(trained.policy(run)).save(self.out / name)}
-            for run, name in enumerate(names)
+            {"file": name, "sha256": (change(policy) if change else policy).save(self.out / name)}
+            for name, policy in zip(names, policies, strict=True)
         ]
 
     def finish(

@@ -248,7 +248,7 @@ class Train:
 
     @staticmethod
     def policies(
-        folder: RunFolder, trained: Trained, change: Callable[[Any], Any] = lambda policy: policy
+        folder: RunFolder, trained: Trained, change: Callable[[Any], Any] | None = None
     ) -> list[Row]:
         """Write the policies; return what each differs in, its file and its last measurements."""
         arrays = {name: trained.history.array(name) for name in trained.history.values}

@@ -54,7 +54,7 @@ def run(command: Any, data: Demonstrations | None) -> int:
     labels = [command.label(one) for one in runs]
     with folder.callbacks(labels) as callbacks:
         trained = prepared(callbacks)
-    policies = command.policies(folder, trained, *([change.policy] if change else []))
+    policies = command.policies(folder, trained, change.policy if change else None)
     renamed = [
         {"angle_target" if key == "angle" else key: value for key, value in one.items()}
         for one in labels

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -21,8 +21,6 @@ from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 
 _LEAST = 1e-3
 """Added to deviations, as Fujimoto and Gu (2021) do."""
-
-Table = TypeVar("Table")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +47,14 @@ class Standardisation:
         """Return standardised observations."""
         return ((np.asarray(observation) - self.mean) / self.deviation).astype(np.float32)
 
-    def transitions(self, table: Table) -> Table:
+    def transitions(self, table: Any) -> Any:
         """Return demonstrations with standardised observations.
 
         Args:
             table: A dataclass with `observation` and `next_observation`.
         """
         seen = {name: self(getattr(table, name)) for name in ("observation", "next_observation")}
-        return dataclasses.replace(table, **seen)  # type: ignore[type-var]
+        return dataclasses.replace(table, **seen)
 
     def environment(self, env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
         """Return an environment of flat observations with standardised ones.
