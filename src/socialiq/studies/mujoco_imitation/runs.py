@@ -147,11 +147,16 @@ def learn(
     """Train a run for each seed, each on its own set, all in one program; return the policies."""
     if method.absorbing:
         shown = [with_absorbing_states(one) for one in shown]
-    changes = [Standardisation.of(one.observation) for one in shown if method.standardised]
+    if not method.standardised:
+        return _policies(_train(task, method, shown, seeds, callbacks))
+    changes = [Standardisation.of(one.observation) for one in shown]
     seen = [change.transitions(one) for change, one in zip(changes, shown, strict=True)]
-    trained = _train(task, method, seen or shown, seeds, callbacks, changes)
-    policies = [trained.policy(run) for run in range(len(seeds))]
-    return [change.actor(one) for change, one in zip(changes, policies, strict=True)] or policies
+    trained = _train(task, method, seen, seeds, callbacks, changes)
+    return [change.actor(one) for change, one in zip(changes, _policies(trained), strict=True)]
+
+
+def _policies(trained: Trained) -> list[ActorPolicy]:
+    return [trained.policy(run) for run in range(len(trained.hyperparameters))]
 
 
 def _train(
@@ -160,7 +165,7 @@ def _train(
     shown: Sequence[Demonstrations],
     seeds: Sequence[int],
     callbacks: Callbacks,
-    changes: Sequence[Standardisation],
+    changes: Sequence[Standardisation] = (),
 ) -> Trained:
     """Train on demonstrations as the networks see them."""
     runs = [
