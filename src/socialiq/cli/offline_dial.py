@@ -1,4 +1,7 @@
-"""`train-dial` with an offline preset: a dial of any world, from a file of demonstrations alone."""
+"""`train-dial` with an offline preset: a dial of any world, from a file of demonstrations alone.
+
+At a recorded junction a dial may practise too (`experiments.recorded_practice`).
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.experiments.gridworld_runs import seen
+from socialiq.experiments.recorded_practice import Practice, train_with_practice
 from socialiq.experiments.results import as_csv, versions
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.kernel import Trained
@@ -45,6 +49,7 @@ class OfflineCommand:
         seeds: Training seeds, a dial each.
         static: Options laid over the preset's structure.
         numbers: Options laid over its numbers.
+        practice: Practice at a recorded junction.
         out: Folder to make.
         as_json: Whether to print one JSON object.
     """
@@ -55,12 +60,18 @@ class OfflineCommand:
     seeds: Sequence[int]
     static: Any
     numbers: Any
+    practice: Practice
     out: Path
     as_json: bool
 
     def run(self) -> int:
         """Train a dial for each seed, write the folder, print what came out."""
         _, preset = self.preset
+        if self.practice.rounds and kind_of(Path(self.world)) != WORLD_FILE:
+            raise UserError(
+                f"--practice is at a recorded junction, a file of `socialiq data world`: in "
+                f"{self.world} leave it out, or take an online preset"
+            )
         data = files.load(self.data)
         structure = dataclasses.replace(preset.structure, **encoding_of(self.world, data))
         static = overridden(structure, self.static)
@@ -88,7 +99,7 @@ class OfflineCommand:
         metrics: list[Row] = []
         for number, one in enumerate(numbers):
             with Display() as display:
-                stages = train(static, one, data, _progress(display), CHUNK)
+                stages = self.train(number, static, one, data, display)
             file = f"dial_{number}.safetensors"
             sha256 = stages["dial"].policy(0).save(folder / file)
             dials.append({"file": file, "seed": one.seed, "sha256": sha256})
@@ -100,11 +111,34 @@ class OfflineCommand:
             "preset": name,
             "world": self.world,
             "data": described_file(self.data),
+            "practice": dataclasses.asdict(self.practice) if self.practice.rounds else None,
             "versions": versions(),
             "dials": dials,
         }
         write_json(folder / "run.json", rounded(record))
         return dials
+
+    def train(
+        self,
+        number: int,
+        static: StaticConfig,
+        numbers: Hyperparameters,
+        data: Demonstrations,
+        display: Display,
+    ) -> dict[str, Trained]:
+        """Train one dial; return the outcome of each stage of its last training."""
+        if not self.practice.rounds:
+            return train(static, numbers, data, _progress(display), CHUNK)
+
+        def progress(practised: int, stage: str) -> Callbacks:
+            name = f"{stage}, {practised} of {self.practice.rounds} rounds practised"
+            return Callbacks(on_report=display.stage(name))
+
+        first = self.practice.first_seed + number * self.practice.span
+        practice = dataclasses.replace(self.practice, first_seed=first)
+        world = RecordedWorld.load(Path(self.world))
+        found = train_with_practice(world, static, [numbers], data, practice, progress, CHUNK)
+        return found.stages
 
 
 def encoding_of(world: str, data: Demonstrations) -> dict[str, Any]:

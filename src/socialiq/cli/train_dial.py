@@ -24,6 +24,7 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError, one_of
 from socialiq.experiments.gridworld_runs import Ground, exact_regret, with_clock
+from socialiq.experiments.recorded_practice import Practice
 from socialiq.learners.config import check_seeds
 from socialiq.learners.dial.budget import ASCENT_EVERY, Budget, Look
 from socialiq.learners.dial.config import PRESETS, Hyperparameters, StaticConfig, check_fit
@@ -66,6 +67,13 @@ class TrainDial:
     budget: float | None = None
     """With --angle: follow the demonstrations, but for a regret of at most this much at the angle,
     in units of reward; the strength that takes is found while training."""
+    practice: int = 0
+    """Rounds in which a dial of a recorded junction drives there and learns again, with
+    offline-regularised."""
+    practice_episodes: int = 100
+    """Episodes of a round at each of seven angles; one decision in ten is drawn at random."""
+    practice_seed: int = 65_000_000
+    """Seed of the first of these episodes."""
     resume: bool = False
     """Go on with a run that was stopped."""
     tensorboard: Path | None = None
@@ -98,6 +106,10 @@ class TrainDial:
             )
         if self.preset in offline.PRESETS:
             return self.from_data_alone(self.preset).run()
+        if self.practice:
+            raise UserError(
+                "--practice goes with --preset offline-regularised, at a recorded junction"
+            )
         name, chosen = preset_of(self.preset, self.world)
         structure = overridden(self.narrowed(chosen.structure), self.static)
         numbers = overridden(chosen.numbers, self.hyperparameters)
@@ -151,7 +163,8 @@ class TrainDial:
         for option, value in given.items():
             if value is not None:
                 raise UserError(f"preset '{preset}' takes no {option}: leave it out")
-        options = (self.seed, self.static, self.hyperparameters, self.out, self.json)
+        practice = Practice(self.practice, self.practice_episodes, first_seed=self.practice_seed)
+        options = (self.seed, self.static, self.hyperparameters, practice, self.out, self.json)
         return OfflineCommand(self.world, self.data, (preset, offline.PRESETS[preset]), *options)
 
     def demonstrations(self, preset: str, wanted: bool) -> list[Demonstrations]:

@@ -40,6 +40,7 @@ STUDIES = {
     "angle-zeros": "angle_trait.zeros",
     "recorded-junction": "recorded_junction.study",
     "recorded-junction-ahead": "recorded_junction.ahead",
+    "recorded-junction-practice": "recorded_junction.practice",
     "theory": "theory.study",
     "classic-control": "classic_control.study",
     "mujoco-imitation": "mujoco_imitation.study",

@@ -53,6 +53,32 @@ def test_a_dial_of_a_world_learns_from_demonstrations_alone(folder, tmp_path, ca
     tiny = ["--preset", "offline-regularised", "--updates", "2", "--hidden", "4"]
     assert main([*call, *tiny, "--json"]) == 0
     assert (tmp_path / "run" / "dial_0.safetensors").is_file()
+    call[-1] = str(tmp_path / "practised")
+    assert main([*call, *tiny, "--practice", "1", "--practice-episodes", "2", "--json"]) == 0
+    capsys.readouterr()
+    record = json.loads((tmp_path / "practised" / "run.json").read_text())
+    assert record["practice"]["rounds"] == 1
+    assert record["practice"]["episodes"] == 2
+    dial = tmp_path / "practised" / "dial_0.safetensors"
+    assert dial.read_bytes() != (tmp_path / "run" / "dial_0.safetensors").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--practice", "-1"], "rounds of practice must be 0 or more"),
+        (["--practice", "1", "--practice-episodes", "0"], "episodes must be at least 1"),
+    ],
+)
+def test_practice_of_no_size_is_refused(folder, tmp_path, capsys, words, said):
+    out, data = tmp_path / "world.safetensors", tmp_path / "human.safetensors"
+    made = ["data", "world", str(folder / "crossing.safetensors"), "--out", str(out)]
+    assert main([*made, "--demonstrations", str(data), "--json"]) == 0
+    capsys.readouterr()
+    call = ["train-dial", str(out), "--data", str(data), "--preset", "offline-regularised"]
+    assert main([*call, "--out", str(tmp_path / "run"), *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_lights_whose_states_are_not_read_are_named(tmp_path, capsys):

@@ -10,7 +10,7 @@ from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.evidence.trivial import RANDOM, ConstantPolicy, UniformPolicy
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, simulate
 from socialiq.policies.interface import checked_actions
-from socialiq.recordings.world.batch import Decisions, JunctionBatch
+from socialiq.recordings.world.batch import JunctionBatch, JunctionSimulator
 from socialiq.recordings.world.state import AS_DRIVER
 from socialiq.types import Policy
 
@@ -19,25 +19,6 @@ DRIVER = "driver"
 and the closed lines, which policies see in part."""
 
 Seeds = Int64[np.ndarray, " episode"]
-
-
-class JunctionSimulator:
-    """A recorded junction as a back end of `simulate`."""
-
-    def __init__(self, batch: JunctionBatch) -> None:
-        self._batch, self.size = batch, batch.size
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Reset some rows."""
-        self._batch.reset(seeds, rows=rows)
-
-    def observe(self) -> Float32[np.ndarray, "row feature"]:
-        """Return the observations of all egos."""
-        return self._batch.observation
-
-    def step(self, action: np.ndarray, running: np.ndarray) -> Decisions:
-        """Take a decision in the running rows."""
-        return self._batch.step(action, rows=running)
 
 
 class JunctionActor:

@@ -19,7 +19,7 @@ from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.storage import read_json, write_json
 from socialiq.studies.mujoco_imitation.methods import ROUND
-from socialiq.studies.mujoco_imitation.tasks import TASKS, Task, make_env, returns
+from socialiq.studies.mujoco_imitation.tasks import TASKS, ExpertSettings, Task, make_env, returns
 
 POLICY, RECORD = "expert.safetensors", "expert.json"
 
@@ -31,28 +31,22 @@ class Expert:
     Attributes:
         task: Name in `TASKS`.
         seed: Of the training.
-        updates: Of the training.
+        settings: Of the training.
         every: Updates between two checkpoints.
         judged: Episodes by whose mean return the best checkpoint is chosen.
         judging_seed: Seed of the first of them; the next checkpoint has others.
         episodes: Episodes of the reported return.
         evaluation_seed: Seed of the first of these.
-        hidden: Widths of the hidden layers.
-        batch_size: Transitions of an update.
-        learning_rate: Adam's.
     """
 
     task: str
     seed: int
-    updates: int
+    settings: ExpertSettings
     every: int
     judged: int
     judging_seed: int
     episodes: int
     evaluation_seed: int
-    hidden: tuple[int, ...] = (64, 64)
-    batch_size: int = 128
-    learning_rate: float = 1e-3
 
 
 def train_expert(
@@ -64,16 +58,18 @@ def train_expert(
     """
     del inputs
     task, checkpoint = TASKS[recipe.task], folder / "training.safetensors"
+    settings = recipe.settings
     static = StaticConfig(
-        hidden=recipe.hidden,
-        batch_size=recipe.batch_size,
-        updates=recipe.updates,
-        updates_per_round=min(ROUND, recipe.updates),
+        hidden=settings.hidden,
+        batch_size=settings.batch_size,
+        updates=settings.updates,
+        schedule=settings.schedule,
+        updates_per_round=min(ROUND, settings.updates),
         random_steps=5 * ROUND,
-        replay_capacity=min(recipe.updates, 300_000),
+        replay_capacity=min(settings.updates, 300_000),
         tuned=True,
     )
-    runs = [Hyperparameters(seed=recipe.seed, learning_rate=recipe.learning_rate)]
+    runs = [Hyperparameters(seed=recipe.seed, learning_rate=settings.learning_rate)]
     env = make_env(task)
     assert env.observation_space.shape and env.action_space.shape
     train(
@@ -94,9 +90,9 @@ def train_expert(
     record = read_json(folder / RECORD)
     expert = ActorPolicy.load(folder / POLICY)
     found = returns(task, expert, recipe.episodes, recipe.evaluation_seed)
-    write_json(
-        folder / RECORD, record | {"recipe": dataclasses.asdict(recipe), "returns": found.tolist()}
-    )
+    described = dataclasses.asdict(recipe)
+    described |= described.pop("settings")
+    write_json(folder / RECORD, record | {"recipe": described, "returns": found.tolist()})
 
 
 def _judge(task: Task, recipe: Expert, folder: Path) -> Callable[[Any], dict[str, np.ndarray]]:
@@ -104,7 +100,7 @@ def _judge(task: Task, recipe: Expert, folder: Path) -> Callable[[Any], dict[str
 
     def judge(state: Any) -> dict[str, np.ndarray]:
         done = int(np.asarray(state.optimiser.count)[0])
-        if done % recipe.every and done != recipe.updates:
+        if done % recipe.every and done != recipe.settings.updates:
             return {}
         record = read_json(folder / RECORD) if (folder / RECORD).is_file() else {"checkpoints": []}
         past = [one for one in record["checkpoints"] if one["updates"] < done]

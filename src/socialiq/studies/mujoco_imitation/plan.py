@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from socialiq.errors import UserError
@@ -119,10 +119,11 @@ def _expert(config: Config, task: str, there: Pieces) -> Job:
     if task in there.experts:
         kept = Kept(task, config.pieces, _sha256(there.experts[task]))
         return Job(name, keep, kept, cost=1.0)
+    settings = TASKS[task].expert
     recipe = Expert(
         task=task,
         seed=config.expert_seed,
-        updates=config.expert_updates or TASKS[task].expert_updates,
+        settings=replace(settings, updates=config.expert_updates or settings.updates),
         every=config.every,
         judged=config.judged,
         judging_seed=config.judging_seed,

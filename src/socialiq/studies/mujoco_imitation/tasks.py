@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -16,28 +16,51 @@ from socialiq.worlds.environment import make_environment
 
 
 @dataclass(frozen=True)
+class ExpertSettings:
+    """Settings of an expert's training.
+
+    Attributes:
+        updates: With a step in the environment for each.
+        hidden: Widths of the hidden layers.
+        batch_size: Transitions of an update.
+        learning_rate: Adam's.
+        schedule: Of the learning rate.
+    """
+
+    updates: int
+    hidden: tuple[int, ...] = (64, 64)
+    batch_size: int = 128
+    learning_rate: float = 1e-3
+    schedule: Literal["constant", "linear"] = "constant"
+
+
+@dataclass(frozen=True)
 class Task:
-    """An environment, and the updates that its policies take.
+    """An environment, and what its policies take.
 
     Attributes:
         env: Gymnasium's id.
-        expert_updates: Of the expert's training, with a step in the environment for each.
+        expert: Settings of the expert.
         online_updates: Of online imitation, with a step in the environment for each.
         published: Mean return of IQ-Learn online from one trajectory (Garg et al. 2021), of
             another expert and an earlier version of the environment.
     """
 
     env: str
-    expert_updates: int
+    expert: ExpertSettings
     online_updates: int
     published: float
 
 
+def _wide(updates: int) -> ExpertSettings:
+    return ExpertSettings(updates, (128, 128), 256, 3e-4, "linear")
+
+
 TASKS = {
-    "Hopper": Task("Hopper-v5", 300_000, 60_000, 3546.4),
-    "HalfCheetah": Task("HalfCheetah-v5", 300_000, 60_000, 5076.6),
-    "Walker2d": Task("Walker2d-v5", 400_000, 100_000, 5134.0),
-    "Ant": Task("Ant-v5", 600_000, 100_000, 4362.9),
+    "Hopper": Task("Hopper-v5", ExpertSettings(300_000), 60_000, 3546.4),
+    "HalfCheetah": Task("HalfCheetah-v5", ExpertSettings(300_000), 60_000, 5076.6),
+    "Walker2d": Task("Walker2d-v5", _wide(600_000), 100_000, 5134.0),
+    "Ant": Task("Ant-v5", _wide(1_000_000), 100_000, 4362.9),
 }
 """Tasks by name in the tables."""
 

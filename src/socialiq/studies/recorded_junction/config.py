@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from socialiq.errors import UserError, one_of
+from socialiq.experiments.recorded_practice import Practice
 from socialiq.learners.config import check_counts, check_not_negative, check_shares
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 
@@ -20,7 +21,12 @@ CUT = "recorded, views as whole episodes"
 SET = "recorded and planted, without closeness"
 """The same as both, by networks that see no closeness (`nn.view`, "set")."""
 
-MIXTURES = (CUT, RECORDED, PLANTED, BOTH, SET)
+PRACTISED = "recorded, with practice"
+"""The recorded drivers, and what the dials then met while they drove in the world."""
+
+WITH_PLANTED = (PLANTED, BOTH, SET)
+
+MIXTURES = (CUT, RECORDED, PLANTED, BOTH, SET, PRACTISED)
 """Demonstrations that dials learn from: of the recorded drivers, of planted ones, of all."""
 
 
@@ -49,6 +55,8 @@ class Config:
     """Share of a planted driver's decisions that are drawn at random."""
     first_planted: int = 61_000_000
     """Seed of the first of these episodes."""
+    practice: Practice = field(default_factory=lambda: Practice(0))
+    """Practice of the mixture that has it."""
     structure: StaticConfig = field(default_factory=lambda: StaticConfig(updates=1500))
     """Static config of the dials, without the length of an episode, which is the world's."""
     numbers: Hyperparameters = field(default_factory=Hyperparameters)

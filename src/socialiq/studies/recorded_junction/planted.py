@@ -15,14 +15,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from socialiq.audit.evidence.drive_junction import JunctionSimulator
 from socialiq.audit.evidence.outcomes import Reference
-from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.mixture import concatenate
-from socialiq.evaluation.simulate import simulate
-from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.recordings.world.recorded_world import RecordedWorld
-from socialiq.types import RewardPair
 from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 
@@ -98,64 +92,6 @@ def rules(world: RecordedWorld) -> list[Rule]:
     looking = ((0.5, 2.0), (1.5, 2.0), (3.0, 2.0), (5.0, 1.0))
     found = [Rule(f"looks {s:g} s ahead", s, a, levels) for s, a in looking]
     return [*found, Rule("waits", np.inf, 0.0, levels)]
-
-
-class _Exploring:
-    """Actor that draws some decisions at random, from one stream for all rows."""
-
-    def __init__(self, rule: Rule, share: float, seed: int) -> None:
-        self._rule, self._share, self._rng = rule, share, np.random.default_rng(seed)
-
-    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
-        """Do nothing: rules have no state."""
-
-    def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
-        """Return its actions."""
-        rows = len(running)
-        drawn = self._rng.integers(len(self._rule.levels), size=rows)
-        chosen, _ = self._rule.predict(observation)
-        return np.where(self._rng.random(rows) < self._share, drawn, chosen)
-
-
-def record(
-    world: RecordedWorld, drivers: Sequence[Rule], episodes: int, share: float, first_seed: int
-) -> Demonstrations:
-    """Record planted drivers in the world, each on episodes of its own.
-
-    Args:
-        world: The world.
-        drivers: The drivers; a mode for each.
-        episodes: Number of episodes of each.
-        share: Share of decisions that are drawn at random.
-        first_seed: Seed of the first episode.
-    """
-    tables = []
-    for number, rule in enumerate(drivers):
-        seeds = np.arange(episodes) + first_seed + number * episodes
-        batch, rows = JunctionBatch(world, episodes), []
-        actor = _Exploring(rule, share, int(seeds[0]))
-        for step in simulate(JunctionSimulator(batch), actor, seeds):
-            made = step.made
-            columns = (step.episode, step.observation, step.action, made.observation)
-            columns = (*columns, made.ending, *made.rewards)
-            rows.append([column[step.running] for column in columns])
-        joined = [np.concatenate(column) for column in zip(*rows, strict=True)]
-        order = np.argsort(joined[0], kind="stable")
-        episode, seen, action, after, ending, env, social = (one[order] for one in joined)
-        tables.append(
-            Demonstrations.of(
-                observation=seen,
-                action=action.astype(np.int32),
-                next_observation=after,
-                ending=ending,
-                rewards=RewardPair(env, social),
-                episode=episode,
-                mode_names=(rule.name,),
-                n_actions=world.n_actions,
-                source={"made_by": "planted drivers", "first_seed": first_seed, "share": share},
-            )
-        )
-    return concatenate(tables)
 
 
 def references(drivers: Sequence[Rule]) -> list[Reference]:

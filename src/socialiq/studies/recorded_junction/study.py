@@ -21,20 +21,22 @@ from socialiq.plotting.style import figure, finish
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.statistics.comparisons import paired_difference
 from socialiq.storage import read_json
-from socialiq.studies.recorded_junction.config import CUT, MIXTURES, RECORDED, Config
+from socialiq.studies.recorded_junction.config import CUT, MIXTURES, PRACTISED, RECORDED, Config
 from socialiq.studies.recorded_junction.work import (
     HUMAN,
+    PRACTICE,
     ROWS,
     VALUES,
     WORLD,
     driven,
+    needs_planted,
     plan,
     slug,
 )
 from socialiq.types import Ending, Row
 
 _SIDES = ("r_env", "r_social")
-_INKS = ("#a6a6a6", "#1b7837", "#2166ac", "#c23b22", "#b58900")
+_INKS = ("#a6a6a6", "#1b7837", "#2166ac", "#c23b22", "#b58900", "#762a83")
 _APART = 1.0  # both rewards; the angles of a shorter line are not written
 
 CLONE = "clone: "
@@ -59,7 +61,9 @@ def compute_tables(config: Config, context: Context) -> Findings:
             drivers.append(_row(CLONE + mixture, [found[f"clone {s}"] for s in config.seeds]))
         turns += _turns(mixture, dials)
     data = []
-    for path in (work / "world" / HUMAN, work / "planted" / ROWS):
+    paths = [work / "world" / HUMAN]
+    paths += [work / "planted" / ROWS] if needs_planted(config) else []
+    for path in paths:
         counts = files.load(path).counts().items()
         data += [{"driver": name, "episodes": n, "decisions": rows} for name, (n, rows) in counts]
     world = RecordedWorld.load(work / "world" / WORLD)
@@ -80,6 +84,8 @@ def compute_tables(config: Config, context: Context) -> Findings:
     ]
     tables = {"angles": angles, "turns": turns, "drivers": drivers, "data": data}
     tables["values"] = values
+    if PRACTISED in config.mixtures:
+        tables["practice"] = read_json(work / "dials" / slug(PRACTISED) / PRACTICE)
     return Findings(tables, {"world_sha256": world.sha256} | summary)
 
 
@@ -168,6 +174,8 @@ def view(results: Results) -> Sequence[View]:
     turned = "From the first angle to the last, with 95 % intervals; range over seeds"
     checked = results.tables.get("values", [])
     more = [View(checked, "Values of r_env beside rollouts, at the first angle")] if checked else []
+    practised = results.tables.get("practice", [])
+    more += [View(practised, "Practice, all angles together")] if practised else []
     return [
         View(rows, "Dials, means over training seeds"),
         View(results.tables["turns"], turned),

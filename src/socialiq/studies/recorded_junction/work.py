@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,15 @@ import numpy as np
 from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.experiments.recorded_practice import Practice, record, train_with_practice
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.learners.offline.critic import Critic
 from socialiq.learners.offline.objective import ensemble_values
-from socialiq.learners.offline.train import STAGES, recorded, train_together
+from socialiq.learners.offline.train import STAGES, recorded
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
@@ -35,20 +37,20 @@ from socialiq.recordings.world.rollouts import visit
 from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.studies.recorded_junction.config import (
-    BOTH,
     CUT,
     PLANTED,
-    RECORDED,
+    PRACTISED,
     SET,
+    WITH_PLANTED,
     Config,
 )
-from socialiq.studies.recorded_junction.planted import record, references, rules
-from socialiq.types import RewardPair, Row
+from socialiq.studies.recorded_junction.planted import references, rules
+from socialiq.types import Ending, RewardPair, Row
 
 WORLD, HUMAN, ROWS, DRIVEN = (
     f"{name}.safetensors" for name in ("world", "human", "planted", "driven")
 )
-VALUES = "values.json"
+VALUES, PRACTICE = "values.json", "practice.json"
 _SIDE_BY_SIDE = 500
 _KIND, _VERSION = "study-recorded-junction", 1
 
@@ -82,6 +84,12 @@ class Training:
     angle: float
     checked: int
     first_checked: int
+    practice: Practice
+
+    @property
+    def stages(self) -> int:
+        """Return the number of stages of all trainings."""
+        return (1 + self.practice.rounds) * len(STAGES)
 
 
 @dataclass(frozen=True)
@@ -102,19 +110,27 @@ def plan(config: Config) -> list[Job]:
     driving = {"episodes": config.episodes, "first_episode": config.first_episode}
     found = [
         Job("world", make_world, made, cost=30.0),
-        Job("planted", record_planted, seeded, ("world",), cost=10.0),
         Job("drivers", drive_references, Driving("", (), (), **driving), ("world",), cost=10.0),
     ]
+    if needs_planted(config):
+        found.append(Job("planted", record_planted, seeded, ("world",), cost=10.0))
     for mixture in config.mixtures:
         name = slug(mixture)
         checks = config.angles[0], config.checked, config.first_episode + config.episodes
-        given = Training(mixture, config.seeds, config.structure, config.numbers, *checks)
-        cost = len(config.seeds) * config.structure.updates / 30
-        found.append(Job(f"dials/{name}", train, given, ("world", "planted"), cost=cost))
+        practice = config.practice if mixture == PRACTISED else Practice(0)
+        given = Training(mixture, config.seeds, config.structure, config.numbers, *checks, practice)
+        cost = (1 + practice.rounds) * len(config.seeds) * config.structure.updates / 30
+        sources = ("world", "planted") if mixture in WITH_PLANTED else ("world",)
+        found.append(Job(f"dials/{name}", train, given, sources, cost=cost))
         drives = Driving(mixture, config.seeds, config.angles, **driving)
         inputs = ("world", f"dials/{name}")
         found.append(Job(f"driven/{name}", drive_dials, drives, inputs, cost=60.0))
     return found
+
+
+def needs_planted(config: Config) -> bool:
+    """Return whether a mixture has planted drivers."""
+    return bool(set(config.mixtures) & set(WITH_PLANTED))
 
 
 def slug(mixture: str) -> str:
@@ -141,7 +157,8 @@ def record_planted(
     del on_progress
     world = RecordedWorld.load(inputs["world"] / WORLD)
     drivers = rules(world)
-    found = record(world, drivers, config.episodes, config.share, config.first_seed)
+    amounts = config.episodes, config.share, config.first_seed
+    found = record(world, {one.name: one for one in drivers}, *amounts, "planted drivers")
     tables.save(folder / ROWS, found, replace=True)
 
 
@@ -149,21 +166,23 @@ def train(
     config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
-    human, planted = tables.load(inputs["world"] / HUMAN), tables.load(inputs["planted"] / ROWS)
-    both = concatenate([human, planted])
-    data = {CUT: human, RECORDED: human, PLANTED: planted, BOTH: both, SET: both}
+    data = tables.load(inputs["world"] / HUMAN)
+    if config.mixture in WITH_PLANTED:
+        planted = tables.load(inputs["planted"] / ROWS)
+        data = planted if config.mixture == PLANTED else concatenate([data, planted])
     world = RecordedWorld.load(inputs["world"] / WORLD)
     whole = 0 if config.mixture == CUT else world.config.decisions
     view = "set" if config.mixture == SET else config.structure.view
     static = dataclasses.replace(config.structure, whole_episode=whole, view=view)
     numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
 
-    def callbacks(stage: str) -> Callbacks:
-        before = STAGES.index(stage)
-        return Callbacks(lambda one: on_progress((before + one.done / one.total) / len(STAGES)))
+    def callbacks(practised: int, stage: str) -> Callbacks:
+        before, stages = practised * len(STAGES) + STAGES.index(stage), config.stages
+        return Callbacks(lambda one: on_progress((before + one.done / one.total) / stages))
 
-    mixtures = [data[config.mixture]] * len(numbers)
-    stages = train_together(static, numbers, mixtures, callbacks)
+    found = train_with_practice(world, static, numbers, data, config.practice, callbacks)
+    stages = found.stages
+    write_json(folder / PRACTICE, _driven_in_practice(found.driven, config.seeds))
     clones = stages["behaviour"].state.target_network
     for run, seed in enumerate(config.seeds):
         stages["dial"].policy(run).save(folder / f"dial_{seed}.safetensors")
@@ -171,9 +190,26 @@ def train(
         clone.save(folder / f"clone_{seed}.safetensors")
     if config.checked:
         critics = jax.tree.map(lambda leaf: leaf[0], stages["critics"].state.target_network)
-        _, unit = recorded(data[config.mixture], whole)
+        _, unit = recorded(concatenate([data, *found.driven[0]]), whole)
         row = compared(world, stages["dial"].policy(0), critics, unit, config)
         write_json(folder / VALUES, row)
+
+
+def _driven_in_practice(driven: list[list[Demonstrations]], seeds: Sequence[int]) -> list[Row]:
+    """Return what each run met in each round, all angles together."""
+    return [
+        {
+            "seed": seed,
+            "round": number + 1,
+            "episodes": len(one.totals().env),
+            "decisions": len(one.action),
+            "r_env": float(one.totals().env.mean()),
+            "r_social": float(one.totals().social.mean()),
+            "collisions": float((one.ending[one.ending > 0] == int(Ending.COLLISION)).mean()),
+        }
+        for seed, own in zip(seeds, driven, strict=True)
+        for number, one in enumerate(own)
+    ]
 
 
 def compared(
