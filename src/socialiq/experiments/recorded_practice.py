@@ -8,6 +8,7 @@ batch learning: Lange, Gabel and Riedmiller 2012).
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -102,19 +103,22 @@ def train_with_practice(
         Stopped: On Ctrl-C.
     """
     driven: list[list[Demonstrations]] = [[] for _ in hyperparameters]
-    for number in range(practice.rounds + 1):
+
+    def learn(number: int) -> dict[str, Trained]:
         data = [concatenate([shown, *own]) if own else shown for own in driven]
-        of_stage = (lambda stage, number=number: callbacks(number, stage)) if callbacks else None
-        stages = train_together(static, hyperparameters, data, of_stage, chunk)
-        if number == practice.rounds:
-            break
+        of_stage = functools.partial(callbacks, number) if callbacks else None
+        return train_together(static, hyperparameters, data, of_stage, chunk)
+
+    stages = learn(0)
+    for number in range(1, practice.rounds + 1):
         for run, own in enumerate(driven):
             dial = stages["dial"].policy(run)
             angles = np.linspace(static.low, static.high, ANGLES).tolist()
-            drivers = {f"practice {number + 1} at {a:g}": dial.at(a) for a in angles}
+            drivers = {f"practice {number} at {a:g}": dial.at(a) for a in angles}
             first = practice.first_seed + run * practice.span
-            first += number * ANGLES * practice.episodes
+            first += (number - 1) * ANGLES * practice.episodes
             own.append(record(world, drivers, practice.episodes, practice.exploration, first))
+        stages = learn(number)
     return Practised(stages, driven)
 
 

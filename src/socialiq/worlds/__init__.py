@@ -39,6 +39,12 @@ NAMED = IDS | CONTINUOUS_IDS
 SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SCENES}
 """Other roads of highway-env, by the name of the scene."""
 
+
+def scene_named(name: str) -> str | None:
+    """Return the scene of a world's name or Gymnasium id; None if it is another world's."""
+    return next((scene for scene, given in SCENE_IDS.items() if name in (scene, given)), None)
+
+
 RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
 """Environment of a file of `socialiq data world`, which is named with `file`."""
 

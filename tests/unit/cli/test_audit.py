@@ -183,7 +183,7 @@ def test_a_foreign_report_runs_no_command_of_its_own(passed, tmp_path, capsys):
         ("egoist.safetensors", ["--memory-gib", "0.1"], "memory must be from 0.25"),
         ("egoist.safetensors", ["--memory-gib", "-1"], "memory in GiB must be at least 0"),
         ("egoist.safetensors", ["--step-seconds", "0"], "seconds for an answer must be at least"),
-        ("egoist.safetensors", ["--films"], "films are drawn of the intersection alone"),
+        ("egoist.safetensors", ["--films"], "films are drawn of roads alone"),
         ("egoist.safetensors", ["--films", "--soft"], "leave out --films or --soft"),
         ("egoist.safetensors", ["--reference", "none.safetensors"], "no such file"),
     ],

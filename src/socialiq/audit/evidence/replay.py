@@ -5,26 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float32, Int64
 
 from socialiq.audit.evidence.drive import GridActor, fates
+from socialiq.audit.profile.environment import LARGEST_SEED, Environment
 from socialiq.audit.profile.scenario import World
 from socialiq.evaluation.play import play
-from socialiq.evaluation.simulate import simulate
+from socialiq.evaluation.simulate import SoftPolicy, simulate
 from socialiq.evaluation.simulators import FixedChance, TableSimulator
 from socialiq.types import Policy, RewardPair
+from socialiq.worlds import scene_named
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.highway.pictures import scenes
 from socialiq.worlds.highway.pictures.render import Scene
-from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.pictures.crossing import REACH
 from socialiq.worlds.intersection.world import Intersection
 
 PER_SECOND = 5
-"""Frames of a second at the intersection, fewer in episodes of more than `MOST_FRAMES`."""
+"""Frames of a second on a road, fewer in episodes of more than `MOST_FRAMES`."""
 
 MOST_FRAMES = 600
 
@@ -79,8 +82,8 @@ class Trace:
         per_second: Frames of a second.
         frames: Number of frames.
         tracks: Way of each vehicle, the ego's first.
-        actions: Decisions at the intersection, a digit each; "" in a gridworld, and where actions
-            are continuous.
+        actions: Decisions on a road, a digit each; "" in a gridworld, and where actions are
+            continuous.
     """
 
     per_second: float
@@ -125,45 +128,94 @@ def replayer(
         policy: The policy under audit.
         deterministic: Whether it takes its best actions.
     """
-    if isinstance(world, Intersection):
-        return lambda seed: _at_intersection(world, policy, seed, deterministic)
+    road = road_of(world)
+    if road is not None:
+        return lambda seed: _on_road(road, policy, seed, deterministic)
     if isinstance(world, GridWorld):
         table = tabulate(world)
         return lambda seed: _in_grid(table, policy, seed, deterministic)
     return None
 
 
-def _at_intersection(
-    world: Intersection, policy: Policy, seed: int, deterministic: bool
+def road_of(world: World) -> Intersection | SceneWorld | None:
+    """Return the compiled road of a world; None for gridworlds and environments of other code."""
+    if isinstance(world, Intersection):
+        return world
+    if isinstance(world, Environment) and scene_named(world.name) is not None:
+        return world.env.unwrapped.world  # type: ignore[attr-defined]
+    return None
+
+
+def first_seed(road: Intersection | SceneWorld, seed: int) -> int:
+    """Return the seed by which a road's episode begins; scenes are driven as environments."""
+    return seed % LARGEST_SEED if isinstance(road, SceneWorld) else seed
+
+
+class _OneByOne:
+    """A policy that is asked about one observation at a time, as in environments, for an episode.
+
+    Args:
+        policy: The policy.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy, self._state = policy, None
+        self.n_features = getattr(policy, "n_features", None)
+
+    def predict(
+        self,
+        observation: Float32[np.ndarray, "1 feature"],
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,
+    ) -> tuple[Int64[np.ndarray, " 1"], Any]:
+        """Return the policy's action in an array of one."""
+        action, self._state = self._policy.predict(
+            observation[0], self._state, deterministic=deterministic
+        )
+        return np.array([int(action)]), state
+
+
+def as_asked(road: Intersection | SceneWorld, policy: Policy, deterministic: bool = True) -> Policy:
+    """Return a policy for one episode, asked as it was for the evidence."""
+    soft = not deterministic and isinstance(policy, SoftPolicy)
+    return policy if soft or isinstance(road, Intersection) else _OneByOne(policy)
+
+
+def _on_road(
+    world: Intersection | SceneWorld, policy: Policy, seed: int, deterministic: bool
 ) -> ReplayedEpisode:
-    batch = Batch(world.options, 1, traced=True)
+    scene = isinstance(world, SceneWorld)
+    batch, seed = world.batch(1, traced=True), first_seed(world, seed)
+    continuous = not scene and world.options.continuous
     seen: list[Scene] = []
     totals, actions, decisions = np.zeros(2), "", 0
-    for step in play(batch, policy, np.array([seed]), deterministic):
+    asked = as_asked(world, policy, deterministic)
+    for step in play(batch, asked, np.array([seed]), deterministic):
         seen += scenes.decision_scenes(batch)
         totals += [float(reward[0]) for reward in step.made.rewards]
-        actions += "" if world.options.continuous else str(int(step.action[0]))
+        actions += "" if continuous else str(int(step.action[0]))
         decisions += 1
     rate = world.options.simulation_frequency
     every = max(1, rate // PER_SECOND, math.ceil(len(seen) / MOST_FRAMES))
     chosen = [*seen[:-1:every], seen[-1]]
-    tracks = _joined(_poses_of(scene) for scene in chosen)
+    tracks = _joined(_poses_of(one, math.inf if scene else SEEN) for one in chosen)
     last = chosen[-1].vehicles
     crashed = {int(one["identity"]) for one in last if one["crashed"]}
     ego = int(last[chosen[-1].ego]["identity"])
     trace = Trace(rate / every, len(chosen), _tracks(tracks, ego, crashed), actions)
-    near = _NEAR if world.options.continuous else _ROUNDING
+    near = _NEAR if continuous else _ROUNDING
     return ReplayedEpisode(trace, decisions, RewardPair(*totals.tolist()), near)
 
 
-def _poses_of(scene: Scene) -> dict[int, Pose]:
-    """Return the poses of the vehicles near the centre, by identity."""
+def _poses_of(scene: Scene, within: float) -> dict[int, Pose]:
+    """Return the poses of the vehicles less than so many metres from the centre, by identity."""
     return {
         int(one["identity"]): Pose(
             float(one["x"]), float(one["y"]), math.degrees(float(one["heading"]))
         )
         for one in scene.vehicles
-        if max(abs(float(one["x"])), abs(float(one["y"]))) < SEEN
+        if max(abs(float(one["x"])), abs(float(one["y"]))) < within
     }
 
 

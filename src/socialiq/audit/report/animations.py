@@ -12,14 +12,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from socialiq.audit.evidence.replay import Pose
 from socialiq.audit.report.pictures import path
+from socialiq.worlds import scene_named
 from socialiq.worlds.highway.core.geometry import LANE_WIDTH, VEHICLE_LENGTH, VEHICLE_WIDTH
+from socialiq.worlds.highway.network import APPROACH, EXIT
+from socialiq.worlds.highway.pictures import shapes
+from socialiq.worlds.highway.scenes import scene_of
 from socialiq.worlds.intersection.pictures.crossing import JUNCTION
 from socialiq.worlds.registry import GRIDWORLDS, INTERSECTIONS, make_grid
 
 HELD = 1.5
 """Seconds for which the last frame is held before the picture begins again."""
+
+_BESIDE = 8.0  # m around what is shown of a scene
+_WIDEST = 110.0  # m
+_FOLLOWED = 64.0  # m of the view along an axis on which it follows the ego
 
 _AWAY = "translate(-9999px,0px)"
 
@@ -33,6 +43,7 @@ class Ground(NamedTuple):
         length: Length of a vehicle.
         width: Width of a vehicle.
         tolerance: Largest error of a place between keyframes.
+        follows: Whether the view follows the ego, along x and along y.
     """
 
     view: tuple[float, float, float, float]
@@ -40,6 +51,7 @@ class Ground(NamedTuple):
     length: float
     width: float
     tolerance: float
+    follows: tuple[bool, bool] = (False, False)
 
 
 class Keyframe(NamedTuple):
@@ -78,6 +90,8 @@ class MovingPicture:
         ground: Road and sizes.
         way: Path of the ego.
         cars: Vehicles, the ego last, so that it is drawn on top.
+        camera: Transforms of the whole picture where the view follows the ego.
+        framed: The last of them.
         crashes: Places of those that have collided at the end.
         ended: When the episode has ended, in percent of a round.
     """
@@ -89,12 +103,14 @@ class MovingPicture:
     ground: Ground
     way: str
     cars: tuple[Car, ...]
+    camera: tuple[Keyframe, ...] = ()
+    framed: str = ""
     crashes: tuple[tuple[float, float], ...] = ()
     ended: float = 0.0
 
 
 def moving(report: Mapping[str, Any]) -> list[MovingPicture]:
-    """Return the moving pictures of a report, none in an environment."""
+    """Return the moving pictures of a report, none in an environment of other code."""
     ground = ground_of(report["declaration"]["scenario"]["world"])
     if ground is None:
         return []
@@ -107,7 +123,7 @@ def moving(report: Mapping[str, Any]) -> list[MovingPicture]:
 
 @functools.cache
 def ground_of(world: str) -> Ground | None:
-    """Return the ground of a world, None for an environment."""
+    """Return the ground of a world, None for an environment of other code."""
     if world in GRIDWORLDS:
         size = make_grid(world).size
         middle, end = (size - 1) / 2, size - 0.5
@@ -116,7 +132,37 @@ def ground_of(world: str) -> Ground | None:
         return Ground((-0.5, -0.5, size, size), road, 0.74, 0.44, 0.02)
     if world in INTERSECTIONS:
         return Ground((-32.0, -28.0, 64.0, 64.0), _crossing(), VEHICLE_LENGTH, VEHICLE_WIDTH, 0.2)
-    return None
+    scene = scene_named(world)
+    return None if scene is None else _of_scene(scene)
+
+
+def _of_scene(scene: str) -> Ground:
+    """Return the ground of a scene: where ways meet and the ego's entry, or what is around the ego.
+
+    Along an axis on which both don't fit into the view it follows the ego.
+    """
+    road = scene_of(scene).road
+    entry = road.entries[0]
+    seen = [shapes.way(road.lanes[entry["lane"]], float(entry["along"]))[:1]]
+    seen += [shapes.way(one) for one in road.lanes if APPROACH < one["kind"] < EXIT]
+    points = np.concatenate(seen)
+    low, high = points.min(axis=0) - _BESIDE, points.max(axis=0) + _BESIDE
+    follows = high - low > _WIDEST
+    low, high = np.where(follows, -_FOLLOWED / 2, low), np.where(follows, _FOLLOWED / 2, high)
+    left, top, wide, deep = np.round([*low, *(high - low)], 1).tolist()
+    strips = (shapes.edges(_few_points(one), LANE_WIDTH) for one in road.lanes)
+    outlines = (np.concatenate([right, edge[::-1]]).round(1).tolist() for edge, right in strips)
+    drawn = " ".join(path([(x, y) for x, y in line], closed=True) for line in outlines)
+    view, sizes = (left, top, wide, deep), (VEHICLE_LENGTH, VEHICLE_WIDTH)
+    return Ground(view, drawn, *sizes, 0.2, (bool(follows[0]), bool(follows[1])))
+
+
+def _few_points(lane: np.void) -> np.ndarray:
+    """Return the centre line of a lane: the ends of a straight one, else a point every 2 m."""
+    line = shapes.way(lane)
+    if lane["straight"] and not lane["amplitude"]:
+        return line[[0, -1]]
+    return line[[*range(0, len(line) - 1, 4), -1]]
 
 
 def _crossing() -> str:
@@ -151,6 +197,7 @@ def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> 
     ]
     crashed = [way[-1] for one, way in ways if one["crashed"]]
     ego = next((way for one, way in ways if one["ego"]), [])
+    camera = [_before(one, ground.follows) for one in ego] if any(ground.follows) else []
     return MovingPicture(
         kind,
         number,
@@ -159,9 +206,17 @@ def _picture(kind: str, number: int, row: Mapping[str, Any], ground: Ground) -> 
         ground,
         path([(one.x, one.y) for one in ego]) if ego else "",
         tuple(reversed(cars)),
+        _keyframes(camera, 0, trace["frames"], pace, ground.tolerance) if camera else (),
+        _still(camera[-1]) if camera else "",
         tuple((one.x, one.y) for one in crashed),
         round(pace * (trace["frames"] - 1), 2),
     )
+
+
+def _before(ego: Pose, follows: tuple[bool, bool]) -> Pose:
+    """Return the shift that brings the ego to the middle of the view, along the followed axes."""
+    x, y = (-place if followed else 0.0 for place, followed in zip(ego, follows, strict=False))
+    return Pose(x, y, 0.0)
 
 
 def poses(text: str) -> list[Pose]:

@@ -10,12 +10,21 @@ from typing import Any
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.replay import ReplayedEpisode, Trace, replayer
+from socialiq.audit.evidence.replay import (
+    ReplayedEpisode,
+    Trace,
+    as_asked,
+    first_seed,
+    replayer,
+    road_of,
+)
 from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.highway.pictures import render, scenes
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.world import Intersection
 
 _SELECTED = 3
@@ -103,15 +112,17 @@ def path_of(kind: str, number: int) -> str:
     return f"episodes/{kind}-{number}.gif"
 
 
-def check_filmed(world: World) -> Intersection:
-    """Return the world if films of its episodes can be drawn.
+def check_filmed(world: World) -> Intersection | SceneWorld:
+    """Return the road of a world if films of its episodes can be drawn.
 
     Raises:
-        UserError: If the world is not the intersection.
+        UserError: If the world is no road of highway-env.
     """
-    if not isinstance(world, Intersection):
-        raise UserError("films are drawn of the intersection alone: leave out --films")
-    return world
+    road = road_of(world)
+    if road is None:
+        roads = ", ".join(("intersection", *SCENES))
+        raise UserError(f"films are drawn of roads alone ({roads}): leave out --films")
+    return road
 
 
 def films_of(
@@ -128,7 +139,7 @@ def films_of(
         GIF files by path in the report's folder.
 
     Raises:
-        UserError: If the world is not the intersection.
+        UserError: If the world is no road of highway-env.
     """
     found, shown = {}, check_filmed(world)
     every = max(1, shown.options.simulation_frequency // _PER_SECOND)
@@ -137,7 +148,8 @@ def films_of(
         film = Path(place) / "film.gif"
         for kind, rows in chosen.items():
             for number, row in enumerate(rows, 1):
-                played = scenes.episode_scenes(batch, policy, int(row["seed"]))
+                seed = first_seed(shown, int(row["seed"]))
+                played = scenes.episode_scenes(batch, as_asked(shown, policy), seed)
                 frames = [*played[:-1:every], played[-1]]
                 render.save(film, frames, shown.view, _PER_SECOND)
                 found[path_of(kind, number)] = film.read_bytes()

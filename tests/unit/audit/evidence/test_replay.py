@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from socialiq.audit.evidence.collect import collect_evidence
-from socialiq.audit.evidence.outcomes import episode_seeds
+from socialiq.audit.evidence.outcomes import Reference, episode_seeds
 from socialiq.audit.evidence.replay import GRID_PER_SECOND, PER_SECOND, replayer
+from socialiq.audit.profile.scenario import world_of
 from socialiq.types import RewardPair
 from socialiq.worlds.highway.state import Contact
 from socialiq.worlds.intersection.policies import policy as rule
@@ -19,6 +20,18 @@ class Driving:
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.full(len(observation), self.action), state
+
+
+class Alternating:
+    """Chooses two actions in turn; it sees one observation at a time, and counts in its state."""
+
+    def __init__(self, *actions):
+        self.actions = actions
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        assert np.ndim(observation) == 1
+        done = state or 0
+        return self.actions[done % len(self.actions)], done + 1
 
 
 def points(track):
@@ -41,6 +54,20 @@ def test_it_is_the_episode_of_the_evidence(at_intersection):
         assert not played.repeats(int(evidence.policy.length[place]) + 1, totals)
         assert played.trace.actions == "2" * played.decisions
         assert not played.repeats(played.decisions, RewardPair(totals.env, totals.social + 0.1))
+
+
+@pytest.mark.parametrize("road", ["merge", "roundabout", "socialiq/Roundabout-v1"])
+def test_an_episode_on_a_road_of_highway_env_is_that_of_the_evidence(road):
+    world = world_of(road, {})
+    waits = Reference("waits", Alternating(4, 4))
+    evidence = collect_evidence(world, Alternating(3, 4), episode_seeds(5, 20), [waits])
+    again = replayer(world, Alternating(3, 4))
+    for place, seed in enumerate(evidence.seeds.tolist()):
+        played = again(seed)
+        totals = RewardPair(*evidence.policy.totals[place].tolist())
+        assert played.repeats(int(evidence.policy.length[place]), totals)
+        assert played.trace.actions == ("34" * played.decisions)[: played.decisions]
+        assert played.trace.tracks[0].ego
 
 
 def test_the_ego_comes_from_the_south_and_collides_where_it_did(at_intersection):

@@ -41,7 +41,7 @@ def trace_of(*tracks, frames=5):
         {"ego": number == 0, "crashed": crashed, "first": first, "poses": text}
         for number, (first, text, crashed) in enumerate(tracks)
     ]
-    return {"per_second": 2, "frames": frames, "tracks": rows}
+    return {"per_second": 2, "frames": frames, "tracks": rows, "actions": ""}
 
 
 def test_a_vehicle_is_away_before_it_comes_and_after_it_has_left(plain):
@@ -91,8 +91,22 @@ def test_nothing_moves_for_those_who_want_no_motion_and_in_print(report):
         assert ".moving * { animation: none !important; }" in (rules[0] if rules else "")
 
 
+def test_the_view_of_a_long_road_follows_the_ego(plain):
+    plain["declaration"]["scenario"]["world"] = "merge"
+    for rows in plain["episodes"].values():
+        for row in rows:
+            row["trace"] = trace_of((0, "30 4 0;50 4 0;70 4 0;80 4 0;90 0 0", False))
+    one = moving(plain)[0]
+    assert one.ground.follows == (True, False)
+    assert one.camera[0].transform == "translate(-30px,0px) rotate(0deg)"
+    assert one.framed == "translate(-90 0) rotate(0)"
+    assert page(plain).count('<g class="camera"') == 6
+    assert ground_of("roundabout").follows == (False, False)
+    assert ground_of("socialiq/Merge-v1") == ground_of("merge")
+
+
 def test_roads_are_closed_paths():
-    for world in ("crossing5", "crossing7", "intersection"):
+    for world in ("crossing5", "crossing7", "intersection", "merge", "roundabout"):
         ground = ground_of(world)
         assert ground.road.startswith("M") and ground.road.endswith("Z")
     assert ground_of("crossing7").view == (-0.5, -0.5, 7, 7)

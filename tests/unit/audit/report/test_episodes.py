@@ -5,6 +5,7 @@ import io
 import pytest
 from PIL import Image
 
+from socialiq.audit.profile.scenario import world_of
 from socialiq.audit.report.episodes import check_filmed, films_of
 from socialiq.errors import UserError
 from socialiq.worlds.intersection.options import Options
@@ -21,6 +22,13 @@ def test_a_film_shows_the_episode_of_its_seed():
     assert found["episodes/worst-1.gif"] != found["episodes/worst-2.gif"]
     with Image.open(io.BytesIO(found["episodes/worst-1.gif"])) as film:
         assert (film.format, film.n_frames) == ("GIF", 6)
+
+
+def test_a_film_of_a_road_of_highway_env_follows_the_ego():
+    world = world_of("merge", {"duration": 2.0})
+    found = films_of(world, policy("wait"), {"median": [{"seed": str(2**40 + 3)}]})
+    with Image.open(io.BytesIO(found["episodes/median-1.gif"])) as film:
+        assert (film.format, film.n_frames) == ("GIF", 11)
 
 
 def test_gridworlds_have_no_films():
