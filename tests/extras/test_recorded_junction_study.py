@@ -14,7 +14,7 @@ from socialiq.experiments import results as store
 from socialiq.recordings.world.batch import JunctionBatch
 from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.storage import packaged_results
-from socialiq.studies.recorded_junction import ahead
+from socialiq.studies.recorded_junction import ahead, practice
 from socialiq.studies.recorded_junction.config import Config
 from socialiq.studies.recorded_junction.planted import references, rules
 from socialiq.studies.recorded_junction.work import HUMAN, WORLD, Made, make_world
@@ -29,7 +29,12 @@ pytestmark = [
 
 
 @pytest.mark.parametrize(
-    ("name", "study"), [("recorded-junction", Config), ("recorded-junction-ahead", ahead.Config)]
+    ("name", "study"),
+    [
+        ("recorded-junction", Config),
+        ("recorded-junction-ahead", ahead.Config),
+        ("recorded-junction-practice", practice.Config),
+    ],
 )
 def test_world_demonstrations_and_rules_are_those_of_the_results(
     name: str, study: type[Config], tmp_path: Path

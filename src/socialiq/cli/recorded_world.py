@@ -171,7 +171,7 @@ def _remarks(recordings: Sequence[Recording]) -> Iterator[str]:
             yield f"{name} is simulated, not human: {one_line(signs[0])}"
         if any(lanelet.sign == Sign.LIGHT for lanelet in one.road.lanelets.values()):
             yield (
-                f"{name} has traffic lights, whose states are not read: lines are closed where "
+                f"{name} has traffic lights, whose states are not used: lines are closed where "
                 "vehicles were seen to stand, or never with --lights none"
             )
 

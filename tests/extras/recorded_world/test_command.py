@@ -81,14 +81,14 @@ def test_practice_of_no_size_is_refused(folder, tmp_path, capsys, words, said):
     assert not (tmp_path / "run").exists()
 
 
-def test_lights_whose_states_are_not_read_are_named(tmp_path, capsys):
+def test_lights_whose_states_are_not_used_are_named(tmp_path, capsys):
     lanes = crossing_road().lanelets
     lit = {**lanes, 1: dataclasses.replace(lanes[1], sign=Sign.LIGHT)}
     files.save(tmp_path / "lit.safetensors", Recording(tracks(), RoadNetwork(lit)))
     out = tmp_path / "world.safetensors"
     assert main(["data", "world", str(tmp_path / "lit.safetensors"), "--out", str(out)]) == 0
     said = capsys.readouterr().err
-    assert said.count("ZAM_Made-1_1_T-1 has traffic lights, whose states are not read") == 1
+    assert said.count("ZAM_Made-1_1_T-1 has traffic lights, whose states are not used") == 1
 
 
 def test_a_report_that_fails_leaves_no_file(folder, tmp_path, monkeypatch, capsys):
