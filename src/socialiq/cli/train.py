@@ -97,7 +97,8 @@ class Train:
 
     standardise: bool = False
     """Of continuous actions: let the networks see each feature with mean 0 and deviation 1 over
-    the demonstrations; the policies take observations as they are."""
+    the demonstrations, without any over 1,000 steps at random in the world, which the replay
+    doesn't hold; the policies take observations as they are."""
     loss: str = ""
     """FILE.py:NAME, a loss of your own in the place of the objective; --prior and --divergence
     take one in the same way."""

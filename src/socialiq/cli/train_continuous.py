@@ -12,7 +12,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.presets import PRESETS
-from socialiq.learners.continuous.standardise import Standardisation
+from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.learners.continuous.train import LEARNERS, acting_in, check_fit, train
 from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.kernel import Learner, Trained
@@ -48,7 +48,7 @@ def run(command: Any, data: Demonstrations | None) -> int:
         command.resume,
         command.tensorboard,
     )
-    change = _standardisation(command, static, data)
+    change = _standardisation(command, static, data, runs[0].seed)
     seen = change.transitions(data) if change is not None and data is not None else data
     prepared = _prepared(command, learner, static, runs, seen, change)
     labels = [command.label(one) for one in runs]
@@ -98,7 +98,7 @@ def _learner(command: Any) -> type[Learner]:
 
 
 def _standardisation(
-    command: Any, static: Any, data: Demonstrations | None
+    command: Any, static: Any, data: Demonstrations | None, seed: int
 ) -> Standardisation | None:
     """Return the change of observations that the command asks for.
 
@@ -107,11 +107,14 @@ def _standardisation(
     """
     if not command.standardise:
         return None
-    if data is None:
-        raise UserError("--standardise is by demonstrations, and sac has none: leave it out")
     if command.world in CONTINUOUS or static.view != "flat":
         raise UserError("observations of vehicles are scaled already: leave --standardise out")
-    return Standardisation.of(data.observation)
+    if data is not None:
+        return Standardisation.of(data.observation)
+    if not command.world:
+        raise UserError("--standardise is by demonstrations or a world: name one with --world")
+    make = continuous_maker(command.world, None, command.allow_code)
+    return Standardisation.of(explored(make(), seed))
 
 
 def _begun(command: Any, learner: type[Learner]) -> tuple[Any, Any]:

@@ -52,7 +52,7 @@ def data(tmp_path_factory) -> Path:
         (["--standardise", "--view", "set", "--value-term", "value_expert"], "leave --standardise"),
         (["--standardise", "--world", "intersection-continuous"], "leave --standardise out"),
         (["--standardise", "--world", "MountainCarContinuous-v0"], "belong to another world"),
-        (["--learner", "sac", "--standardise", "--world", "Pendulum-v1"], "sac has none"),
+        (["--learner", "sac", "--standardise"], "by demonstrations or a world"),
         ([], "value term 'value' needs the learner's own transitions"),
         (["--world", "crossing7"], "has discrete actions"),
         (["--world", "CartPole-v1"], "has discrete actions"),

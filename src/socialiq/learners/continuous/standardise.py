@@ -1,4 +1,6 @@
-"""Standardised observations: each feature with mean 0 and deviation 1 over the demonstrations.
+"""Standardised observations: each feature with mean 0 and deviation 1.
+
+Mean and deviation are over the demonstrations, or, without any, over steps at random in the world.
 
 Features of different units, a velocity of 10 m/s beside an angle of 0.1 rad, reach small networks
 alike. The learner sees standardised observations only; its policy takes them as they are.
@@ -21,6 +23,32 @@ from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 
 _LEAST = 1e-3
 """Added to deviations, as Fujimoto and Gu (2021) do."""
+
+EXPLORED = 1000
+"""Steps at random from which observations are standardised without demonstrations."""
+
+
+def explored(
+    env: gymnasium.Env[Any, Any], seed: int, steps: int = EXPLORED
+) -> Float32[np.ndarray, "row feature"]:
+    """Return the observations of steps with uniformly drawn actions, over whole and cut episodes.
+
+    Args:
+        env: Environment with flat observations and a `Box` of actions.
+        seed: Of the first episode and of the actions.
+        steps: Number of steps.
+    """
+    space = env.action_space
+    assert isinstance(space, spaces.Box)
+    rng = np.random.default_rng(seed)
+    found = [env.reset(seed=seed)[0]]
+    for _ in range(steps):
+        drawn = rng.uniform(space.low, space.high).astype(np.float32)
+        observation, _, terminated, truncated, _ = env.step(drawn)
+        found.append(observation)
+        if terminated or truncated:
+            found.append(env.reset()[0])
+    return np.stack(found).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +111,11 @@ class Standardisation:
         Raises:
             UserError: If it reads the observation by a view.
         """
-        if isinstance(trained, ActorDial):
-            return dataclasses.replace(trained, turned=self.actor(trained.turned))
-        return self.actor(trained)
+        return self.dial(trained) if isinstance(trained, ActorDial) else self.actor(trained)
+
+    def dial(self, trained: ActorDial) -> ActorDial:
+        """Return `policy` of a dial."""
+        return dataclasses.replace(trained, turned=self.actor(trained.turned))
 
     def actor(self, trained: ActorPolicy) -> ActorPolicy:
         """Return `policy` of an actor; inputs after the observation, those of an angle, stay."""

@@ -9,7 +9,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.storage import packaged_results
 from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read, within
 from socialiq.studies.mo_gymnasium.tasks import TASKS
-from socialiq.studies.mo_gymnasium.training import METHODS
+from socialiq.studies.mo_gymnasium.training import METHODS, STANDARDISED
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,11 @@ class Config:
             raise UserError(f"steps must be at least 1, or 0 for the task's, got {self.steps}")
         if self.pieces and not Path(self.pieces).is_dir():
             raise UserError(f"{self.pieces} is no folder: name the folder of finished pieces")
+
+    def methods_of(self, task: str) -> tuple[str, ...]:
+        """Return the methods of ours that a task has."""
+        known = TASKS[task].continuous
+        return tuple(one for one in self.methods if known or one != STANDARDISED)
 
     def budget(self, task: str) -> int:
         """Return the steps that a method may take in a task."""

@@ -12,6 +12,7 @@ from socialiq.learners.continuous import config
 from socialiq.learners.continuous.acting import drawing
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
 from socialiq.learners.continuous.sac import SoftActorCritic
+from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.learners.continuous.train import train
 from socialiq.learners.kernel import Trained
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
@@ -54,6 +55,17 @@ def train_dials(
         ]
         trained = _collected(task, ContinuousIQLearn, static, numbers, shown)
     return [trained.policy(run) for run in range(len(seeds))]
+
+
+def train_standardised(task: Task, steps: int, seeds: Sequence[int]) -> list[ActorDial]:
+    """Train a dial for each seed as `train_dials` without demonstrations, on other inputs.
+
+    Each seed's observations are standardised by `EXPLORED` steps at random of its own.
+    """
+    changes = [Standardisation.of(explored(task.make(), seed)) for seed in seeds]
+    trained = _sac(task, steps, [_numbers(task, seed) for seed in seeds], True, changes)
+    made = zip(changes, (trained.policy(run) for run in range(len(seeds))), strict=True)
+    return [change.dial(policy) for change, policy in made]
 
 
 def train_experts(
@@ -100,9 +112,15 @@ def _shared(task: Task, steps: int) -> dict[str, Any]:
     }
 
 
-def _sac(task: Task, steps: int, numbers: Sequence[Any], dial: bool) -> Trained:
+def _sac(
+    task: Task,
+    steps: int,
+    numbers: Sequence[Any],
+    dial: bool,
+    changes: Sequence[Standardisation] = (),
+) -> Trained:
     static = config.StaticConfig(**_shared(task, steps), batch_size=task.batch_size, dial=dial)
-    return _collected(task, SoftActorCritic, static, numbers)
+    return _collected(task, SoftActorCritic, static, numbers, changes=changes)
 
 
 def _demonstrated(task: Task, updates: int) -> config.IQStaticConfig:
@@ -120,9 +138,11 @@ def _collected(
     static: Any,
     numbers: Sequence[Any],
     shown: Sequence[Demonstrations] = (),
+    changes: Sequence[Standardisation] = (),
 ) -> Trained:
     """Train with experience of the task, which goes on from round to round."""
-    sources = [from_env(task.make(), ROUND, continuous=True, goes_on=True) for _ in numbers]
+    makers = [change.maker(task.make) for change in changes] or [task.make] * len(numbers)
+    sources = [from_env(make(), ROUND, continuous=True, goes_on=True) for make in makers]
     seeds = [one.seed for one in numbers]
     collect = Collector(sources, seeds, drawing(static, static.env_steps_per_update))
     env = task.make()

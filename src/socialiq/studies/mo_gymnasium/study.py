@@ -24,7 +24,13 @@ from socialiq.statistics.comparisons import holm, mean_contrast, permutation_p
 from socialiq.studies.mo_gymnasium.config import Config
 from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read
 from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS, exact_set, known_front
-from socialiq.studies.mo_gymnasium.training import DIAL, METHODS, Training, train_and_evaluate
+from socialiq.studies.mo_gymnasium.training import (
+    DIAL,
+    METHODS,
+    STANDARDISED,
+    Training,
+    train_and_evaluate,
+)
 from socialiq.types import Row
 
 LINEAR, FRONT = "exact, linear", "known front"
@@ -51,7 +57,7 @@ def plan(config: Config) -> list[Job]:
     there = {(one.task, one.method, one.seed) for one in config.kept()}
     jobs = []
     for task in config.tasks:
-        for method in config.methods:
+        for method in config.methods_of(task):
             seeds = tuple(seed for seed in config.seeds if (task, method, seed) not in there)
             if seeds:
                 name = "".join(one if one.isalnum() else "_" for one in method)
@@ -94,7 +100,7 @@ def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
     """Return how many runs of each method are there, of how many that belong to the study."""
     rows: list[Row] = []
     for task in config.tasks:
-        for method in (*config.methods, *TASKS[task].peers):
+        for method in (*config.methods_of(task), *TASKS[task].peers):
             there = sum((one.task, one.method) == (task, method) for one in pieces)
             rows.append({"task": task, "method": method, "runs": there, "of": len(config.seeds)})
     return rows
@@ -104,7 +110,7 @@ def measured(piece: Piece) -> Row:
     """Return the measures of one piece; losses only where the front is known.
 
     `asked_utility` and `asked_loss` are those of the policy of the asked angle, without a choice
-    among the others.
+    among the others; `second_rises` is the second reward at 90 degrees less that at 0.
     """
     task, points = TASKS[piece.task], piece.points
     row: Row = {
@@ -118,9 +124,11 @@ def measured(piece: Piece) -> Row:
         "mean_loss": "",
         "largest_loss": "",
         "asked_loss": "",
+        "second_rises": "",
     }
     if piece.angles is not None:
         row["asked_utility"] = float(asked(piece).mean())
+        row["second_rises"] = float(points[-1, 1] - points[0, 1])
     if task.exact:
         best = exact_set(piece.task).vertices
         losses = utility_losses(points, best, ANGLES)
@@ -172,20 +180,26 @@ def pooled(rows: Sequence[Row]) -> list[Row]:
 
 
 def comparison_rows(rows: Sequence[Row]) -> list[Row]:
-    """Test the dial against every peer on a task, on the two measures that need no known front.
+    """Test both dials against every peer on a task, on the two measures that need no known front.
+
+    The standardised one is tested against the other, too.
 
     Differences of means have Welch's interval and the p-value of the permutation test; Holm over
     the tests of a task (`p_holm_task`) and over all (`p_holm`).
     """
     found: list[Row] = []
     for (task,), group in groups(rows, "task").items():
-        own, tests = matching(group, method=DIAL), list[Row]()
-        for (method,), others in groups(group, "method").items():
-            if method in METHODS or min(len(own), len(others)) < 2:
+        by_method = {method: runs for (method,), runs in groups(group, "method").items()}
+        peers, tests = [one for one in by_method if one not in METHODS], list[Row]()
+        pairs = [(DIAL, one) for one in peers]
+        pairs += [(STANDARDISED, one) for one in (*peers, DIAL)]
+        for first, second in pairs:
+            own, others = by_method.get(first, []), by_method.get(second, [])
+            if min(len(own), len(others)) < 2:
                 continue
             for name in COMPARED:
                 sides = np.array(column(own, name)), np.array(column(others, name))
-                label = {"task": task, "first": DIAL, "second": method, "measure": name}
+                label = {"task": task, "first": first, "second": second, "measure": name}
                 contrast = mean_contrast(*sides)._asdict()
                 tests.append(label | contrast | {"p": permutation_p(*sides)})
         adjusted = holm([row["p"] for row in tests]).tolist()
@@ -249,7 +263,7 @@ def view(results: Results) -> Sequence[View]:
     title = "Means over seeds; losses against the exact optimum of each angle"
     partial = [row for row in results.tables["coverage"] if row["runs"] < row["of"]]
     tests = results.tables.get("comparisons", [])
-    compared = [View(tests, "Dial minus peer, permutation test of the means")] if tests else []
+    compared = [View(tests, "First minus second, permutation test of the means")] if tests else []
     missing = [View(partial, "Not all there yet")] if partial else []
     return [View(rows, title), *compared, *missing]
 

@@ -39,6 +39,7 @@ class Task:
         first_episode: Seed of the first one.
         peers: Methods of morl-baselines that are run on it.
         exact: Whether it is finite and deterministic, so that its exact front is computed.
+        continuous: Whether its actions are arrays of numbers.
         options: Keyword arguments of the environment.
     """
 
@@ -52,6 +53,7 @@ class Task:
     first_episode: int
     peers: tuple[str, ...]
     exact: bool = False
+    continuous: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self) -> gymnasium.Env[Any, Any]:

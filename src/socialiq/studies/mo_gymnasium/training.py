@@ -16,6 +16,7 @@ from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation.rollout import rollout_env
 from socialiq.experiments.jobs import ProgressCallback
+from socialiq.learners.continuous.standardise import EXPLORED
 from socialiq.provenance import versions
 from socialiq.storage import write_atomically
 from socialiq.studies.mo_gymnasium import continuous, discrete
@@ -23,10 +24,11 @@ from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece
 from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS, Task
 
 DIAL, EXPERTS = "dial", "experts"
-SHOWN_DIAL, TRIO = "dial from demonstrations", "IQ-Learn trio"
-METHODS = (DIAL, EXPERTS, SHOWN_DIAL, TRIO)
+STANDARDISED, SHOWN_DIAL, TRIO = "dial, standardised", "dial from demonstrations", "IQ-Learn trio"
+METHODS = (DIAL, STANDARDISED, EXPERTS, SHOWN_DIAL, TRIO)
 """Our methods. `experts` are three policies of 0, 45 and 90 degrees, each with a third of the
-steps; the last two learn from episodes of such experts, whose steps count too."""
+steps; the last two learn from episodes of such experts, whose steps count too. With continuous
+actions, `STANDARDISED` first takes steps at random, by which its networks' inputs are scaled."""
 
 EXPERT_ANGLES = (0.0, 45.0, 90.0)
 SHOWN_EPISODES = 2
@@ -98,12 +100,19 @@ def trained(task: Task, method: str, seeds: Sequence[int]) -> list[Made]:
     """Train a method within the task's steps.
 
     Raises:
-        UserError: If the steps don't suffice for experts, their episodes and the dial.
+        UserError: If the steps don't suffice for experts, their episodes and the dial, or for
+            steps at random.
     """
     if method == DIAL:
         steps = _whole(task, task.steps)
         dials = _kind(task).train_dials(task, steps, seeds)
         return [Made(dial, steps, _settings(task)) for dial in dials]
+    if method == STANDARDISED:
+        own = _whole(task, task.steps - EXPLORED)
+        if own <= 0:
+            raise UserError(f"{task.steps} steps are too few: {EXPLORED} are taken at random")
+        dials = continuous.train_standardised(task, own, seeds)
+        return [Made(dial, EXPLORED + own, _settings(task)) for dial in dials]
     count = len(EXPERT_ANGLES)
     if method == EXPERTS:
         each = _whole(task, task.steps // count)

@@ -8,7 +8,7 @@ import pytest
 from socialiq.errors import UserError
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
-from socialiq.learners.continuous.standardise import Standardisation
+from socialiq.learners.continuous.standardise import Standardisation, explored
 from socialiq.nn.actor import Actor
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.worlds.environment import make_environment
@@ -23,6 +23,18 @@ def test_features_have_mean_0_and_deviation_1_and_a_constant_one_keeps_its_unit(
     assert found.mean(axis=0) == pytest.approx(0.0, abs=1e-5)
     assert found.std(axis=0)[:2] == pytest.approx([1.0, 1.0], rel=0.15)
     assert change(SEEN[0] + [0, 0, 2.0])[2] == pytest.approx(2.0)
+
+
+def test_steps_at_random_follow_from_their_seed_and_cross_the_ends_of_episodes() -> None:
+    env = make_environment("Pendulum-v1", continuous=True)  # 200 steps an episode
+    found = explored(env, 3, steps=450)
+    assert found.shape == (450 + 1 + 2, 3) and found.dtype == np.float32
+    np.testing.assert_array_equal(found, explored(env, 3, steps=450))
+    assert not np.array_equal(found, explored(env, 4, steps=450))
+    jumps = np.abs(np.diff(np.arctan2(found[:, 1], found[:, 0])))
+    # A reset is no step: where an episode ends, the next observation is a first one.
+    env.reset(seed=3)
+    assert np.minimum(jumps, 2 * np.pi - jumps)[:200].max() < 0.5
 
 
 def test_a_policy_takes_observations_as_they_are() -> None:
