@@ -17,7 +17,7 @@ import onnxruntime
 import torch
 
 from socialiq.cli.main import main
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.actor import Actor
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.dial_network import DialNetwork

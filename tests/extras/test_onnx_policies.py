@@ -15,7 +15,7 @@ import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
 from socialiq.errors import UserError
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.policies.load import load_policy
 from socialiq.policies.onnx.load import ROWS
 from socialiq.worlds.intersection.batch import Batch

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.evaluation.play import episodes_of
 from socialiq.experiments import results as store
 from socialiq.experiments.comparison import EPISODES_EACH
 from socialiq.experiments.gridworld_runs import Ground, with_clock

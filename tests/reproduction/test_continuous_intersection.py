@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection.driving import BATCH
 from socialiq.experiments.intersection.rows import outcome_row, reward_row

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.experiments import results as store
 from socialiq.experiments.tables import matching
 from socialiq.nn.dial_policy import DialPolicy

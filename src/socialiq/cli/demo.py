@@ -10,7 +10,7 @@ import numpy as np
 from socialiq.cli.drivers import driver_of
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.experiments import results as store
 from socialiq.experiments import study as experiment
 from socialiq.experiments.intersection.rows import outcome_row

@@ -21,8 +21,8 @@ from socialiq.cli.pooled import pool, target_of
 from socialiq.cli.progress import Display
 from socialiq.errors import UserError
 from socialiq.evaluation.context import evaluate_by_rule
+from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
-from socialiq.evaluation.play import Episodes, episodes_of
 from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
 from socialiq.experiments.engine import Engine, work_folder
 from socialiq.experiments.intersection.rows import policy_row

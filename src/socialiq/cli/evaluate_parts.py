@@ -17,7 +17,8 @@ from socialiq.cli.drivers import driver_of
 from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
-from socialiq.evaluation.play import Episodes, SoftPolicy, episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.play import SoftPolicy
 from socialiq.evaluation.rollout import Rollout, rollout_env
 from socialiq.experiments.engine import Engine, run_jobs
 from socialiq.experiments.jobs import Job, ProgressCallback

@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float64, Int64
 
 from socialiq.evaluation.branching import equivalent_actions
 from socialiq.evaluation.context import ContextLosses
-from socialiq.evaluation.play import BatchSimulator, Episodes, actor_of, summed
+from socialiq.evaluation.episodes import Episodes, summed
+from socialiq.evaluation.play import BatchSimulator, actor_of
 from socialiq.evaluation.simulate import Actor, simulate
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle_rule import AngleRule

@@ -11,9 +11,9 @@ from jaxtyping import Float, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
+from socialiq.evaluation.episodes import metrics_of, road_episodes
 from socialiq.evaluation.exact import Optimum, Readout, action_table, evaluate_exactly, visit_counts
 from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.play import metrics_of, road_episodes
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy

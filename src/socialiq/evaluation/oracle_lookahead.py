@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from socialiq.evaluation.branching import branched_returns
-from socialiq.evaluation.play import Episodes, episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.social.angle import exact_weights, score
 from socialiq.types import Policy
 from socialiq.worlds.intersection.batch import Batch

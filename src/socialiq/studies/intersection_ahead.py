@@ -16,9 +16,9 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from socialiq.errors import UserError
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.online_planning import RolloutPolicy
-from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.episodes import BEST, EPISODES, EpisodesRun, save_episodes
 from socialiq.experiments.intersection.experts import evaluations, set_expert
 from socialiq.experiments.intersection.plots import Runs, dots

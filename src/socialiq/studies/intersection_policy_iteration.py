@@ -15,8 +15,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from socialiq.errors import UserError
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.driving import (
     Evaluation,
     LookaheadRun,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from socialiq.evaluation.play import Episodes, episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.experiments.intersection.plots import OUTCOME_COLORS, stacked_outcomes
 from socialiq.experiments.intersection.rows import OUTCOMES, outcome_row, reward_row
 from socialiq.experiments.results import Results

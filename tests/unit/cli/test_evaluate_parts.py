@@ -9,7 +9,7 @@ from socialiq.cli.drivers import driver_of
 from socialiq.cli.evaluate_parts import Parts
 from socialiq.cli.main import main
 from socialiq.errors import UserError
-from socialiq.evaluation.play import Episodes, episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.experiments.engine import Engine
 from socialiq.experiments.jobs import do, fingerprints
 from socialiq.worlds.intersection.batch import Batch

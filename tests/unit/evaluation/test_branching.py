@@ -5,7 +5,7 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching, branched_returns, equivalent_actions
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

@@ -2,7 +2,7 @@ import jax
 import numpy as np
 
 from socialiq.evaluation.context_rollouts import losses_of
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.dial_network import DialNetwork
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.social.angle import exact_weights, score

@@ -14,9 +14,9 @@ from socialiq.evaluation.dial import (
     support_ceiling,
     sweep,
 )
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly, visit_counts
 from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.play import episodes_of
 from socialiq.evaluation.rollout import rollout_table, rollout_totals
 from socialiq.mdp.horizon import horizon_optimum
 from socialiq.nn.dial_network import DialNetwork

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.online_planning import RolloutPolicy
-from socialiq.evaluation.play import episodes_of
 from socialiq.types import Ending
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch

@@ -7,7 +7,8 @@ import pytest
 
 from socialiq.errors import UserError
 from socialiq.evaluation.conflicts import conflict_at_junction
-from socialiq.evaluation.play import Recorded, episodes_of, play, record
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.play import Recorded, play, record
 from socialiq.nn.q_policy import QPolicy
 from socialiq.social.angle import angle_of
 from socialiq.types import Ending

@@ -17,7 +17,7 @@ from socialiq.evaluation.context import (
     state_angles,
 )
 from socialiq.evaluation.context_rollouts import losses_of
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
 from socialiq.evaluation.simulators import FixedChance, GymActor, GymSimulator, TableSimulator
 from socialiq.mdp.front import AttainableSet, attainable_set

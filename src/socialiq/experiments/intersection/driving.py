@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from socialiq.evaluation.dial import Sweep, calibrated
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.evaluation.oracle_lookahead import with_oracle_lookahead
-from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.episodes import (
     BEST,
     DIAL,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.evaluation.play import Episodes
+from socialiq.evaluation.episodes import Episodes
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import RewardPair
 from socialiq.worlds.intersection.options import Options

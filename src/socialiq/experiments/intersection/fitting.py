@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.experiments.intersection.episodes import CURVE
 from socialiq.experiments.jobs import ProgressCallback
 from socialiq.experiments.results import as_csv

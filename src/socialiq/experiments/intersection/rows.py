@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from socialiq.evaluation.play import Episodes, conflict_rates
+from socialiq.evaluation.episodes import Episodes, conflict_rates
 from socialiq.experiments.intersection.episodes import CURVE, load_episodes
 from socialiq.experiments.jobs import RECORD, Job
 from socialiq.experiments.results import from_csv

@@ -17,7 +17,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.experiments.engine import available_cores
 from socialiq.experiments.intersection.demonstration_sets import MIXTURE, mixture_of
 from socialiq.experiments.intersection.episodes import BEST, DIAL, LAST

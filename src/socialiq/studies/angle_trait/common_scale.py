@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import isotonic_regression
 
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.metrics import Metrics
-from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     MIXTURE,

@@ -23,7 +23,7 @@ from socialiq.evaluation.context import (
     state_angles,
 )
 from socialiq.evaluation.context_rollouts import ContextLosses, losses_of
-from socialiq.evaluation.play import Episodes, episodes_of
+from socialiq.evaluation.episodes import Episodes, episodes_of
 from socialiq.experiments.intersection.episodes import EpisodesRun, load_episodes, save_episodes
 from socialiq.experiments.intersection.rows import outcome_row
 from socialiq.experiments.jobs import Job, ProgressCallback

@@ -11,8 +11,8 @@ import numpy as np
 
 from socialiq.demonstrations import files
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.episodes import Episodes
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.play import Episodes
 from socialiq.experiments.intersection import thesis_values
 from socialiq.experiments.intersection.rows import PolicyEpisodes, outcome_row
 from socialiq.statistics.comparisons import cohens_d

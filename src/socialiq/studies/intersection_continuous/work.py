@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.evaluation.play import episodes_of
 from socialiq.experiments.intersection.demonstration_sets import (
     DEMONSTRATIONS,
     Recording,

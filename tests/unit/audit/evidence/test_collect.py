@@ -8,7 +8,7 @@ from socialiq.audit.evidence.collect import collect_evidence
 from socialiq.audit.evidence.outcomes import MOST_EPISODES, Reference, episode_seeds
 from socialiq.audit.evidence.strata import NO_CROSSING, gridworld_strata, intersection_strata
 from socialiq.errors import UserError
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.types import Ending
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options

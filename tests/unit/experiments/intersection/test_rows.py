@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.evaluation.play import episodes_of
+from socialiq.evaluation.episodes import episodes_of
 from socialiq.experiments.intersection.driving import Evaluation
 from socialiq.experiments.intersection.episodes import load_episodes, save_episodes
 from socialiq.experiments.intersection.rows import (
