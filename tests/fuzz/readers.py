@@ -267,6 +267,8 @@ READERS = (
     Reader("trajectories, csv", "rollouts.csv", _rollouts),
     *(_OF_HDF5 if MINARI else ()),
     Reader("recording", "recording.safetensors", _recording, resealed=True),
+    Reader("recording with lights", "lit.safetensors", _recording, resealed=True),
+    Reader("CommonRoad with lights", "lit.xml", _commonroad),
     Reader("recorded world", "world.safetensors", _recorded_world, resealed=True),
     Reader("CommonRoad", "recording.xml", _commonroad),
     Reader("map", "recording.xml", road_of),

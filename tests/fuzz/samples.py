@@ -32,7 +32,9 @@ from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.native import save_table
 from socialiq.recordings import files as recording_files
-from socialiq.recordings.export import write_csv
+from socialiq.recordings.export import write_commonroad, write_csv
+from socialiq.recordings.recording import Recording
+from socialiq.recordings.road.network import Colour, Cycle, RoadNetwork, Sign
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import packaged_results
 from socialiq.worlds.context_policy import ContextPolicy
@@ -199,7 +201,15 @@ def _recordings(folder: Path) -> None:
     (imported,) = (folder / "imported").glob("*.safetensors")
     shutil.copy(imported, folder / "recording.safetensors")
     call("data", "world", imported, "--out", folder / "world.safetensors")
-    tracks = recording_files.load(imported).tracks
+    found = recording_files.load(imported)
+    tracks = found.tracks
+    lanelets = dict(found.road.lanelets)
+    first = min(lanelets)
+    cycle = Cycle(((Colour.RED, 30), (Colour.GREEN, 20)), offset=-4)
+    lanelets[first] = dataclasses.replace(lanelets[first], sign=Sign.LIGHT, cycle=cycle)
+    lit = Recording(tracks, RoadNetwork(lanelets))
+    recording_files.save(folder / "lit.safetensors", lit)
+    write_commonroad(lit, folder / "lit.xml")
     (folder / "ind").mkdir()
     write_csv(dataclasses.replace(tracks, recording="0"), "ind", folder / "ind")
     rows = [
