@@ -14,7 +14,7 @@ from socialiq.studies.mo_gymnasium import study
 from socialiq.studies.mo_gymnasium.config import Config
 from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read, within
 from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS
-from socialiq.studies.mo_gymnasium.training import DIAL, METHODS
+from socialiq.studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 TASK = "mo-halfcheetah"
 PIECE = Piece(
@@ -96,9 +96,22 @@ def test_tables_and_files_come_from_the_pieces(pieces):
     assert rows[DIAL]["mean_loss"] == ""  # no front is known
     there = {row["method"]: (row["runs"], row["of"]) for row in found.tables["coverage"]}
     assert there == dict.fromkeys(METHODS, (2, 2)) | {"CAPQL": (1, 2), "GPI-LS": (0, 2)}
-    assert [len(view.rows) for view in study.view(found)] == [len(METHODS) + 1, 2]
+    assert [len(view.rows) for view in study.view(found)] == [
+        len(METHODS) + 1,
+        len(study.COMPARED),
+        2,
+    ]
+    tested = [(row["first"], row["second"]) for row in found.tables["comparisons"]]
+    assert tested == [(STANDARDISED, DIAL)] * len(study.COMPARED)  # the peer has one run
+    assert found.tables["runs"][0]["second_rises"] == ""  # a set of policies has no angles
     assert set(found.files) == {f"{FOLDER}/{path.name}" for path in pieces.iterdir()}
     assert study.draw(found).keys() == {"hypervolumes"}
+
+
+def test_tasks_with_discrete_actions_have_no_standardised_dial():
+    config = Config()
+    assert STANDARDISED in config.methods_of(TASK)
+    assert STANDARDISED not in config.methods_of("deep-sea-treasure")
 
 
 def test_pieces_of_another_budget_are_left_out():
@@ -154,6 +167,7 @@ def test_the_utility_that_is_asked_for_takes_no_better_policy():
     weights = np.array([[np.cos(one), np.sin(one)] for one in np.radians(ANGLES[:-1])])
     asked = (weights @ [300.0, -500.0]).sum() / len(ANGLES)
     assert row["asked_utility"] == pytest.approx(asked)
+    assert row["second_rises"] == pytest.approx(500.0)
     assert row["asked_utility"] < row["expected_utility"]
 
 
