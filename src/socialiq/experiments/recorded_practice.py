@@ -20,7 +20,7 @@ from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import simulate
 from socialiq.learners.callbacks import Callbacks
-from socialiq.learners.config import check_counts, check_shares
+from socialiq.learners.config import check_counts, check_seed, check_shares
 from socialiq.learners.kernel import Trained
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.learners.offline.train import train_together
@@ -52,10 +52,11 @@ class Practice:
         """Refuse empty sizes.
 
         Raises:
-            UserError: If a count or share is out of its range.
+            UserError: If a count, share or seed is out of its range.
         """
         check_counts(self, ("episodes",))
         check_shares(self, ("exploration",))
+        check_seed(self.first_seed)
         if self.rounds < 0:
             raise UserError(f"rounds of practice must be 0 or more, got {self.rounds}")
 
