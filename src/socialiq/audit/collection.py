@@ -25,7 +25,7 @@ from socialiq.audit.resolve_policy import (
     resolve_references,
 )
 from socialiq.errors import UserError
-from socialiq.evaluation.play import SoftPolicy
+from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.policies.record import Loaded
 from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.grid_world import GridWorld

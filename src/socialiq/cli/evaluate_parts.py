@@ -18,8 +18,8 @@ from socialiq.demonstrations import files
 from socialiq.demonstrations.mixture import concatenate
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
-from socialiq.evaluation.play import SoftPolicy
 from socialiq.evaluation.rollout import Rollout, rollout_env
+from socialiq.evaluation.simulate import SoftPolicy
 from socialiq.experiments.engine import Engine, run_jobs
 from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.experiments.study import StageCallback
