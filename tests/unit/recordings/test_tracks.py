@@ -62,3 +62,5 @@ def test_bounds_of_a_lanelet_have_as_many_points():
             Lanelet(7, left, right)
     with pytest.raises(UserError, match="lanelet 7: a point of its bounds is not finite"):
         Lanelet(7, two, np.full((2, 2), np.inf))
+    with pytest.raises(UserError, match="lanelet 7: a bound is longer than 100 km"):
+        Lanelet(7, two, np.array([[0.0, 0.0], [1e29, 0.0]]))

@@ -21,6 +21,9 @@ from socialiq.foreign import optional
 STEP = 2.0
 """m between the points of a line that is compared with others."""
 
+LONGEST = 1e5
+"""m of a lanelet's bound; no map's is as long, and its points would fill the memory."""
+
 
 class Sign(enum.IntEnum):
     """Right-of-way sign of a lanelet; NONE if the file has none."""
@@ -114,6 +117,11 @@ class Lanelet:
             )
         if not (np.isfinite(left).all() and np.isfinite(right).all()):
             raise UserError(f"lanelet {self.identity}: a point of its bounds is not finite")
+        if any(np.hypot(*np.diff(line, axis=0).T).sum() > LONGEST for line in (left, right)):
+            raise UserError(
+                f"lanelet {self.identity}: a bound is longer than {LONGEST / 1000:g} km: correct "
+                "its points"
+            )
 
     @property
     def centre(self) -> Float64[np.ndarray, "point 2"]:
