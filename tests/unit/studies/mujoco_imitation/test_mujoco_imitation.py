@@ -1,5 +1,6 @@
 """Plan, pieces that are taken over, and tables; nothing here needs MuJoCo."""
 
+import dataclasses
 import json
 
 import pytest
@@ -8,7 +9,7 @@ from socialiq.errors import UserError
 from socialiq.experiments.study import Context
 from socialiq.studies.mujoco_imitation import pieces, plan, study
 from socialiq.studies.mujoco_imitation.config import Config
-from socialiq.studies.mujoco_imitation.methods import CHOSEN, METHODS, VARIANTS, method_of
+from socialiq.studies.mujoco_imitation.methods import CHOSEN, LONGER, METHODS, VARIANTS, method_of
 from socialiq.studies.mujoco_imitation.runs import Imitation, settled
 from socialiq.studies.mujoco_imitation.tasks import TASKS
 
@@ -144,9 +145,13 @@ def test_the_chosen_settings_are_those_of_their_name() -> None:
 
 def test_standardised_methods_are_the_only_ones_with_standardised_observations() -> None:
     for name, method in METHODS.items():
-        assert method.standardised == name.endswith(", standardised")
+        assert method.standardised == (", standardised" in name)
     online = METHODS["online, standardised"]
     assert online.numbers == METHODS["online"].numbers and online.updates == 100_000
+    longer = METHODS[LONGER]
+    assert longer.numbers == online.numbers and longer.updates == 300_000
+    changed = dataclasses.replace(online.static, replay_capacity=300_000)
+    assert longer.static == changed
 
 
 def test_a_variant_changes_what_it_names_alone() -> None:
