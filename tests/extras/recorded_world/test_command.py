@@ -68,7 +68,7 @@ def test_a_dial_of_a_world_learns_from_demonstrations_alone(folder, tmp_path, ca
     [
         (["--practice", "-1"], "rounds of practice must be 0 or more"),
         (["--practice", "1", "--practice-episodes", "0"], "episodes must be at least 1"),
-        (["--practice", "1", "--practice-seed", "-5"], "seed must be"),
+        (["--practice", "1", "--practice-seed", "-5"], "seed must lie in"),
     ],
 )
 def test_practice_of_no_size_is_refused(folder, tmp_path, capsys, words, said):
