@@ -20,6 +20,7 @@ from socialiq.types import Policy, RewardPair
 from socialiq.worlds import scene_named
 from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.gym import SceneEnv
 from socialiq.worlds.highway.pictures import scenes
 from socialiq.worlds.highway.pictures.render import Scene
 from socialiq.worlds.highway.world import SceneWorld
@@ -142,7 +143,9 @@ def road_of(world: World) -> Intersection | SceneWorld | None:
     if isinstance(world, Intersection):
         return world
     if isinstance(world, Environment) and scene_named(world.name) is not None:
-        return world.env.unwrapped.world  # type: ignore[attr-defined]
+        env = world.env.unwrapped
+        assert isinstance(env, SceneEnv) and isinstance(env.world, SceneWorld)
+        return env.world
     return None
 
 
