@@ -25,6 +25,7 @@ PRACTISED = "recorded, with practice"
 """The recorded drivers, and what the dials then met while they drove in the world."""
 
 WITH_PLANTED = (PLANTED, BOTH, SET)
+"""Mixtures with planted drivers."""
 
 MIXTURES = (CUT, RECORDED, PLANTED, BOTH, SET, PRACTISED)
 """Demonstrations that dials learn from: of the recorded drivers, of planted ones, of all."""
