@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.studies.recorded_junction.config import Config
+from socialiq.studies.recorded_junction.config import PRACTISED, Config
 from socialiq.studies.recorded_junction.planted import Rule, blocked
 
 LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
@@ -46,5 +46,7 @@ def test_options_that_make_no_study_are_refused(tmp_path):
         Config(recordings=str(tmp_path)).contents()
     with pytest.raises(UserError, match="two angles"):
         Config(angles=(0.0,))
+    with pytest.raises(UserError, match=r"has no rounds: add --practice.rounds 5"):
+        Config(mixtures=(PRACTISED,))
     with pytest.raises(UserError, match="mixture"):
         Config(mixtures=("all",))

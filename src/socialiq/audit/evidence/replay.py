@@ -15,7 +15,7 @@ from socialiq.audit.profile.environment import LARGEST_SEED, Environment
 from socialiq.audit.profile.scenario import World
 from socialiq.evaluation.play import play
 from socialiq.evaluation.simulate import SoftPolicy, simulate
-from socialiq.evaluation.simulators import FixedChance, TableSimulator
+from socialiq.evaluation.simulators import FixedChance, GymActor, TableSimulator
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds import scene_named
 from socialiq.worlds.enumerate import Table, tabulate
@@ -159,10 +159,11 @@ class _OneByOne:
 
     Args:
         policy: The policy.
+        deterministic: Whether it takes its best actions.
     """
 
-    def __init__(self, policy: Policy) -> None:
-        self._policy, self._state = policy, None
+    def __init__(self, policy: Policy, deterministic: bool) -> None:
+        self._actor = GymActor(policy, deterministic)
         self.n_features = getattr(policy, "n_features", None)
 
     def predict(
@@ -170,19 +171,16 @@ class _OneByOne:
         observation: Float32[np.ndarray, "1 feature"],
         state: Any = None,
         episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
-        deterministic: bool = True,
+        deterministic: bool = True,  # noqa: ARG002  the actor knows
     ) -> tuple[Int64[np.ndarray, " 1"], Any]:
         """Return the policy's action in an array of one."""
-        action, self._state = self._policy.predict(
-            observation[0], self._state, deterministic=deterministic
-        )
-        return np.array([int(action)]), state
+        return self._actor.decide([*observation], np.ones(1, np.bool_)), state
 
 
 def as_asked(road: Intersection | SceneWorld, policy: Policy, deterministic: bool = True) -> Policy:
     """Return a policy for one episode, asked as it was for the evidence."""
     soft = not deterministic and isinstance(policy, SoftPolicy)
-    return policy if soft or isinstance(road, Intersection) else _OneByOne(policy)
+    return policy if soft or isinstance(road, Intersection) else _OneByOne(policy, deterministic)
 
 
 def _on_road(

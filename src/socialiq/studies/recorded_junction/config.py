@@ -76,6 +76,8 @@ class Config:
             raise UserError("name at least one training seed, one mixture and two angles")
         for mixture in self.mixtures:
             one_of("mixture", mixture, MIXTURES)
+        if PRACTISED in self.mixtures and not self.practice.rounds:
+            raise UserError(f"'{PRACTISED}' has no rounds: add --practice.rounds 5")
         check_counts(self, ("planted_episodes", "episodes"))
         check_not_negative(self, ("checked",))
         check_shares(self, ("exploration",))
