@@ -12,7 +12,7 @@ import json
 import jaxtyping
 import pytest
 
-from socialiq.audit.evidence.drive import drive_grid, fates
+from socialiq.audit.evidence.drive_grid import drive_grid, fates
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.reader import parse

@@ -10,7 +10,7 @@ from socialiq.audit.evidence.outcomes import AS_DECLARED
 from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 
 OPTIMUM = "optimum_"
-"""Beginning of the names of exact optima (`evidence.drive.exact_optima`)."""
+"""Beginning of the names of exact optima (`evidence.drive_grid.exact_optima`)."""
 
 _SIMPLER = "simpler network, "
 

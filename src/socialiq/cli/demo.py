@@ -17,8 +17,8 @@ from socialiq.experiments.intersection.rows import outcome_row
 from socialiq.learners.config import check_seeds
 from socialiq.studies.grid import study as grid
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import save as film
 from socialiq.worlds.highway.pictures.scenes import episode_scenes
+from socialiq.worlds.highway.pictures.sheet import save as film
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection

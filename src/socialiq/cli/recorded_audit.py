@@ -14,7 +14,7 @@ from socialiq.audit.profile.reader import load as load_profile
 from socialiq.audit.recorded_vehicle import RecordedVerdict, episode_config, judge_recorded
 from socialiq.audit.verdict.decision import Decision
 from socialiq.cli.output import print_json, print_table
-from socialiq.cli.recorded import load_all
+from socialiq.cli.recorded_files import load_all
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.recordings.episodes import ego_swap

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.cli.recorded import Choices, Swap, sources_of, swap_all
+from socialiq.cli.recorded_files import Choices, Swap, sources_of, swap_all
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.plotting.style import png

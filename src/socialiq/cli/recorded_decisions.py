@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from socialiq.cli.output import print_json, print_table, say
-from socialiq.cli.recorded import Choices, sources_of, swap_all
+from socialiq.cli.recorded_files import Choices, sources_of, swap_all
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.recordings.episodes import support

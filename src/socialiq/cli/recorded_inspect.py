@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.cli.recorded import load_all, show_overlaps
+from socialiq.cli.recorded_files import load_all, show_overlaps
 from socialiq.foreign import one_line
 from socialiq.recordings.identity.duplicates import check_names
 from socialiq.recordings.identity.identify import identify

@@ -11,7 +11,7 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
-from socialiq.cli.recorded import load_identified
+from socialiq.cli.recorded_files import load_identified
 from socialiq.cli.recorded_trait import say_if_too_few
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.experiments.study import counter

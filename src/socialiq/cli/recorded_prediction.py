@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table, say
-from socialiq.cli.recorded import load_identified
+from socialiq.cli.recorded_files import load_identified
 from socialiq.cli.recorded_trait import NOT_TESTED, trait_test
 from socialiq.experiments.results import Results, check_target, save
 from socialiq.plotting.style import png

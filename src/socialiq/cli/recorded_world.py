@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 
 from socialiq.cli.output import print_json, print_table
-from socialiq.cli.recorded import load_all
+from socialiq.cli.recorded_files import load_all
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
 from socialiq.experiments.results import Results, check_target, save

@@ -72,7 +72,7 @@ class Render:
 
     def road(self, world: Intersection | SceneWorld) -> None:
         """Draw the first state, an episode's decisions, or a film of all its sub-steps."""
-        from socialiq.worlds.highway.pictures import render, scenes
+        from socialiq.worlds.highway.pictures import render, scenes, sheet
 
         batch = world.batch(1, traced=True)
         if not self.driver:
@@ -81,13 +81,13 @@ class Render:
             if self.angle is not None:
                 raise UserError(f"{self.world} has no --angle of its own: add --driver, a dial")
             batch.reset([self.seed])
-            drawn = render.picture(scenes.present_scene(batch), world.view)
+            drawn = sheet.picture(scenes.present_scene(batch), world.view)
             write_atomically(self.out, png({"picture": drawn})["picture"])
             return
         driver = driver_on(world, self.driver, self.angle, self.seed)
         episode = scenes.episode_scenes(batch, driver, self.seed)
         if self.out.suffix in FILMS:
-            render.save(self.out, episode, world.view, world.options.simulation_frequency)
+            sheet.save(self.out, episode, world.view, world.options.simulation_frequency)
             return
         drawn = render.filmstrip(episode[:: world.options.frames], world.view)
         write_atomically(self.out, png({"picture": drawn})["picture"])

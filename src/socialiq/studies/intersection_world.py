@@ -17,8 +17,9 @@ from socialiq.experiments.results import Results
 from socialiq.experiments.study import Context, Findings, StageCallback, Study, counter, view_of
 from socialiq.experiments.tables import matching, nested
 from socialiq.types import Row
-from socialiq.worlds.highway.pictures.render import filmstrip, picture
+from socialiq.worlds.highway.pictures.render import filmstrip
 from socialiq.worlds.highway.pictures.scenes import episode_scenes
+from socialiq.worlds.highway.pictures.sheet import picture
 from socialiq.worlds.intersection.batch import BackEnd
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy

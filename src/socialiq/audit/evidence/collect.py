@@ -7,11 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Int64
 
-from socialiq.audit.evidence.drive import (
-    ByRule,
-    drive_environment,
+from socialiq.audit.evidence.drive import ByRule, drive_environment, drive_intersection
+from socialiq.audit.evidence.drive_grid import (
     drive_grid,
-    drive_intersection,
     exact_optima,
     exactly_as_declared,
     fates,

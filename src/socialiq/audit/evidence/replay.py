@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from socialiq.audit.evidence.drive import GridActor, fates
+from socialiq.audit.evidence.drive_grid import GridActor, fates
 from socialiq.audit.profile.environment import LARGEST_SEED, Environment
 from socialiq.audit.profile.scenario import World
 from socialiq.evaluation.play import play

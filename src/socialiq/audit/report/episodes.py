@@ -22,7 +22,7 @@ from socialiq.audit.evidence.table import kind_of_ending
 from socialiq.audit.profile.scenario import World
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
-from socialiq.worlds.highway.pictures import render, scenes
+from socialiq.worlds.highway.pictures import scenes, sheet
 from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.world import SceneWorld
 from socialiq.worlds.intersection.world import Intersection
@@ -151,6 +151,6 @@ def films_of(
                 seed = first_seed(shown, int(row["seed"]))
                 played = scenes.episode_scenes(batch, as_asked(shown, policy), seed)
                 frames = [*played[:-1:every], played[-1]]
-                render.save(film, frames, shown.view, _PER_SECOND)
+                sheet.save(film, frames, shown.view, _PER_SECOND)
                 found[path_of(kind, number)] = film.read_bytes()
     return found

@@ -168,9 +168,9 @@ def read_map(path: Path) -> RoadNetwork:
                 lanelet = _lanelet(one)
                 road[lanelet.identity] = lanelet
         except (KeyError, TypeError, ValueError, OverflowError, UserError) as error:
-            raise UserError(
-                f"{path}: lane segment {one_line(str(number), 30)}: {one_line(str(error))}"
-            ) from error
+            name = one_line(str(number), 30)
+            text = one_line(str(error)).removeprefix(f"lanelet {name}: ")
+            raise UserError(f"{path}: lane segment {name}: {text}") from error
     return RoadNetwork(road)
 
 

@@ -66,7 +66,8 @@ class RoadDraft:
         except (KeyError, ValueError, TypeError, UserError) as error:
             number = one_line(thing.get("id", "?"), 20)
             text = f"no {error}" if isinstance(error, KeyError) else one_line(str(error))
-            raise UserError(f"{self._path}: {thing.tag} {number}: {text}") from error
+            where = f"{thing.tag} {number}: "  # which a lanelet's own errors name already
+            raise UserError(f"{self._path}: {where}{text.removeprefix(where)}") from error
         return True
 
     def network(self) -> RoadNetwork:

@@ -120,8 +120,8 @@ class RoadEnv(gymnasium.Env):
         """Return a picture of the current state, uint8 (height, width, 3)."""
         if self.render_mode != "rgb_array":
             return None
-        from socialiq.worlds.highway.pictures.render import picture
         from socialiq.worlds.highway.pictures.scenes import present_scene
+        from socialiq.worlds.highway.pictures.sheet import picture
         from socialiq.worlds.pictures import pixels
 
         return pixels(picture(present_scene(self.batch), self.world.view))

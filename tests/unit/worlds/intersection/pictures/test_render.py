@@ -8,7 +8,7 @@ from PIL import Image
 
 from socialiq.errors import UserError
 from socialiq.types import RewardPair
-from socialiq.worlds.highway.pictures import encoding, render, shapes
+from socialiq.worlds.highway.pictures import encoding, render, shapes, sheet
 from socialiq.worlds.intersection.core.geometry import LANES, STRAIGHT
 from socialiq.worlds.intersection.pictures.crossing import VIEW
 from socialiq.worlds.intersection.state import VEHICLE
@@ -44,7 +44,7 @@ def middle(image, color, rows=slice(0, 600)):
 
 @pytest.fixture(scope="module")
 def plain():
-    return pixels(render.picture(scene(), VIEW))
+    return pixels(sheet.picture(scene(), VIEW))
 
 
 @pytest.fixture(scope="module")
@@ -55,12 +55,12 @@ def episode():
 @pytest.fixture(scope="module")
 def frames(episode):
     """Expected frames of the episode's film: a newly drawn picture of each scene."""
-    return [pixels(render.picture(one, VIEW)) for one in episode]
+    return [pixels(sheet.picture(one, VIEW)) for one in episode]
 
 
 def test_a_picture_is_a_quarter_higher_than_wide(plain):
     assert plain.shape == (750, 600, 3)
-    assert pixels(render.picture(scene(), VIEW, 4.0)).shape == (500, 400, 3)
+    assert pixels(sheet.picture(scene(), VIEW, 4.0)).shape == (500, 400, 3)
 
 
 def test_the_ego_comes_from_the_bottom_and_drives_on_the_right(plain):
@@ -69,7 +69,7 @@ def test_the_ego_comes_from_the_bottom_and_drives_on_the_right(plain):
     row, column = middle(bare, EGO)
     assert row > 480
     assert 305 < column < 320
-    nearer = pixels(render.picture(scene(ego_y=20.0), VIEW))
+    nearer = pixels(sheet.picture(scene(ego_y=20.0), VIEW))
     nearer[:200, 300:] = 0
     assert middle(nearer, EGO)[0] < row - 100
 
@@ -88,7 +88,7 @@ def test_the_windscreen_is_in_front(plain):
     ],
 )
 def test_marks_lie_by_the_car(change, color, plain):
-    marked = pixels(render.picture(scene(**change), VIEW))
+    marked = pixels(sheet.picture(scene(**change), VIEW))
     assert has(marked, color).sum() > has(plain, color).sum() + 10
     rows, columns = np.nonzero((marked != plain).any(axis=-1))
     # The car is drawn around row 278, column 153.
@@ -99,17 +99,15 @@ def test_marks_lie_by_the_car(change, color, plain):
 
 
 def test_yielding_and_braking_look_different():
-    marks = [
-        pixels(render.picture(scene(**{name: True}), VIEW)) for name in ("yielding", "braking")
-    ]
+    marks = [pixels(sheet.picture(scene(**{name: True}), VIEW)) for name in ("yielding", "braking")]
     assert not np.array_equal(*marks)
 
 
 def test_speeds_and_signals_show(plain):
-    faster = pixels(render.picture(scene(speed=9.5), VIEW))
+    faster = pixels(sheet.picture(scene(speed=9.5), VIEW))
     assert (faster[:600] != plain[:600]).any()
     assert np.array_equal(faster[600:], plain[600:])
-    earning = pixels(render.picture(scene(signals={**SIGNALS, "progress": 0.1}), VIEW))
+    earning = pixels(sheet.picture(scene(signals={**SIGNALS, "progress": 0.1}), VIEW))
     assert (earning[610:] != plain[610:]).any()
     assert np.array_equal(earning[:600], plain[:600])
 
@@ -160,7 +158,7 @@ def test_a_filmstrip_has_one_axes_for_each_scene():
 
 
 def test_a_gif_has_the_pictures_in_order(tmp_path, episode, frames):
-    render.save(tmp_path / "film.gif", episode, VIEW, 5)
+    sheet.save(tmp_path / "film.gif", episode, VIEW, 5)
     assert [path.name for path in tmp_path.iterdir()] == ["film.gif"]
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 3
@@ -182,7 +180,7 @@ def test_a_film_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
 
     monkeypatch.setattr(encoding, "_palette", fail)
     with pytest.raises(KeyboardInterrupt):
-        render.save(path, [scene()], VIEW)
+        sheet.save(path, [scene()], VIEW)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -200,7 +198,7 @@ def test_a_film_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
 )
 def test_mistakes_are_refused(name, scenes, rate, message, tmp_path):
     with pytest.raises(UserError, match=message):
-        render.save(tmp_path / name, [scene()] * scenes, VIEW, rate)
+        sheet.save(tmp_path / name, [scene()] * scenes, VIEW, rate)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -221,13 +219,13 @@ def programs(tmp_path, monkeypatch):
 
 def test_mp4_without_ffmpeg_is_refused(tmp_path, programs):
     with pytest.raises(UserError, match=r"choose a \.gif, or install ffmpeg"):
-        render.save(tmp_path / "film.mp4", [scene()], VIEW)
+        sheet.save(tmp_path / "film.mp4", [scene()], VIEW)
     assert not (tmp_path / "film.mp4").exists()
 
 
 def test_ffmpeg_gets_every_picture(tmp_path, programs, episode, frames):
     ffmpeg(programs, 'for last; do :; done; /bin/cat > "$last"')
-    render.save(tmp_path / "film.mp4", episode, VIEW)
+    sheet.save(tmp_path / "film.mp4", episode, VIEW)
     raw = np.frombuffer((tmp_path / "film.mp4").read_bytes(), np.uint8).reshape(3, 750, 600, 4)
     assert np.array_equal(raw[..., :3], np.stack(frames))
 
@@ -235,5 +233,5 @@ def test_ffmpeg_gets_every_picture(tmp_path, programs, episode, frames):
 def test_a_failing_ffmpeg_is_reported(tmp_path, programs):
     ffmpeg(programs, "exit 1")
     with pytest.raises(UserError, match=r"ffmpeg failed: choose a \.gif"):
-        render.save(tmp_path / "film.mp4", [scene()], VIEW)
+        sheet.save(tmp_path / "film.mp4", [scene()], VIEW)
     assert not (tmp_path / "film.mp4").exists()
