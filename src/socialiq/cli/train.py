@@ -99,6 +99,8 @@ class Train:
     """Of continuous actions: let the networks see each feature with mean 0 and deviation 1 over
     the demonstrations, without any over 1,000 steps at random in the world, which the replay
     doesn't hold; the policies take observations as they are."""
+    leave_out: tuple[int, ...] = ()
+    """With --standardise: features, counted from 0, that the networks do not see."""
     loss: str = ""
     """FILE.py:NAME, a loss of your own in the place of the objective; --prior and --divergence
     take one in the same way."""
@@ -137,8 +139,10 @@ class Train:
         assert self.data is not None
         for options in (self.continuous, self.critics, self.tuning, self.towards_data):
             refuse_given(options, "continuous actions, and these are discrete")
-        if self.standardise:
-            raise UserError("--standardise is of continuous actions, and these are discrete")
+        if self.standardise or self.leave_out:
+            raise UserError(
+                "--standardise and --leave-out are of continuous actions, and these are discrete"
+            )
         own = self.own_code()
         static, hyperparameters = self.settings(own)
         simulator, before_chunk = self.experience(static, hyperparameters, data)

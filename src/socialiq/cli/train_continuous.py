@@ -103,18 +103,21 @@ def _standardisation(
     """Return the change of observations that the command asks for.
 
     Raises:
-        UserError: If there is nothing to standardise by, or a view reads observations.
+        UserError: If there is nothing to standardise by, a view reads observations, or features
+            can't be left out.
     """
     if not command.standardise:
+        if command.leave_out:
+            raise UserError("--leave-out is of standardised observations: add --standardise")
         return None
     if command.world in CONTINUOUS or static.view != "flat":
         raise UserError("observations of vehicles are scaled already: leave --standardise out")
     if data is not None:
-        return Standardisation.of(data.observation)
+        return Standardisation.of(data.observation, command.leave_out)
     if not command.world:
         raise UserError("--standardise is by demonstrations or a world: name one with --world")
     make = continuous_maker(command.world, None, command.allow_code)
-    return Standardisation.of(explored(make(), seed))
+    return Standardisation.of(explored(make(), seed), command.leave_out)
 
 
 def _begun(command: Any, learner: type[Learner]) -> tuple[Any, Any]:

@@ -34,6 +34,9 @@ def data(tmp_path_factory) -> Path:
     return path
 
 
+OFFLINE = ("--standardise", "--value-term", "value_expert")
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
@@ -53,6 +56,10 @@ def data(tmp_path_factory) -> Path:
         (["--standardise", "--world", "intersection-continuous"], "leave --standardise out"),
         (["--standardise", "--world", "MountainCarContinuous-v0"], "belong to another world"),
         (["--learner", "sac", "--standardise"], "by demonstrations or a world"),
+        (["--leave-out", "1", "--value-term", "value_expert"], "add --standardise"),
+        (["--leave-out", "3", *OFFLINE], "no feature 3 to leave out: they are 0 to 2"),
+        (["--leave-out", "-1", *OFFLINE], "no feature -1 to leave out"),
+        (["--leave-out", "2", "0", "1", *OFFLINE], "every feature is left out"),
         ([], "value term 'value' needs the learner's own transitions"),
         (["--world", "crossing7"], "has discrete actions"),
         (["--world", "CartPole-v1"], "has discrete actions"),
@@ -98,9 +105,9 @@ def test_standardise_is_of_continuous_actions(tmp_path, capsys) -> None:
     path = tmp_path / "mixed.safetensors"
     assert main(["collect", "crossing5", "--episodes", "1", "--out", str(path)]) == 0
     capsys.readouterr()
-    words = ["train", str(path), "--standardise", "--out", str(tmp_path / "run")]
-    assert main(words) == 2
-    assert "--standardise is of continuous actions" in capsys.readouterr().err
+    for option in (["--standardise"], ["--leave-out", "1"]):
+        assert main(["train", str(path), *option, "--out", str(tmp_path / "run")]) == 2
+        assert "--standardise and --leave-out are of continuous" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("more", [[], ["--world", "Pendulum-v1", "--updates-per-round", "20"]])
@@ -115,3 +122,17 @@ def test_standardised_policies_take_observations_as_they_are(more, data, tmp_pat
     assert record["deviation"] == pytest.approx(seen.std(axis=0) + 1e-3, rel=1e-5)
     first = np.abs(policy.weights[0] * np.array(record["deviation"]))
     assert first.max() < 1.0  # near its first range of 1/sqrt(3)
+
+
+def test_features_that_are_left_out_do_not_change_a_policy(data, tmp_path) -> None:
+    out = tmp_path / "run"
+    words = ["--learner", "behaviour-cloning", "--standardise", "--leave-out", "0", "2"]
+    small = ["--updates", "20", "--hidden", "8", "--batch-size", "4", "--out", str(out)]
+    assert main(["train", str(data), *words, *small]) == 0
+    policy = ActorPolicy.load(out / "policy_0.safetensors")
+    assert (policy.weights[0][:, [0, 2]] == 0.0).all() and policy.weights[0][:, 1].all()
+    assert [one is None for one in policy.provenance["standardised"]["deviation"]] == [
+        True,
+        False,
+        True,
+    ]

@@ -9,7 +9,7 @@ alike. The learner sees standardised observations only; its policy takes them as
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,18 +57,34 @@ class Standardisation:
 
     Attributes:
         mean: Subtracted.
-        deviation: Divided by, above 0.
+        deviation: Divided by, above 0; infinite for a feature that is left out, which is then 0.
     """
 
     mean: Float32[np.ndarray, " feature"]
     deviation: Float32[np.ndarray, " feature"]
 
     @staticmethod
-    def of(observation: Float[np.ndarray, "row feature"]) -> Standardisation:
-        """Return the change of these observations; a feature that never changes keeps its unit."""
+    def of(
+        observation: Float[np.ndarray, "row feature"], left_out: Sequence[int] = ()
+    ) -> Standardisation:
+        """Return the change of these observations; a feature that never changes keeps its unit.
+
+        Args:
+            observation: The observations.
+            left_out: Features, counted from 0, that the networks do not see.
+
+        Raises:
+            UserError: If there is no such feature, or none is left.
+        """
         observation = np.asarray(observation, np.float64)
         mean, deviation = observation.mean(axis=0), observation.std(axis=0)
         deviation = np.where(deviation > 0.0, deviation + _LEAST, 1.0)
+        unknown = [one for one in left_out if not 0 <= one < len(mean)]
+        if unknown:
+            raise UserError(f"no feature {unknown[0]} to leave out: they are 0 to {len(mean) - 1}")
+        deviation[list(left_out)] = np.inf
+        if np.isinf(deviation).all():
+            raise UserError("every feature is left out: keep at least one")
         return Standardisation(mean.astype(np.float32), deviation.astype(np.float32))
 
     def __call__(self, observation: Any) -> Float32[np.ndarray, "*row feature"]:
@@ -126,7 +142,8 @@ class Standardisation:
         scaled = first.astype(np.float64)
         scaled[:, :count] /= self.deviation
         bias = (bias - scaled[:, :count] @ self.mean).astype(np.float32)
-        record = {"mean": self.mean.tolist(), "deviation": self.deviation.tolist()}
+        known = [None if np.isinf(one) else float(one) for one in self.deviation]
+        record = {"mean": self.mean.tolist(), "deviation": known}
         return dataclasses.replace(
             trained,
             weights=(scaled.astype(np.float32), *weights),

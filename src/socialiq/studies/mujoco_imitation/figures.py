@@ -11,7 +11,8 @@ from socialiq.plotting.style import figure, plain
 from socialiq.studies.mujoco_imitation.methods import METHODS
 
 _SHADES = (
-    "#92c5de", "#4393c3", "#f4a582", "#bdbdbd", "#053061", "#7b3294", "#b2182b", "#4d4d4d"
+    "#92c5de", "#4393c3", "#f4a582", "#bdbdbd", "#053061", "#7b3294", "#b2182b", "#4d4d4d",
+    "#1b7837", "#7fbf7b", "#000000",
 )  # fmt: skip
 _COLORS = dict(zip(METHODS, _SHADES, strict=True))
 

@@ -26,6 +26,7 @@ class Method:
         absorbing: Whether terminal states are absorbing ones that the observation shows.
         standardised: Whether the networks see standardised observations.
         updates: Of online imitation; 0 for those of the task.
+        forces: Whether the networks see contact forces, of tasks that have them.
     """
 
     static: Any
@@ -33,6 +34,7 @@ class Method:
     absorbing: bool = False
     standardised: bool = False
     updates: int = 0
+    forces: bool = True
 
     @property
     def online(self) -> bool:
@@ -72,6 +74,10 @@ LONGER = "online, standardised, 300,000 updates"
 """Name of online imitation that differs from "online, standardised" in its length alone; chosen in
 development on HalfCheetah."""
 
+WITHOUT_FORCES = "online, standardised, temperature 0.3, 300,000 updates, no contact forces"
+"""Name of online imitation that was chosen in development on Ant, whose contact forces are 0 but
+for short peaks."""
+
 LINEAR = dataclasses.replace(ONLINE, schedule="linear")
 
 METHODS = {
@@ -97,8 +103,20 @@ METHODS = {
         dataclasses.replace(CLONING, updates=50_000), CLONING_NUMBERS, standardised=True
     ),
 }
+METHODS |= {
+    WITHOUT_FORCES: dataclasses.replace(
+        METHODS[LONGER], numbers=dataclasses.replace(NUMBERS, temperature=0.3), forces=False
+    ),
+    "offline, standardised, no contact forces": dataclasses.replace(
+        METHODS["offline, standardised"], forces=False
+    ),
+    "cloning, standardised, no contact forces": dataclasses.replace(
+        METHODS["cloning, standardised"], forces=False
+    ),
+}
 """Methods by name in the tables: IQ-Learn online, the same with `CHOSEN`, offline, and cloning;
-then with standardised observations, online with the temperature and discount of "online"."""
+then with standardised observations, online with the temperature and discount of "online"; then for
+tasks with contact forces."""
 
 CLONE_OF = {
     "online": "cloning",
@@ -107,6 +125,8 @@ CLONE_OF = {
     "online, standardised": "cloning, standardised",
     LONGER: "cloning, standardised",
     "offline, standardised": "cloning, standardised",
+    WITHOUT_FORCES: "cloning, standardised, no contact forces",
+    "offline, standardised, no contact forces": "cloning, standardised, no contact forces",
 }
 """Cloning that each other method is tested against."""
 

@@ -12,7 +12,7 @@ from socialiq.experiments.jobs import Job, ProgressCallback
 from socialiq.storage import write_atomically
 from socialiq.studies.mujoco_imitation.config import COUNTS, Config
 from socialiq.studies.mujoco_imitation.expert import Expert, train_expert
-from socialiq.studies.mujoco_imitation.methods import method_of
+from socialiq.studies.mujoco_imitation.methods import METHODS, method_of
 from socialiq.studies.mujoco_imitation.pieces import Pieces, committed, name_of
 from socialiq.studies.mujoco_imitation.runs import Imitation, Showing, imitate, show
 from socialiq.studies.mujoco_imitation.tasks import TASKS, make_env
@@ -60,7 +60,8 @@ def cells(config: Config) -> Iterator[tuple[str, str, int]]:
     for task in config.tasks:
         for count in config.trajectories:
             for method in config.methods:
-                yield task, method, count
+                if METHODS[method].forces or TASKS[task].forces:
+                    yield task, method, count
     task, count = ABLATED
     if config.ablate and task in config.tasks and count in config.trajectories:
         for variant in config.variants:

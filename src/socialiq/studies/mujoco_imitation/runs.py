@@ -149,7 +149,8 @@ def learn(
         shown = [with_absorbing_states(one) for one in shown]
     if not method.standardised:
         return _policies(_train(task, method, shown, seeds, callbacks))
-    changes = [Standardisation.of(one.observation) for one in shown]
+    unseen = () if method.forces else task.forces
+    changes = [Standardisation.of(one.observation, unseen) for one in shown]
     seen = [change.transitions(one) for change, one in zip(changes, shown, strict=True)]
     trained = _train(task, method, seen, seeds, callbacks, changes)
     return [change.actor(one) for change, one in zip(changes, _policies(trained), strict=True)]

@@ -44,12 +44,14 @@ class Task:
         online_updates: Of online imitation, with a step in the environment for each.
         published: Mean return of IQ-Learn online from one trajectory (Garg et al. 2021), of
             another expert and an earlier version of the environment.
+        forces: Features that are contact forces.
     """
 
     env: str
     expert: ExpertSettings
     online_updates: int
     published: float
+    forces: range = range(0)
 
 
 def _wide(updates: int) -> ExpertSettings:
@@ -60,7 +62,7 @@ TASKS = {
     "Hopper": Task("Hopper-v5", ExpertSettings(300_000), 60_000, 3546.4),
     "HalfCheetah": Task("HalfCheetah-v5", ExpertSettings(300_000), 60_000, 5076.6),
     "Walker2d": Task("Walker2d-v5", _wide(600_000), 100_000, 5134.0),
-    "Ant": Task("Ant-v5", _wide(1_000_000), 100_000, 4362.9),
+    "Ant": Task("Ant-v5", _wide(1_000_000), 100_000, 4362.9, forces=range(27, 105)),
 }
 """Tasks by name in the tables."""
 

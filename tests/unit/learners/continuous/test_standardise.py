@@ -46,6 +46,17 @@ def test_a_policy_takes_observations_as_they_are() -> None:
     assert restored.provenance["standardised"]["mean"] == change.mean.tolist()
 
 
+def test_features_that_are_left_out_have_no_effect() -> None:
+    change = Standardisation.of(SEEN, left_out=range(1, 2))
+    assert (change(SEEN)[:, 1] == 0.0).all() and change(SEEN)[:, 0].std() > 0.5
+    trained = ActorPolicy.of(Actor.initialise(jax.random.key(0), 3, (8,), 2), {})
+    restored = change.policy(trained)
+    assert restored.predict(SEEN)[0] == pytest.approx(trained.predict(change(SEEN))[0], abs=1e-4)
+    other = SEEN + np.float32([0.0, 100.0, 0.0])
+    np.testing.assert_array_equal(restored.predict(other)[0], restored.predict(SEEN)[0])
+    assert restored.provenance["standardised"]["deviation"][1] is None
+
+
 def test_a_dial_keeps_its_inputs_of_the_angle() -> None:
     change = Standardisation.of(SEEN)
     network = Actor.initialise(jax.random.key(1), 5, (8,), 1, extra=2)

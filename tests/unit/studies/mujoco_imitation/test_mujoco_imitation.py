@@ -9,11 +9,20 @@ from socialiq.errors import UserError
 from socialiq.experiments.study import Context
 from socialiq.studies.mujoco_imitation import pieces, plan, study
 from socialiq.studies.mujoco_imitation.config import Config
-from socialiq.studies.mujoco_imitation.methods import CHOSEN, LONGER, METHODS, VARIANTS, method_of
+from socialiq.studies.mujoco_imitation.methods import (
+    CHOSEN,
+    LONGER,
+    METHODS,
+    VARIANTS,
+    WITHOUT_FORCES,
+    method_of,
+)
 from socialiq.studies.mujoco_imitation.runs import Imitation, settled
 from socialiq.studies.mujoco_imitation.tasks import TASKS
 
 SMALL = {"tasks": ("Hopper",), "trajectories": (1, 5), "seeds": (0, 1)}
+N_HOPPER = sum(method.forces for method in METHODS.values())
+"""Methods of a task without contact forces."""
 EXPERT = {
     "recipe": {"seed": 7, "updates": 40},
     "checkpoints": [{"updates": 20, "mean_return": 90.0}, {"updates": 40, "mean_return": 80.0}],
@@ -53,7 +62,11 @@ def folder(tmp_path):
 
 def test_the_whole_plan_has_every_cell_and_the_ablations() -> None:
     found = list(plan.cells(Config()))
-    assert len(found) == len(set(found)) == len(TASKS) * len(METHODS) * 3 + len(VARIANTS)
+    blind = [name for name, method in METHODS.items() if not method.forces]
+    everywhere = len(TASKS) * (len(METHODS) - len(blind)) * 3
+    # Hopper, HalfCheetah and Walker2d observe no contact forces that could be left out.
+    assert {task for task, method, _ in found if method in blind} == {"Ant"}
+    assert len(found) == len(set(found)) == everywhere + 3 * len(blind) + len(VARIANTS)
     assert len(list(plan.cells(Config(ablate=False)))) == len(found) - len(VARIANTS)
 
 
@@ -61,7 +74,7 @@ def test_each_job_stands_after_its_inputs() -> None:
     jobs = plan.plan(Config(**SMALL))
     names = [job.name for job in jobs]
     assert all(set(job.inputs) <= set(names[:place]) for place, job in enumerate(jobs))
-    assert sum(job.stage == "runs" for job in jobs) == 2 * len(METHODS) + len(VARIANTS)
+    assert sum(job.stage == "runs" for job in jobs) == 2 * N_HOPPER + len(VARIANTS)
     assert sum(job.stage == "shown" for job in jobs) == 2
 
 
@@ -99,7 +112,7 @@ def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path) -> None:
     (expert,) = found.tables["experts"]
     assert (expert["mean_return"], expert["best_checkpoint"], expert["episodes"]) == (200, 20, 3)
     cells = {(row["method"], row["trajectories"]): row for row in found.tables["cells"]}
-    assert len(cells) == 2 * len(METHODS)
+    assert len(cells) == 2 * N_HOPPER
     online = cells["online", 5]
     assert (online["runs"], online["mean_return"], online["least_run"]) == (2, 185.0, 170.0)
     assert online["share"] == pytest.approx(0.925) and online["published"] == ""
@@ -152,6 +165,16 @@ def test_standardised_methods_are_the_only_ones_with_standardised_observations()
     assert longer.numbers == online.numbers and longer.updates == 300_000
     changed = dataclasses.replace(online.static, replay_capacity=300_000)
     assert longer.static == changed
+
+
+def test_contact_forces_are_left_out_alone_beside_what_the_name_says() -> None:
+    chosen = METHODS[WITHOUT_FORCES]
+    numbers = dataclasses.replace(METHODS[LONGER].numbers, temperature=0.3)
+    assert chosen == dataclasses.replace(METHODS[LONGER], numbers=numbers, forces=False)
+    for kind in ("offline", "cloning"):
+        base = METHODS[f"{kind}, standardised"]
+        blind = METHODS[f"{kind}, standardised, no contact forces"]
+        assert blind == dataclasses.replace(base, forces=False)
 
 
 def test_a_variant_changes_what_it_names_alone() -> None:
