@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from socialiq.experiments.results import Results
 from socialiq.experiments.tables import column, groups, matching
@@ -22,26 +23,34 @@ def draw(results: Results) -> dict[str, Figure]:
     panels = groups(results.tables.get("runs", []), "task")
     if not panels:
         return {}
-    drawn = figure(2.8 * len(panels) + 1.0, 3.6)
+    drawn = figure(3.4 * len(panels) + 1.0, 4.2)
     for place, ((task,), rows) in enumerate(panels.items(), start=1):
         axes = drawn.add_subplot(1, len(panels), place)
         counts = sorted(set(column(rows, "trajectories")))
-        for shift, (method, color) in enumerate(_COLORS.items()):
+        there = [method for method in METHODS if matching(rows, method=method)]
+        for shift, method in enumerate(there):
             means: list[tuple[float, float]] = []
+            color = _COLORS[method]
             for number, count in enumerate(counts):
                 share = column(matching(rows, method=method, trajectories=count), "share")
-                x = number + 0.12 * (shift - (len(_COLORS) - 1) / 2)
-                axes.plot([x] * len(share), share, "o", color=color, alpha=0.4, markersize=4)
+                x = number + 0.84 * ((shift + 0.5) / len(there) - 0.5)
+                axes.plot([x] * len(share), share, "o", color=color, alpha=0.4, markersize=3)
                 means += [(x, sum(share) / len(share))] if share else []
-            axes.plot(*np.reshape(means, (-1, 2)).T, "_", color=color, markersize=9, label=method)
+            axes.plot(*np.reshape(means, (-1, 2)).T, "_", color=color, markersize=8)
         axes.axhline(1.0, color="0.7", linewidth=0.8, zorder=0)
         axes.set_xticks(range(len(counts)), [str(count) for count in counts])
         axes.set_xlim(-0.5, len(counts) - 0.5)
+        for between in range(1, len(counts)):
+            axes.axvline(between - 0.5, color="0.85", linewidth=0.8, zorder=0)
         axes.set_xlabel("demonstrated trajectories")
         axes.set_ylim(bottom=min(0.0, *column(rows, "share")))
         axes.set_title(task, fontsize=9)
         plain(axes)
         if place == 1:
             axes.set_ylabel("share of the expert's return")
-            drawn.legend(frameon=False, fontsize=8, ncols=2, loc="outside lower center")
+    names = [method for method in METHODS if matching(results.tables["runs"], method=method)]
+    marks = [
+        Line2D([], [], color=_COLORS[one], marker="_", linestyle="", label=one) for one in names
+    ]
+    drawn.legend(handles=marks, frameon=False, fontsize=8, ncols=3, loc="outside lower center")
     return {"shares": drawn}
