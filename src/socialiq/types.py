@@ -41,8 +41,8 @@ class RewardPair(NamedTuple):
         if "reward_pair" not in info and np.ndim(reward):
             if np.size(reward) != 2:
                 raise UserError(
-                    f"a vector reward has {np.size(reward)} parts, and an angle weighs two: choose "
-                    "or add up parts in the function of a RewardPairWrapper"
+                    f"a vector reward has length {np.size(reward)}, and an angle weighs two parts: "
+                    "choose or add up parts in the function of a RewardPairWrapper"
                 )
             return RewardPair.of(reward, "a vector reward")
         return RewardPair.of(info.get("reward_pair", (reward, 0.0)), 'info["reward_pair"]')

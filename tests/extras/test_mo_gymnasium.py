@@ -67,7 +67,9 @@ def test_a_task_of_three_rewards_is_refused_in_one_line():
         def predict(self, observation, state=None, episode_start=None, deterministic=True):
             return np.ones(np.shape(observation)[:-1], int), state
 
-    with pytest.raises(UserError, match="a vector reward has 3 parts, and an angle weighs two"):
+    with pytest.raises(
+        UserError, match="a vector reward has length 3, and an angle weighs two parts"
+    ):
         rollout_env(env, Still(), 1, seed=0)
 
 

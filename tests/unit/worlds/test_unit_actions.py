@@ -93,7 +93,7 @@ def test_a_vector_reward_is_the_pair() -> None:
 
 @pytest.mark.parametrize("reward", [np.zeros(3), np.zeros(1), np.zeros((2, 2))])
 def test_vector_rewards_of_another_length_are_refused(reward) -> None:
-    told = f"a vector reward has {reward.size} parts, and an angle weighs two: choose"
+    told = f"a vector reward has length {reward.size}, and an angle weighs two parts: choose"
     with pytest.raises(UserError, match=told) as refused:
         RewardPair.of_step(reward, {})
     assert "\n" not in str(refused.value)
