@@ -6,9 +6,11 @@ from typing import Any
 import pytest
 
 from socialiq.errors import UserError
+from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments import results as store
 from socialiq.experiments.intersection.thesis_values import METRICS, POLICIES
 from socialiq.experiments.study import run
+from socialiq.experiments.tables import matching
 from socialiq.nn.actor_policy import ActorDial, ActorPolicy
 from socialiq.plotting.style import png
 from socialiq.studies.intersection_continuous.config import Config
@@ -27,6 +29,8 @@ TINY = Config(
     high_angles=dataclasses.replace(PLAIN.high_angles, **SMALL, batch_size=4),
     discrete=dataclasses.replace(PLAIN.discrete, **SMALL, replay_batch=4),
     learner=dataclasses.replace(PLAIN.learner, **SMALL, batch_size=4),
+    clone=dataclasses.replace(PLAIN.clone, **SMALL, batch_size=4),
+    td3_bc=dataclasses.replace(PLAIN.td3_bc, **SMALL, batch_size=4),
     pool_episodes=6,
     size=20,
     environments=4,
@@ -69,7 +73,22 @@ def results():
 def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:
     tables = results.tables
     policies = {row["policy"] for row in tables["main"]}
-    assert set(POLICIES) < policies and len(policies) == len(POLICIES) + 3 * len(KINDS)
+    offline = {f"{name} {mode}" for name in ("weighted cloning", "TD3+BC") for mode in MODES}
+    assert {*POLICIES, "cloning"} | offline < policies
+    assert len(policies) == len(POLICIES) + 1 + len(offline) + 3 * len(KINDS)
+    # A clone and the baseline have no angle: at every one it is the same policy that is scored.
+    of_mixture = tables["mixture"]
+    assert len(of_mixture) == 5 * len(MODES) * 2
+    for method in ("cloning", "baseline"):
+        (shown,) = matching(of_mixture, method=method, asked=0.0, seed=2)
+        own = matching(tables["policies"], name=method, seed=2)[0]
+        assert shown["value"] == own["value"] == own["r_env"]
+        (turned,) = matching(of_mixture, method=method, asked=90.0, seed=2)
+        assert turned["value"] == pytest.approx(own["r_social"])
+    for method in ("IQ-Learn", "weighted cloning", "TD3+BC"):
+        (shown,) = matching(of_mixture, method=method, asked=90.0, seed=3)
+        name = f"{method.replace('IQ-Learn', '')} altruistic".strip()
+        assert shown["value"] == matching(tables["policies"], name=name, seed=3)[0]["value"]
     assert {row["kind"] for row in tables["dials"]} == set(KINDS)
     assert len(tables["dials"]) == 3 * 2 * 3
     assert all(row["regret"] >= 0.0 for row in tables["dials"])
@@ -91,7 +110,7 @@ def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:
     )
     assert one.keys() == other.keys()
     assert set(png(STUDY.figures(results))) == {"tradeoff", "values"}
-    assert len(STUDY.view(results)) == 3
+    assert len(STUDY.view(results)) == 4
     store.save(results, tmp_path / "out", {}, replace=False)
     expert = ActorPolicy.load(tmp_path / "out" / "atlas" / "expert_altruistic.safetensors")
     assert expert.n_features == 71 and expert.action_size == 1

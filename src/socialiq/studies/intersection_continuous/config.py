@@ -9,11 +9,14 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.experiments.intersection.demonstration_sets import MIXTURE
+from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.config import check_counts
 from socialiq.learners.continuous.config import (
     Hyperparameters,
     IQHyperparameters,
     IQStaticConfig,
+    OfflineHyperparameters,
+    OfflineStaticConfig,
     StaticConfig,
 )
 from socialiq.learners.continuous.presets import (
@@ -30,6 +33,17 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 
 HIGH_ANGLES = dataclasses.replace(DIAL, high_share=0.8)
 """The dial with most of its angles beyond 65 degrees; chosen among ten settings in development."""
+
+OFFLINE_UPDATES = EXPERT.updates
+"""Updates of the learners without steps of their own; all else of them is at its default."""
+
+_NETWORK = {name: getattr(LEARNER, name) for name in ("view", "hidden", "batch_size")}
+
+CLONE = bc.StaticConfig(**_NETWORK, updates=OFFLINE_UPDATES)
+"""Behaviour cloning, once of all demonstrations alike and once weighted (Eq B.2)."""
+
+TD3_BC = OfflineStaticConfig(**_NETWORK, updates=OFFLINE_UPDATES, endings=LEARNER.endings)
+"""TD3+BC on R(α)."""
 
 DISCRETE = dataclasses.replace(
     INTERSECTION.structure,
@@ -73,6 +87,14 @@ class Config:
     """Static config of the learners; the baseline has no prior."""
     learner_numbers: IQHyperparameters = LEARNER_NUMBERS
     """Hyperparameters of the learners, without angle, seed and data."""
+    clone: bc.StaticConfig = CLONE
+    """Static config of the clones."""
+    clone_numbers: bc.Hyperparameters = field(default_factory=bc.Hyperparameters)
+    """Hyperparameters of the clones, without angle, seed and data."""
+    td3_bc: OfflineStaticConfig = TD3_BC
+    """Static config of TD3+BC."""
+    td3_bc_numbers: OfflineHyperparameters = field(default_factory=OfflineHyperparameters)
+    """Hyperparameters of TD3+BC, without angle, seed and data."""
     options: ContinuousOptions = field(default_factory=ContinuousOptions)
     """Scenario of continuous actions."""
     discrete_options: Options = field(default_factory=lambda: Options(destination="straight"))

@@ -34,6 +34,7 @@ from socialiq.plotting.style import figure, finish
 from socialiq.studies.intersection_continuous.config import Config
 from socialiq.studies.intersection_continuous.work import (
     BASELINE,
+    CLONES,
     CONTINUOUS,
     DISCRETE,
     EVALUATION,
@@ -41,6 +42,9 @@ from socialiq.studies.intersection_continuous.work import (
     HIGH_ANGLES,
     KINDS,
     LEARNERS,
+    OF_MIXTURE,
+    TD3_BC,
+    WEIGHTED,
     dial_file,
     plan,
 )
@@ -52,6 +56,15 @@ _LOOKS = {
     HIGH_ANGLES: ("#3c8d40", "v", "acceleration, more high angles"),
     DISCRETE: ("#c23b22", "^", "three actions"),
 }
+_NAMES = {
+    EXPERTS: "expert",
+    LEARNERS: "",
+    BASELINE: "baseline",
+    CLONES: "cloning",
+    WEIGHTED: "weighted cloning",
+    TD3_BC: "TD3+BC",
+}
+"""Beginning of a policy's name, by job."""
 _PAIRS = ((CONTINUOUS, DISCRETE), (HIGH_ANGLES, DISCRETE), (HIGH_ANGLES, CONTINUOUS))
 
 
@@ -67,6 +80,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
     tables = {
         "main": main_table(policies, dials),
         "policies": policies,
+        "mixture": _of_mixture(config, work),
         "dials": dials,
         "families": families,
         "differences": _differences(families),
@@ -80,19 +94,33 @@ def compute_tables(config: Config, context: Context) -> Findings:
 
 
 def _single_rows(config: Config, work: Path) -> list[Row]:
-    """Return metrics of each expert, learner and baseline, with J at its own angle."""
+    """Return metrics of each expert and policy of a mixture, with J at its own angle, or 0."""
     found: list[Row] = []
     names = {f"{angle:g}": mode for mode, angle in MODES.items()}
-    for job in (EXPERTS, LEARNERS, BASELINE):
+    for job in (EXPERTS, *OF_MIXTURE):
         seeds = (config.expert_seed,) if job == EXPERTS else config.learner_seeds
-        for angle, mode in names.items() if job != BASELINE else {"0": "baseline"}.items():
+        of_angles = OF_MIXTURE.get(job, True)
+        for angle, mode in names.items() if of_angles else {"0": ""}.items():
             for seed in seeds:
                 file = f"{angle}_{seed}.safetensors"
                 episodes = load_episodes(work / EVALUATION / job / file)
                 row = policy_row(f"{job}/{file}", "greedy", episodes)
-                label = f"expert {mode}" if job == EXPERTS else mode
+                label = f"{_NAMES[job]} {mode}".strip()
                 value = value_at(row, float(angle))
                 found.append({"name": label, "seed": seed, "value": value} | row)
+    return found
+
+
+def _of_mixture(config: Config, work: Path) -> list[Row]:
+    """Return J of each policy of a mixture at the angles of the modes, its own angle or not."""
+    found: list[Row] = []
+    for job, of_angles in OF_MIXTURE.items():
+        for asked in MODES.values():
+            for seed in config.learner_seeds:
+                file = f"{asked if of_angles else 0.0:g}_{seed}.safetensors"
+                row = policy_row(job, "greedy", load_episodes(work / EVALUATION / job / file))
+                label = {"method": _NAMES[job] or "IQ-Learn", "asked": asked, "seed": seed}
+                found.append(label | {"value": value_at(row, asked)})
     return found
 
 
@@ -117,7 +145,7 @@ def main_table(policies: Sequence[Row], dials: Sequence[Row]) -> list[Row]:
     """Return the study's main table: each metric of Tables 6.1 and 6.2, mean and spread over seeds.
 
     Args:
-        policies: Experts, learners and baseline.
+        policies: Experts and policies of a mixture.
         dials: Dials, of which the angles of the three modes are shown.
     """
     named = {name: rows for (name,), rows in groups(policies, "name").items()}
@@ -252,9 +280,19 @@ def view(results: Results) -> Sequence[View]:
     families = [{name: row[name] for name in shown} for row in results.tables["families"]]
     return [
         View(list(table.values()), "Means over training seeds; %, km/h"),
+        View(_of_methods(results), "Policies of one mixture: J, means over training seeds"),
         View(families, "Dials: J and regret, means over the angles"),
         View(results.tables.get("differences", []), "Differences of the dials, corrected together"),
     ]
+
+
+def _of_methods(results: Results) -> list[Row]:
+    """Return mean J of each method at each angle, a row for each method."""
+    rows: dict[str, Row] = {}
+    for (method, asked), found in groups(results.tables["mixture"], "method", "asked").items():
+        mean = float(np.mean([row["value"] for row in found]))
+        rows.setdefault(method, {"method": method})[f"{asked:g} degrees"] = mean
+    return list(rows.values())
 
 
 STUDY = Study(

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.experiments.intersection.demonstration_sets import (
@@ -22,10 +23,13 @@ from socialiq.experiments.intersection.episodes import EpisodesRun, save_episode
 from socialiq.experiments.intersection.fitting import CHUNK, fit, sizes_of
 from socialiq.experiments.intersection.training import dial_collector
 from socialiq.experiments.jobs import Job, ProgressCallback
+from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.continuous.actor_critic import ActorCritic
+from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
 from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
 from socialiq.learners.continuous.presets import STEPS_PER_UPDATE
 from socialiq.learners.continuous.sac import SoftActorCritic
+from socialiq.learners.continuous.td3_bc import TD3BC
 from socialiq.learners.continuous.train import train
 from socialiq.learners.continuous.vector_acting import ActorVectorCollector
 from socialiq.learners.dial import config as dial
@@ -40,6 +44,9 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 
 EXPERTS, LEARNERS, BASELINE = "experts/sac", "learners/targets", "learners/baseline"
+CLONES, WEIGHTED, TD3_BC = "offline/cloning", "offline/weighted-cloning", "offline/td3-bc"
+OF_MIXTURE = {LEARNERS: True, BASELINE: False, CLONES: False, WEIGHTED: True, TD3_BC: True}
+"""Jobs that learn from a mixture, and whether each has a run for every angle."""
 CONTINUOUS, HIGH_ANGLES = "dials/continuous", "dials/high-angles"
 DISCRETE = "dials/discrete"
 KINDS = (CONTINUOUS, HIGH_ANGLES, DISCRETE)
@@ -114,23 +121,32 @@ def plan(config: Config) -> list[Job]:
 
 
 def _learners(config: Config, given: Any) -> list[Job]:
-    """Learners of each target and the baseline, which has no prior."""
+    """Learners of each target, the baseline, which has no prior, and others beside them."""
     shown = partial(given, mixture=config.mixture, size=config.size)
+    baseline = dataclasses.replace(config.learner, prior="none", chi2_on="expert")
+    weighted = dataclasses.replace(config.clone, weighted=True)
+    structures = {
+        LEARNERS: (config.learner, config.learner_numbers, train_learners),
+        BASELINE: (baseline, config.learner_numbers, train_learners),
+        CLONES: (config.clone, config.clone_numbers, train_offline),
+        WEIGHTED: (weighted, config.clone_numbers, train_offline),
+        TD3_BC: (config.td3_bc, config.td3_bc_numbers, train_offline),
+    }
     jobs = []
-    for name, prior, angles in (
-        (LEARNERS, config.learner.prior, tuple(MODES.values())),
-        (BASELINE, "none", (0.0,)),
-    ):
+    for name, (structure, base, work) in structures.items():
         numbers = tuple(
-            dataclasses.replace(config.learner_numbers, angle=angle, seed=seed, dataset=number)
-            for angle in angles
+            dataclasses.replace(base, angle=angle, seed=seed, dataset=number)
+            for angle in angles_of(name)
             for number, seed in enumerate(config.learner_seeds)
         )
-        chi2_on = config.learner.chi2_on if prior != "none" else "expert"
-        structure = dataclasses.replace(config.learner, prior=prior, chi2_on=chi2_on)
         run = shown(structure, numbers)
-        jobs.append(Job(name, train_learners, run, (DEMONSTRATIONS,), cost=60.0 * len(angles)))
+        jobs.append(Job(name, work, run, (DEMONSTRATIONS,), cost=10.0 * len(numbers)))
     return jobs
+
+
+def angles_of(name: str) -> tuple[float, ...]:
+    """Return the angles of a job of `OF_MIXTURE`; that of a run without one is 0."""
+    return tuple(MODES.values()) if OF_MIXTURE[name] else (0.0,)
 
 
 def _evaluations(config: Config) -> list[Job]:
@@ -139,7 +155,7 @@ def _evaluations(config: Config) -> list[Job]:
     cost = 3.0 * len(config.seeds) * len(config.angles)
     jobs = [
         Job(f"{EVALUATION}/{name}", drive, given(options=config.options), (name,), cost=20.0)
-        for name in (EXPERTS, LEARNERS, BASELINE)
+        for name in (EXPERTS, *OF_MIXTURE)
     ]
     for name in KINDS:
         options = config.discrete_options if name == DISCRETE else config.options
@@ -183,10 +199,23 @@ def train_learners(
     config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Write learners of a mixture; each training seed has a mixture of its own."""
+    _fit_actors(ContinuousIQLearn, config, folder, on_progress, _mixtures(config, inputs))
+
+
+def _mixtures(config: Training, inputs: Mapping[str, Path]) -> list[Demonstrations]:
     (recordings,) = inputs.values()
     seeds = {one.dataset: one.seed for one in config.numbers}
-    sets = [mixture_of(recordings, config.mixture, config.size, seeds[n]) for n in sorted(seeds)]
-    _fit_actors(ContinuousIQLearn, config, folder, on_progress, sets)
+    return [mixture_of(recordings, config.mixture, config.size, seeds[n]) for n in sorted(seeds)]
+
+
+def train_offline(
+    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write clones, or TD3+BC, of a mixture, as `train_learners`, without steps of their own."""
+    given = (config.structure, config.numbers, _mixtures(config, inputs))
+    clones = isinstance(config.structure, bc.StaticConfig)
+    program = partial(BehaviourCloning.train_on if clones else partial(train, TD3BC), *given)
+    fit(program, folder, on_progress, [run_file(one) for one in config.numbers])
 
 
 def record_trained(
