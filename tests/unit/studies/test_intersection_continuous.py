@@ -29,6 +29,7 @@ TINY = Config(
     high_angles=dataclasses.replace(PLAIN.high_angles, **SMALL, batch_size=4),
     discrete=dataclasses.replace(PLAIN.discrete, **SMALL, replay_batch=4),
     learner=dataclasses.replace(PLAIN.learner, **SMALL, batch_size=4),
+    longer=dataclasses.replace(PLAIN.longer, **SMALL, batch_size=4),
     clone=dataclasses.replace(PLAIN.clone, **SMALL, batch_size=4),
     td3_bc=dataclasses.replace(PLAIN.td3_bc, **SMALL, batch_size=4),
     pool_episodes=6,
@@ -73,21 +74,22 @@ def results():
 def test_a_tiny_study_has_every_table_and_picture(results, tmp_path) -> None:
     tables = results.tables
     policies = {row["policy"] for row in tables["main"]}
-    offline = {f"{name} {mode}" for name in ("weighted cloning", "TD3+BC") for mode in MODES}
+    others = ("longer IQ-Learn", "weighted cloning", "TD3+BC")
+    offline = {f"{name} {mode}" for name in others for mode in MODES}
     assert {*POLICIES, "cloning"} | offline < policies
     assert len(policies) == len(POLICIES) + 1 + len(offline) + 3 * len(KINDS)
     # A clone and the baseline have no angle: at every one it is the same policy that is scored.
     of_mixture = tables["mixture"]
-    assert len(of_mixture) == 5 * len(MODES) * 2
+    assert len(of_mixture) == 6 * len(MODES) * 2
     for method in ("cloning", "baseline"):
         (shown,) = matching(of_mixture, method=method, asked=0.0, seed=2)
         own = matching(tables["policies"], name=method, seed=2)[0]
         assert shown["value"] == own["value"] == own["r_env"]
         (turned,) = matching(of_mixture, method=method, asked=90.0, seed=2)
         assert turned["value"] == pytest.approx(own["r_social"])
-    for method in ("IQ-Learn", "weighted cloning", "TD3+BC"):
+    for method in ("IQ-Learn", *others):
         (shown,) = matching(of_mixture, method=method, asked=90.0, seed=3)
-        name = f"{method.replace('IQ-Learn', '')} altruistic".strip()
+        name = f"{'' if method == 'IQ-Learn' else method} altruistic".strip()
         assert shown["value"] == matching(tables["policies"], name=name, seed=3)[0]["value"]
     assert {row["kind"] for row in tables["dials"]} == set(KINDS)
     assert len(tables["dials"]) == 3 * 2 * 3

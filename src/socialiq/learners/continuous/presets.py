@@ -57,10 +57,14 @@ LEARNER = IQStaticConfig(
 
 LEARNER_NUMBERS = IQHyperparameters(temperature=0.1, learning_rate=3e-4, prior_weight=5.0)
 
+LONGER = dataclasses.replace(LEARNER, updates=EXPERT.updates)
+LONGER_NUMBERS = dataclasses.replace(LEARNER_NUMBERS, learning_rate=2e-3)
+"""The same with as many updates as an expert, and its rate."""
+
 NAME = "intersection-continuous"
 
 PRESETS: dict[str, dict[str, tuple[Any, Any]]] = {
     # The share of high angles counts in a dial alone.
-    NAME: {"sac": (DIAL, EXPERT_NUMBERS), "iq-learn": (LEARNER, LEARNER_NUMBERS)},
+    NAME: {"sac": (DIAL, EXPERT_NUMBERS), "iq-learn": (LONGER, LONGER_NUMBERS)},
 }
 """Static config and hyperparameters by preset and learner."""

@@ -25,6 +25,8 @@ from socialiq.learners.continuous.presets import (
     EXPERT_NUMBERS,
     LEARNER,
     LEARNER_NUMBERS,
+    LONGER,
+    LONGER_NUMBERS,
 )
 from socialiq.learners.dial.config import INTERSECTION
 from socialiq.learners.dial.config import Hyperparameters as DiscreteHyperparameters
@@ -34,16 +36,16 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 HIGH_ANGLES = dataclasses.replace(DIAL, high_share=0.8)
 """The dial with most of its angles beyond 65 degrees; chosen among ten settings in development."""
 
-OFFLINE_UPDATES = EXPERT.updates
-"""Updates of the learners without steps of their own; all else of them is at its default."""
-
 _NETWORK = {name: getattr(LEARNER, name) for name in ("view", "hidden", "batch_size")}
 
-CLONE = bc.StaticConfig(**_NETWORK, updates=OFFLINE_UPDATES)
-"""Behaviour cloning, once of all demonstrations alike and once weighted (Eq B.2)."""
+CLONE = bc.StaticConfig(**_NETWORK, updates=EXPERT.updates)
+CLONE_NUMBERS = bc.Hyperparameters(learning_rate=1e-3)
+"""Behaviour cloning, once of all demonstrations alike and once weighted (Eq B.2); its rate was
+chosen in development."""
 
-TD3_BC = OfflineStaticConfig(**_NETWORK, updates=OFFLINE_UPDATES, endings=LEARNER.endings)
-"""TD3+BC on R(α)."""
+TD3_BC = OfflineStaticConfig(**_NETWORK, updates=EXPERT.updates, endings=LEARNER.endings)
+TD3_BC_NUMBERS = OfflineHyperparameters()
+"""TD3+BC on R(α), with the paper's numbers."""
 
 DISCRETE = dataclasses.replace(
     INTERSECTION.structure,
@@ -87,13 +89,17 @@ class Config:
     """Static config of the learners; the baseline has no prior."""
     learner_numbers: IQHyperparameters = LEARNER_NUMBERS
     """Hyperparameters of the learners, without angle, seed and data."""
+    longer: IQStaticConfig = LONGER
+    """Static config of learners with as many updates as clones."""
+    longer_numbers: IQHyperparameters = LONGER_NUMBERS
+    """Hyperparameters of these, without angle, seed and data."""
     clone: bc.StaticConfig = CLONE
     """Static config of the clones."""
-    clone_numbers: bc.Hyperparameters = field(default_factory=bc.Hyperparameters)
+    clone_numbers: bc.Hyperparameters = CLONE_NUMBERS
     """Hyperparameters of the clones, without angle, seed and data."""
     td3_bc: OfflineStaticConfig = TD3_BC
     """Static config of TD3+BC."""
-    td3_bc_numbers: OfflineHyperparameters = field(default_factory=OfflineHyperparameters)
+    td3_bc_numbers: OfflineHyperparameters = TD3_BC_NUMBERS
     """Hyperparameters of TD3+BC, without angle, seed and data."""
     options: ContinuousOptions = field(default_factory=ContinuousOptions)
     """Scenario of continuous actions."""

@@ -44,8 +44,16 @@ from socialiq.worlds.intersection.options import ContinuousOptions, Options
 from socialiq.worlds.intersection.world import Intersection
 
 EXPERTS, LEARNERS, BASELINE = "experts/sac", "learners/targets", "learners/baseline"
+LONGER = "learners/longer"
 CLONES, WEIGHTED, TD3_BC = "offline/cloning", "offline/weighted-cloning", "offline/td3-bc"
-OF_MIXTURE = {LEARNERS: True, BASELINE: False, CLONES: False, WEIGHTED: True, TD3_BC: True}
+OF_MIXTURE = {
+    LEARNERS: True,
+    BASELINE: False,
+    LONGER: True,
+    CLONES: False,
+    WEIGHTED: True,
+    TD3_BC: True,
+}
 """Jobs that learn from a mixture, and whether each has a run for every angle."""
 CONTINUOUS, HIGH_ANGLES = "dials/continuous", "dials/high-angles"
 DISCRETE = "dials/discrete"
@@ -128,6 +136,7 @@ def _learners(config: Config, given: Any) -> list[Job]:
     structures = {
         LEARNERS: (config.learner, config.learner_numbers, train_learners),
         BASELINE: (baseline, config.learner_numbers, train_learners),
+        LONGER: (config.longer, config.longer_numbers, train_learners),
         CLONES: (config.clone, config.clone_numbers, train_offline),
         WEIGHTED: (weighted, config.clone_numbers, train_offline),
         TD3_BC: (config.td3_bc, config.td3_bc_numbers, train_offline),

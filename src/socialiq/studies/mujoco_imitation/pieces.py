@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.errors import UserError
+from socialiq.foreign import one_line
 from socialiq.storage import read_json, shipped
 from socialiq.studies.mujoco_imitation.expert import POLICY, RECORD
+from socialiq.studies.mujoco_imitation.methods import METHODS, VARIANTS
+from socialiq.studies.mujoco_imitation.tasks import TASKS
 
 FOLDER = "pieces"
 
@@ -54,7 +57,7 @@ def committed(folder: str) -> Pieces:
     """Read the pieces of a results folder; none if no folder is named.
 
     Raises:
-        UserError: If it is not there, or a file is damaged.
+        UserError: If it is not there, a file is damaged, or of an unknown task or method.
     """
     if not folder:
         return Pieces()
@@ -72,7 +75,14 @@ def committed(folder: str) -> Pieces:
             pieces.experts[task] = {RECORD: path.read_bytes(), POLICY: policy.read_bytes()}
             continue
         try:
-            pieces.runs[key_of(record)] = path.read_bytes()
+            key = key_of(record)
+            known = key[0] in TASKS and key[1] in (*METHODS, *VARIANTS)
+            pieces.runs[key] = path.read_bytes()
         except (KeyError, TypeError) as error:
             raise UserError(f"{path} is damaged: restore it or make it again") from error
+        if not known:
+            what = one_line(f"{key[1]} on {key[0]}")
+            raise UserError(
+                f"{path} is of {what}, which is unknown here: remove it, or update socialiq"
+            )
     return pieces

@@ -138,6 +138,14 @@ def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
         pieces.committed(str(tmp_path / "nothing"))
 
 
+def test_a_run_of_an_unknown_method_is_named(folder, tmp_path) -> None:
+    newer = run("online, of a later version", 0, 1.0)
+    name = pieces.name_of(pieces.key_of(newer))
+    (tmp_path / "results" / "pieces" / name).write_text(json.dumps(newer))
+    with pytest.raises(UserError, match="is of online, of a later version on Hopper, which is unk"):
+        pieces.committed(folder)
+
+
 def test_updates_are_the_given_ones_the_tasks_or_the_methods() -> None:
     def updates(method: str, given: int) -> int:
         run = Imitation("Hopper", method, 1, (0,), given, 1, 0)
