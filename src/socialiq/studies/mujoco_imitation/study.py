@@ -33,6 +33,7 @@ def compute_tables(config: Config, context: Context) -> Findings:
         "runs": runs,
         "differences": difference_rows(runs),
         "ablations": ablation_rows(runs),
+        "ablation_differences": ablation_difference_rows(runs),
     }
     summary = nested(tables["cells"], "task", "trajectories", "method")
     summary |= {"experts": nested(experts, "task")}
@@ -118,18 +119,29 @@ def difference_rows(runs: Sequence[Row]) -> list[Row]:
     tests = []
     for task, count in dict.fromkeys((row["task"], row["trajectories"]) for row in runs):
         cell = matching(runs, task=task, trajectories=count)
-        shares = {
-            method: {row["seed"]: row["share"] for row in matching(cell, method=method)}
-            for method in METHODS
-        }
-        for method, clone in CLONE_OF.items():
-            own, cloned = shares[method], shares[clone]
-            both = sorted(set(own) & set(cloned))
-            if len(both) > 1:
-                label = {"task": task, "trajectories": count, "first": method, "second": clone}
-                sides = ([own[seed] for seed in both], [cloned[seed] for seed in both])
-                tests.append(paired_row(label, *sides))
+        for pair in CLONE_OF.items():
+            tests += _paired({"task": task, "trajectories": count}, cell, *pair)
     return with_holm(tests)
+
+
+def ablation_difference_rows(runs: Sequence[Row]) -> list[Row]:
+    """Test each variant's share against that of no change, paired over seeds, Holm over all."""
+    task, count = ABLATED
+    cell = matching(runs, task=task, trajectories=count)
+    return with_holm([row for name in VARIANTS for row in _paired({}, cell, name, "online")])
+
+
+def _paired(label: Row, cell: Sequence[Row], first: str, second: str) -> list[Row]:
+    """Return the test of a method's share against another's; none if one seed or none has both."""
+    own, other = (
+        {row["seed"]: row["share"] for row in matching(cell, method=method)}
+        for method in (first, second)
+    )
+    both = sorted(set(own) & set(other))
+    if len(both) < 2:
+        return []
+    sides = ([of[seed] for seed in both] for of in (own, other))
+    return [paired_row(label | {"first": first, "second": second}, *sides)]
 
 
 def ablation_rows(runs: Sequence[Row]) -> list[Row]:
@@ -151,6 +163,7 @@ def views(results: Results) -> Sequence[View]:
         "experts": "Experts",
         "differences": "IQ-Learn's share minus cloning's, over seeds",
         "ablations": f"Online, options changed: {ABLATED[0]}, {ABLATED[1]} trajectories",
+        "ablation_differences": "Share with an option changed minus without, over seeds",
     }
     tables: dict[str, Any] = results.tables
     return [View(tables[name], title) for name, title in titles.items() if name in tables]

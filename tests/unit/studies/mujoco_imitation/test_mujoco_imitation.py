@@ -121,8 +121,22 @@ def test_tables_are_of_the_pieces_that_are_there(folder, tmp_path) -> None:
     (test,) = found.tables["differences"]
     assert (test["first"], test["mean"]) == ("online", pytest.approx(0.625))
     assert [row["method"] for row in found.tables["ablations"]] == ["online", "regression"]
+    assert found.tables["ablation_differences"] == []  # one seed of the variant
     assert len(found.files) == 2 + 5
     assert found.files["pieces/Hopper-regression-5-0.json"].startswith(b"{")
+
+
+def test_ablations_are_tested_against_no_change() -> None:
+    shares = {"online": [0.5, 0.7, 0.6], "regression": [0.1, 0.2, 0.3], "temperature 0.1": [0.6]}
+    label = {"task": "Hopper", "trajectories": 5}
+    runs = [
+        label | {"method": method, "seed": seed, "share": share}
+        for method, found in shares.items()
+        for seed, share in enumerate(found)
+    ]
+    (test,) = study.ablation_difference_rows(runs)
+    assert (test["first"], test["second"]) == ("regression", "online")
+    assert test["mean"] == pytest.approx(-0.4) and test["p_holm"] == test["p"]
 
 
 def test_a_damaged_folder_is_named(folder, tmp_path) -> None:
