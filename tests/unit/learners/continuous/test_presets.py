@@ -18,7 +18,7 @@ def as_json(config: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     ("learner", "structure", "numbers"),
-    [("sac", "continuous", "numbers"), ("iq-learn", "learner", "learner_numbers")],
+    [("sac", "continuous", "numbers"), ("iq-learn", "longer", "longer_numbers")],
 )
 def test_settings_are_those_of_the_study(learner: str, structure: str, numbers: str) -> None:
     committed = read_json(packaged_results() / NAME / "config.json")["config"]
