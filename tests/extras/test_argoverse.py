@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from socialiq.errors import UserError
+from socialiq.recordings.readers.argoverse import read_map
 from socialiq.recordings.readers.import_file import import_file
 from socialiq.recordings.tracks import RoadUser
 
@@ -105,3 +106,13 @@ def test_damaged_maps_are_one_line(tmp_path):
     path.write_bytes(b"PAR1" + b"\0" * 50)
     with pytest.raises(UserError, match="cannot read"):
         import_file(path, "argoverse")
+
+
+def test_a_lane_segment_is_named_once_in_a_message(tmp_path) -> None:
+    line = [{"x": 0.0, "y": 0.0}, {"x": 1e9, "y": 0.0}]
+    one = {"id": 7, "lane_type": "VEHICLE", "successors": [], "predecessors": []}
+    one |= {f"{side}_lane_boundary": line for side in ("left", "right")}
+    one |= {f"{side}_neighbor_id": None for side in ("left", "right")}
+    (tmp_path / "map.json").write_text(json.dumps({"lane_segments": {"7": one}}))
+    with pytest.raises(UserError, match="json: lane segment 7: a bound is longer than 100 km"):
+        read_map(tmp_path / "map.json")

@@ -80,7 +80,7 @@ for short peaks."""
 
 LINEAR = dataclasses.replace(ONLINE, schedule="linear")
 
-METHODS = {
+_EVERYWHERE = {
     "online": Method(ONLINE, NUMBERS),
     CHOSEN: Method(
         LINEAR, dataclasses.replace(NUMBERS, temperature=0.1, discount=0.97), updates=100_000
@@ -103,15 +103,15 @@ METHODS = {
         dataclasses.replace(CLONING, updates=50_000), CLONING_NUMBERS, standardised=True
     ),
 }
-METHODS |= {
+METHODS = _EVERYWHERE | {
     WITHOUT_FORCES: dataclasses.replace(
-        METHODS[LONGER], numbers=dataclasses.replace(NUMBERS, temperature=0.3), forces=False
+        _EVERYWHERE[LONGER], numbers=dataclasses.replace(NUMBERS, temperature=0.3), forces=False
     ),
     "offline, standardised, no contact forces": dataclasses.replace(
-        METHODS["offline, standardised"], forces=False
+        _EVERYWHERE["offline, standardised"], forces=False
     ),
     "cloning, standardised, no contact forces": dataclasses.replace(
-        METHODS["cloning, standardised"], forces=False
+        _EVERYWHERE["cloning, standardised"], forces=False
     ),
 }
 """Methods by name in the tables: IQ-Learn online, the same with `CHOSEN`, offline, and cloning;

@@ -132,7 +132,7 @@ def ablation_difference_rows(runs: Sequence[Row]) -> list[Row]:
 
 
 def _paired(label: Row, cell: Sequence[Row], first: str, second: str) -> list[Row]:
-    """Return the test of a method's share against another's; none if one seed or none has both."""
+    """Return the test of a method's share against another's; none below two seeds with both."""
     own, other = (
         {row["seed"]: row["share"] for row in matching(cell, method=method)}
         for method in (first, second)
