@@ -1,6 +1,8 @@
 # Two commands do it all on a fresh machine with Python >= 3.11: `make demo` and `make test`.
 PYTHON ?= python3
 BIN := .venv/bin
+DISTRIBUTIONS := $(wildcard packages/*/pyproject.toml)
+EDITABLE := $(patsubst %/pyproject.toml,--editable %,$(DISTRIBUTIONS))
 # One thread a library: the tests run side by side, and torch is slower with more.
 export OMP_NUM_THREADS := 1
 
@@ -18,7 +20,7 @@ check: .venv/installed-dev  ## lint, types, layers, spelling and plain words (do
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
-	$(BIN)/codespell src docs tests examples benchmarks *.md
+	$(BIN)/codespell packages studies docs tests examples benchmarks *.md
 
 tests: core  ## the quick tests, shapes checked at run time, warnings as errors
 	$(BIN)/pytest -n 2 --dist loadscope -m "not slow" --ignore tests/extras $(PYTEST)
@@ -37,16 +39,16 @@ install: .venv/installed
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --upgrade pip
 
-.venv/installed: .venv/bin/python pyproject.toml constraints.txt
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
+.venv/installed: .venv/bin/python $(DISTRIBUTIONS) constraints.txt
+	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE)
 	touch $@
 
-.venv/installed-dev: .venv/bin/python pyproject.toml constraints.txt
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+.venv/installed-dev: .venv/bin/python $(DISTRIBUTIONS) constraints.txt
+	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[dev]'
 	touch $@ .venv/installed
 
-.venv/installed-docs: .venv/bin/python pyproject.toml constraints.txt
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[docs]'
+.venv/installed-docs: .venv/bin/python $(DISTRIBUTIONS) constraints.txt
+	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) --editable 'packages/socialiq[docs]'
 	touch $@ .venv/installed
 
 clean:

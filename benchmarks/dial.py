@@ -14,13 +14,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from studies.compare_priors.config import BY_NAME, Run, settings
+from studies.dial.config import KEY_ANGLES
 
 from socialiq.demonstrations.mixture import MIXTURES
 from socialiq.evaluation.dial import sweep
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.play import record
-from socialiq.experiments.gridworld_runs import Ground, seen, with_clock
-from socialiq.experiments.intersection.fitting import CHUNK, source_of
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Behaviour, Collector, soft
 from socialiq.learners.dial.acting import acting
@@ -28,13 +28,13 @@ from socialiq.learners.dial.config import QUICK, RUNS, SHORT, Preset
 from socialiq.learners.dial.train import train as train_dial
 from socialiq.learners.iq_learn import presets
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.studies.compare_priors.config import BY_NAME, Run, settings
-from socialiq.studies.dial.config import KEY_ANGLES
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.intersection import policies
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.registry import make_grid
+from socialiq_lab.gridworld_runs import Ground, seen, with_clock
+from socialiq_lab.intersection.fitting import CHUNK, source_of
 
 SHARE = 10  # a tenth of each run's updates is timed, compilation not counted
 EPISODES_EACH = 60

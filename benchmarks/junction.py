@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Lanelet, RoadNetwork
-from socialiq.recordings.tracks import RoadUser, Tracks
-from socialiq.recordings.world.batch import JunctionBatch
-from socialiq.recordings.world.build import build
-from socialiq.recordings.world.config import WorldConfig
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Lanelet, RoadNetwork
+from socialiq_recordings.tracks import RoadUser, Tracks
+from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.build import build
+from socialiq_recordings.world.config import WorldConfig
 
 EACH, FRAMES, SPEED, HEADWAY = 20, 150, 8.0, 2.0
 BATCH, DECISIONS = 64, 300

@@ -25,11 +25,12 @@ html_title = f"socialiq {release}"
 # The API reference: a page for each package, from the docstrings.
 apidoc_modules = [
     {
-        "path": "../src/socialiq",
-        "destination": "reference",
-        "exclude_patterns": ["**/__main__.py", "**/cli", "**/studies", "**/guard.py"],
+        "path": f"../packages/{name.replace('_', '-')}/src/{name}",
+        "destination": f"reference/{name}",
+        "exclude_patterns": ["**/__main__.py", "**/cli", "**/guard.py"],
         "module_first": True,
     }
+    for name in ("socialiq", "socialiq_recordings", "socialiq_lab")
 ]
 default_role = "code"
 autodoc_default_options = {"ignore-module-all": True}

@@ -35,7 +35,7 @@ from morl_baselines.multi_policy.multi_policy_moqlearning.mp_mo_q_learning impor
 from morl_baselines.multi_policy.pareto_q_learning.pql import PQL
 
 ROOT = Path(__file__).parents[2]
-TASKS = tomllib.loads((ROOT / "src/socialiq/studies/mo_gymnasium/tasks.toml").read_text())
+TASKS = tomllib.loads((ROOT / "studies/mo_gymnasium/tasks.toml").read_text())
 ANGLES = [float(angle) for angle in range(0, 91, 5)]
 ITERATIONS = 5
 """Weights that GPI-LS learns one after the other."""

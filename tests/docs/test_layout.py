@@ -1,20 +1,31 @@
-"""Tests mirror the source: each folder of tests/unit is a folder of src/socialiq."""
+"""Tests mirror the sources: each folder of tests/unit is a folder of a distribution or a study."""
 
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SOURCE, UNIT = ROOT / "src" / "socialiq", ROOT / "tests" / "unit"
+UNIT = ROOT / "tests" / "unit"
+SOURCES = {
+    "": ROOT / "packages/socialiq/src/socialiq",
+    "recordings": ROOT / "packages/socialiq-recordings/src/socialiq_recordings",
+    "lab": ROOT / "packages/socialiq-lab/src/socialiq_lab",
+    "studies": ROOT / "studies",
+}
 
 
 def folders(root: Path) -> set[str]:
     """Folders with Python files, relative to the root."""
-    return {str(path.parent.relative_to(root)) for path in root.rglob("*.py")}
+    return {path.parent.relative_to(root).as_posix() for path in root.rglob("*.py")}
 
 
-def test_every_folder_of_tests_is_one_of_the_source():
-    assert folders(UNIT) <= folders(SOURCE)
+def test_every_folder_of_tests_is_one_of_the_sources():
+    known = {
+        (Path(name) / folder).as_posix()
+        for name, source in SOURCES.items()
+        for folder in folders(source)
+    }
+    assert folders(UNIT) <= known
 
 
 def test_every_package_has_tests():
-    rooms = {path.name for path in SOURCE.iterdir() if (path / "__init__.py").is_file()}
+    rooms = {path.name for path in SOURCES[""].iterdir() if (path / "__init__.py").is_file()}
     assert rooms <= {name.split("/")[0] for name in folders(UNIT)}

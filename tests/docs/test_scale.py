@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 from socialiq.cli.main import parse
-from socialiq.experiments.sweep.plan import read_plan
+from socialiq_lab.sweep.plan import read_plan
 
 PAGE = (Path(__file__).parents[2] / "docs" / "scale.md").read_text()
 

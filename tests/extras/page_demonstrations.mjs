@@ -1,10 +1,10 @@
 // Episodes driven by the page's dial, written as it downloads them: `... CORE DATA DIAL OUT`.
 
 import { readFileSync, writeFileSync } from "node:fs";
-import { Core } from "../../src/socialiq/page/assets/core.js";
-import { demonstrationsFile } from "../../src/socialiq/page/assets/demonstrations.js";
-import { Recorder, filmOf } from "../../src/socialiq/page/assets/film.js";
-import { dialOf } from "../../src/socialiq/page/assets/network.js";
+import { Core } from "../../packages/socialiq/src/socialiq/page/assets/core.js";
+import { demonstrationsFile } from "../../packages/socialiq/src/socialiq/page/assets/demonstrations.js";
+import { Recorder, filmOf } from "../../packages/socialiq/src/socialiq/page/assets/film.js";
+import { dialOf } from "../../packages/socialiq/src/socialiq/page/assets/network.js";
 
 const [core, data, dial, out] = process.argv.slice(2);
 const layout = JSON.parse(readFileSync(data));

@@ -2,7 +2,7 @@
 // With a clock the time is the last feature.
 
 import { readFileSync, writeFileSync } from "node:fs";
-import { dialOf } from "../../src/socialiq/page/assets/network.js";
+import { dialOf } from "../../packages/socialiq/src/socialiq/page/assets/network.js";
 
 const [dial, observations, angle, features, out] = process.argv.slice(2);
 const bytes = readFileSync(observations);

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.recordings.readers.commonroad import read_commonroad
-from socialiq.recordings.readers.commonroad_xml import TYPES
-from socialiq.recordings.readers.motion import wrapped
+from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.readers.commonroad_xml import TYPES
+from socialiq_recordings.readers.motion import wrapped
 
 OWN = sorted((Path(__file__).parents[2] / "examples" / "recordings").glob("*.xml"))
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")

@@ -11,9 +11,9 @@ import lanelet2
 
 from socialiq.cli.main import main
 from socialiq.errors import UserError
-from socialiq.recordings import files
-from socialiq.recordings.readers.lanelet2_road import read_lanelet2
-from socialiq.recordings.road.network import Sign
+from socialiq_recordings import files
+from socialiq_recordings.readers.lanelet2_road import read_lanelet2
+from socialiq_recordings.road.network import Sign
 
 ORIGIN = (295000.0, 5629000.0)  # UTM zone 32, as in a recordingMeta.csv
 POINTS = {

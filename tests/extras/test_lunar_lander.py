@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-
-from socialiq.studies.classic_control import data
-from socialiq.studies.classic_control.tasks import TASKS, returns
+from studies.classic_control import data
+from studies.classic_control.tasks import TASKS, returns
 
 pytest.importorskip("Box2D")
 LANDER = TASKS["LunarLander"]

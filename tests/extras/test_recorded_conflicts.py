@@ -16,24 +16,24 @@ import pytest
 pytest.importorskip("shapely", reason="extra `data` is not installed")
 
 from socialiq.cli.main import main
-from socialiq.experiments.results import load
-from socialiq.recordings import files
-from socialiq.recordings.conflicts import rules
-from socialiq.recordings.conflicts.config import ConflictConfig
-from socialiq.recordings.conflicts.counterfactual import rollout
-from socialiq.recordings.conflicts.influence import reason
-from socialiq.recordings.conflicts.lights import held
-from socialiq.recordings.conflicts.moments import moments_of
-from socialiq.recordings.conflicts.pairs import Encounters
-from socialiq.recordings.conflicts.table import required_at, rows_of, ttc_at
-from socialiq.recordings.episodes.config import EpisodeConfig
-from socialiq.recordings.episodes.ego_swap import swap
-from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.readers.commonroad import read_commonroad
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
-from socialiq.recordings.tracks import Tracks
 from socialiq.worlds.highway.settings import SIGNALS
+from socialiq_lab.results import load
+from socialiq_recordings import files
+from socialiq_recordings.conflicts import rules
+from socialiq_recordings.conflicts.config import ConflictConfig
+from socialiq_recordings.conflicts.counterfactual import rollout
+from socialiq_recordings.conflicts.influence import reason
+from socialiq_recordings.conflicts.lights import held
+from socialiq_recordings.conflicts.moments import moments_of
+from socialiq_recordings.conflicts.pairs import Encounters
+from socialiq_recordings.conflicts.table import required_at, rows_of, ttc_at
+from socialiq_recordings.episodes.config import EpisodeConfig
+from socialiq_recordings.episodes.ego_swap import swap
+from socialiq_recordings.episodes.scene import Scene
+from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
+from socialiq_recordings.tracks import Tracks
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 DT = 0.1

@@ -11,11 +11,11 @@ pytest.importorskip("shapely", reason="extra `data` is not installed")
 
 from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
-from socialiq.experiments.results import load
-from socialiq.recordings import files
-from socialiq.recordings.episodes.decisions import decisions_at
-from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.readers.commonroad import read_commonroad
+from socialiq_lab.results import load
+from socialiq_recordings import files
+from socialiq_recordings.episodes.decisions import decisions_at
+from socialiq_recordings.episodes.scene import Scene
+from socialiq_recordings.readers.commonroad import read_commonroad
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "recordings").glob("*.xml"))
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
@@ -65,7 +65,7 @@ def test_demonstrations_take_levels_of_acceleration(example, tmp_path, capsys):
 @pytest.mark.recorded
 @pytest.mark.skipif(not FOLDER, reason="SOCIALIQ_COMMONROAD_DATA names no folder")
 def test_recorded_drivers_support_one_decision_a_second(tmp_path, capsys):
-    from socialiq.recordings.episodes import support
+    from socialiq_recordings.episodes import support
 
     paths = [p for p in sorted(Path(FOLDER).glob("*.xml")) if p.stem != "USA_Lanker-1_17_T-1"]
     rows = support.rates([read_commonroad(path).recording.tracks for path in paths])

@@ -10,14 +10,14 @@ pytest.importorskip("shapely", reason="extra `data` is not installed")
 
 from socialiq.cli.main import main
 from socialiq.errors import UserError
-from socialiq.experiments.results import from_csv
-from socialiq.recordings import files
-from socialiq.recordings.episodes.ego_swap import check_distinct, demonstrations, swap
-from socialiq.recordings.held_out import recordings_of, split
-from socialiq.recordings.identity.duplicates import labelled
-from socialiq.recordings.identity.identify import identify
-from socialiq.recordings.readers.commonroad import read_commonroad
 from socialiq.types import Ending
+from socialiq_lab.results import from_csv
+from socialiq_recordings import files
+from socialiq_recordings.episodes.ego_swap import check_distinct, demonstrations, swap
+from socialiq_recordings.held_out import recordings_of, split
+from socialiq_recordings.identity.duplicates import labelled
+from socialiq_recordings.identity.identify import identify
+from socialiq_recordings.readers.commonroad import read_commonroad
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 pytestmark = [

@@ -8,17 +8,18 @@ import pytest
 
 pytest.importorskip("shapely", reason="extra `data` is not installed")
 
+from studies.recorded_junction import ahead, practice
+from studies.recorded_junction.config import Config
+from studies.recorded_junction.planted import references, rules
+from studies.recorded_junction.work import HUMAN, WORLD, Made, make_world
+
 from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
 from socialiq.demonstrations import files
-from socialiq.experiments import results as store
-from socialiq.recordings.world.batch import JunctionBatch
-from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.storage import packaged_results
-from socialiq.studies.recorded_junction import ahead, practice
-from socialiq.studies.recorded_junction.config import Config
-from socialiq.studies.recorded_junction.planted import references, rules
-from socialiq.studies.recorded_junction.work import HUMAN, WORLD, Made, make_world
 from socialiq.types import Ending
+from socialiq_lab import results as store
+from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 pytestmark = [

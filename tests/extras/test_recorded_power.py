@@ -11,9 +11,9 @@ pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 from tests.extras.test_recorded_conflicts import east, north, recording, steady
 
 from socialiq.cli.main import main
-from socialiq.experiments.results import load
-from socialiq.recordings import files
-from socialiq.recordings.recording import Recording
+from socialiq_lab.results import load
+from socialiq_recordings import files
+from socialiq_recordings.recording import Recording
 
 QUICK = ["--spreads", "0", "35", "--sizes", "1", "2", "--repeats", "1", "--resamples", "100"]
 

@@ -16,13 +16,13 @@ pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 from tests.extras.test_recorded_conflicts import EDGE, east, north, recording, steady
 
 from socialiq.cli.main import main
-from socialiq.experiments.results import load
-from socialiq.recordings import files
-from socialiq.recordings.identity.identify import identify
-from socialiq.recordings.prediction import study
-from socialiq.recordings.prediction.models import TRIVIAL
-from socialiq.recordings.prediction.moments import clocks_of, situations_of
-from socialiq.recordings.readers.import_file import import_file
+from socialiq_lab.results import load
+from socialiq_recordings import files
+from socialiq_recordings.identity.identify import identify
+from socialiq_recordings.prediction import study
+from socialiq_recordings.prediction.models import TRIVIAL
+from socialiq_recordings.prediction.moments import clocks_of, situations_of
+from socialiq_recordings.readers.import_file import import_file
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
 RESULTS = Path(__file__).parents[2] / "results" / "recordings-prediction"

@@ -16,24 +16,24 @@ pytest.importorskip("shapely", reason="extra `data` is not installed")
 from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
-from socialiq.recordings import files, simulated
-from socialiq.recordings.episodes.annotate import driven
-from socialiq.recordings.episodes.config import EpisodeConfig
-from socialiq.recordings.episodes.ego_swap import demonstrations, episode_of, swap
-from socialiq.recordings.episodes.scene import Scene
-from socialiq.recordings.export import write_commonroad, write_csv
-from socialiq.recordings.readers.column_map import read_map
-from socialiq.recordings.readers.commonroad import read_commonroad
-from socialiq.recordings.readers.commonroad_road import road_of
-from socialiq.recordings.readers.csv_recording import read_csv
-from socialiq.recordings.readers.motion import wrapped
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Conflict, RoadNetwork, lanes_of
-from socialiq.recordings.tracks import RoadUser
 from socialiq.types import Ending
 from socialiq.worlds.intersection.core.geometry import LEFT, RIGHT, STRAIGHT
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq_recordings import files, simulated
+from socialiq_recordings.episodes.annotate import driven
+from socialiq_recordings.episodes.config import EpisodeConfig
+from socialiq_recordings.episodes.ego_swap import demonstrations, episode_of, swap
+from socialiq_recordings.episodes.scene import Scene
+from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.readers.column_map import read_map
+from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.readers.commonroad_road import road_of
+from socialiq_recordings.readers.csv_recording import read_csv
+from socialiq_recordings.readers.motion import wrapped
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Conflict, RoadNetwork, lanes_of
+from socialiq_recordings.tracks import RoadUser
 
 SIMULATORS = EpisodeConfig(contact="predicted", clock=True)
 DRIVERS = ("gap_3s", "random", "go", "stop_line", "gap_2s")

@@ -28,23 +28,23 @@ from socialiq.datasets.step_files import read_steps
 from socialiq.datasets.trajectories import read_trajectories
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
-from socialiq.experiments import claims, results
-from socialiq.experiments.cluster import scheduler_address
-from socialiq.experiments.sweep.plan import read_plan
 from socialiq.learners import checkpoint
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.load import load_policy
 from socialiq.policies.process import load as process
-from socialiq.recordings import files as recording_files
-from socialiq.recordings.readers.column_map import read_map
-from socialiq.recordings.readers.commonroad_road import road_of
-from socialiq.recordings.readers.import_file import import_file
-from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.storage import load_arrays, read_json
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.situation import check_rule
+from socialiq_lab import claims, results
+from socialiq_lab.cluster import scheduler_address
+from socialiq_lab.sweep.plan import read_plan
+from socialiq_recordings import files as recording_files
+from socialiq_recordings.readers.column_map import read_map
+from socialiq_recordings.readers.commonroad_road import road_of
+from socialiq_recordings.readers.import_file import import_file
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 GRID = make_grid(WORLD)
 

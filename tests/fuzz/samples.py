@@ -31,16 +31,16 @@ from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.native import save_table
-from socialiq.recordings import files as recording_files
-from socialiq.recordings.export import write_commonroad, write_csv
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Colour, Cycle, RoadNetwork, Sign
 from socialiq.social.angle_rule import load_rule
 from socialiq.storage import packaged_results
 from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+from socialiq_recordings import files as recording_files
+from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Colour, Cycle, RoadNetwork, Sign
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

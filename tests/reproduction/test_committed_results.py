@@ -7,60 +7,60 @@ discrete, of runs whose decisions are not close calls.
 
 import numpy as np
 import pytest
-
-from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
-from socialiq.evaluation.episodes import episodes_of
-from socialiq.evaluation.expert_demonstrations import trajectory_datasets
-from socialiq.experiments import results as store
-from socialiq.experiments.comparison import EPISODES_EACH
-from socialiq.experiments.gridworld_runs import Ground, with_clock
-from socialiq.experiments.intersection.demonstration_sets import (
-    RECORDED_EPISODES,
-    Recording,
-    atlas_demonstrations,
-)
-from socialiq.experiments.intersection.driving import BATCH, Evaluation
-from socialiq.experiments.intersection.episodes import LAST
-from socialiq.experiments.study import run
-from socialiq.experiments.tables import matching
-from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.ensemble import members_of
-from socialiq.nn.q_policy import QPolicy
-from socialiq.storage import packaged_results
-from socialiq.studies import intersection_ahead as ahead
-from socialiq.studies import intersection_policy_iteration as iteration
-from socialiq.studies import (
+from studies import intersection_ahead as ahead
+from studies import intersection_policy_iteration as iteration
+from studies import (
     intersection_world,
     lambda_sweep,
     off_policy,
     poc,
     worlds,
 )
-from socialiq.studies.audits import policies as audited
-from socialiq.studies.audits import study as audits
-from socialiq.studies.classic_control import runs as control_runs
-from socialiq.studies.classic_control import study as control
-from socialiq.studies.compare_priors import intersection as priors
-from socialiq.studies.compare_priors.config import (
+from studies.audits import policies as audited
+from studies.audits import study as audits
+from studies.classic_control import runs as control_runs
+from studies.classic_control import study as control
+from studies.compare_priors import intersection as priors
+from studies.compare_priors.config import (
     BY_NAME,
     THESIS_STRENGTHS,
     Config,
     Run,
 )
-from socialiq.studies.compare_priors.gridworlds import ROWS, GridRun, run_method
-from socialiq.studies.competence import bench, methods
-from socialiq.studies.context import config as context_config
-from socialiq.studies.context import study as context
-from socialiq.studies.grid import study as grid
-from socialiq.studies.intersection_offline import tables as offline
-from socialiq.studies.intersection_offline.config import Config as OfflineConfig
-from socialiq.studies.theory import cases
-from socialiq.studies.theory import small_strength as lines
+from studies.compare_priors.gridworlds import ROWS, GridRun, run_method
+from studies.competence import bench, methods
+from studies.context import config as context_config
+from studies.context import study as context
+from studies.grid import study as grid
+from studies.intersection_offline import tables as offline
+from studies.intersection_offline.config import Config as OfflineConfig
+from studies.theory import cases
+from studies.theory import small_strength as lines
+
+from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.expert_demonstrations import trajectory_datasets
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.ensemble import members_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
 from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq_lab import results as store
+from socialiq_lab.comparison import EPISODES_EACH
+from socialiq_lab.gridworld_runs import Ground, with_clock
+from socialiq_lab.intersection.demonstration_sets import (
+    RECORDED_EPISODES,
+    Recording,
+    atlas_demonstrations,
+)
+from socialiq_lab.intersection.driving import BATCH, Evaluation
+from socialiq_lab.intersection.episodes import LAST
+from socialiq_lab.study import run
+from socialiq_lab.tables import matching
 
 FULL_COMPILER = True
 

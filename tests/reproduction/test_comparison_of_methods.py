@@ -1,16 +1,16 @@
 """The committed comparison of methods: its tables again from its rows, and one method again."""
 
 import pytest
+from studies.compare_methods import tables
+from studies.compare_methods.config import Config
+from studies.compare_methods.gridworlds import ROWS, GridRuns, run_method, setting_of
+from studies.compare_methods.methods import BY_NAME
 
-from socialiq.experiments import results as store
-from socialiq.experiments.comparison import EPISODES_EACH
-from socialiq.experiments.results import from_csv
-from socialiq.experiments.tables import matching
 from socialiq.storage import packaged_results
-from socialiq.studies.compare_methods import tables
-from socialiq.studies.compare_methods.config import Config
-from socialiq.studies.compare_methods.gridworlds import ROWS, GridRuns, run_method, setting_of
-from socialiq.studies.compare_methods.methods import BY_NAME
+from socialiq_lab import results as store
+from socialiq_lab.comparison import EPISODES_EACH
+from socialiq_lab.results import from_csv
+from socialiq_lab.tables import matching
 
 FULL_COMPILER = True
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.experiments import results as store
-from socialiq.experiments.intersection.driving import BATCH
-from socialiq.experiments.intersection.rows import outcome_row, reward_row
-from socialiq.experiments.tables import matching
 from socialiq.storage import packaged_results
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import ContinuousOptions
+from socialiq_lab import results as store
+from socialiq_lab.intersection.driving import BATCH
+from socialiq_lab.intersection.rows import outcome_row, reward_row
+from socialiq_lab.tables import matching
 
 
 def test_an_expert_of_the_continuous_atlas_drives_as_before():

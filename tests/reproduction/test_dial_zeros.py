@@ -2,21 +2,21 @@
 
 import numpy as np
 import pytest
+from studies.angle_trait.common_scale import Realised
+from studies.angle_trait.config import DIAL, OTHER_DIAL
+from studies.angle_trait.driving import Population, drive
+from studies.angle_trait.ensemble import likeliest
+from studies.angle_trait.zeros import zero_spread
+from studies.angle_trait.zeros_config import CALIBRATED, PLAIN, Config
+from studies.angle_trait.zeros_jobs import folder_of, plan
 
 from socialiq.evaluation.episodes import episodes_of
-from socialiq.experiments import results as store
-from socialiq.experiments.tables import matching
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies.angle_trait.common_scale import Realised
-from socialiq.studies.angle_trait.config import DIAL, OTHER_DIAL
-from socialiq.studies.angle_trait.driving import Population, drive
-from socialiq.studies.angle_trait.ensemble import likeliest
-from socialiq.studies.angle_trait.zeros import zero_spread
-from socialiq.studies.angle_trait.zeros_config import CALIBRATED, PLAIN, Config
-from socialiq.studies.angle_trait.zeros_jobs import folder_of, plan
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq_lab import results as store
+from socialiq_lab.tables import matching
 
 FULL_COMPILER = True
 

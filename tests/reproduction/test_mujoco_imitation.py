@@ -4,14 +4,14 @@ import json
 from pathlib import Path
 
 import pytest
+from studies.mujoco_imitation.config import Config
+from studies.mujoco_imitation.pieces import FOLDER
+from studies.mujoco_imitation.study import compute_tables
 
-from socialiq.experiments import results as store
-from socialiq.experiments.study import Context
 from socialiq.storage import packaged_results
-from socialiq.studies.mujoco_imitation.config import Config
-from socialiq.studies.mujoco_imitation.pieces import FOLDER
-from socialiq.studies.mujoco_imitation.study import compute_tables
 from socialiq.to_json import rounded
+from socialiq_lab import results as store
+from socialiq_lab.study import Context
 
 FOLDER_OF_STUDY = packaged_results() / "mujoco-imitation"
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from studies.angle_trait import study
+from studies.angle_trait.config import DIAL, Config
+from studies.angle_trait.driving import Population, drive
 
-from socialiq.experiments import results as store
-from socialiq.experiments.tables import matching
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies.angle_trait import study
-from socialiq.studies.angle_trait.config import DIAL, Config
-from socialiq.studies.angle_trait.driving import Population, drive
+from socialiq_lab import results as store
+from socialiq_lab.tables import matching
 
 FULL_COMPILER = True
 

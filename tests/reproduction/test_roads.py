@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from studies.roads.study import POLICIES, QUANTITIES
+from studies.roads.work import begun, outcome
 
-from socialiq.experiments import results as store
-from socialiq.experiments.tables import matching
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies.roads.study import POLICIES, QUANTITIES
-from socialiq.studies.roads.work import begun, outcome
 from socialiq.worlds.highway.world import world_of
+from socialiq_lab import results as store
+from socialiq_lab.tables import matching
 
 RESULTS = store.load(packaged_results() / "roads")
 

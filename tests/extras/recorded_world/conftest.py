@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
-from socialiq.recordings.tracks import Tracks
-from socialiq.recordings.world.build import Made, build
-from socialiq.recordings.world.config import WorldConfig
-from socialiq.recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
+from socialiq_recordings.tracks import Tracks
+from socialiq_recordings.world.build import Made, build
+from socialiq_recordings.world.config import WorldConfig
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 FRAMES = 60
 STARTS = {"west": 40.0, "south": 50.0, "behind": 70.0}

@@ -21,9 +21,9 @@ from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.nn.q_network import QNetwork
 from socialiq.nn.q_policy import QPolicy
-from socialiq.recordings.world.gym import RecordedJunctionEnv
-from socialiq.recordings.world.recorded_world import RecordedWorld
 from socialiq.types import Ending
+from socialiq_recordings.world.gym import RecordedJunctionEnv
+from socialiq_recordings.world.recorded_world import RecordedWorld
 
 
 class Wait:

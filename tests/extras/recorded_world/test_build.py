@@ -3,11 +3,11 @@ import pytest
 from tests.extras.recorded_world.conftest import crossing_road, tracks
 
 from socialiq.errors import UserError
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import RoadNetwork
-from socialiq.recordings.world.build import build
-from socialiq.recordings.world.closures import closures_of
-from socialiq.recordings.world.config import WorldConfig
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import RoadNetwork
+from socialiq_recordings.world.build import build
+from socialiq_recordings.world.closures import closures_of
+from socialiq_recordings.world.config import WorldConfig
 
 
 def test_vehicles_areas_and_stretches_of_the_crossing(made):

@@ -9,9 +9,9 @@ from tests.extras.recorded_world.conftest import crossing_road, tracks
 from socialiq.cli.main import main
 from socialiq.demonstrations import files as demonstration_files
 from socialiq.errors import UserError
-from socialiq.recordings import files
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import RoadNetwork, Sign
+from socialiq_recordings import files
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import RoadNetwork, Sign
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_a_report_that_fails_leaves_no_file(folder, tmp_path, monkeypatch, capsy
     def fails(*_given):
         raise UserError("no traffic")
 
-    monkeypatch.setattr("socialiq.recordings.world.compare.simulate", fails)
+    monkeypatch.setattr("socialiq_recordings.world.compare.simulate", fails)
     words = ["data", "world", str(folder / "crossing.safetensors"), "--out", str(tmp_path / "w")]
     more = ["--demonstrations", str(tmp_path / "d"), "--report", str(tmp_path / "report")]
     assert main([*words, *more]) == 2

@@ -7,12 +7,12 @@ from gymnasium.utils.env_checker import check_env
 
 import socialiq
 from socialiq.errors import UserError
-from socialiq.recordings.world.batch import JunctionBatch
-from socialiq.recordings.world.replay import replay
-from socialiq.recordings.world.state import AS_DRIVER
 from socialiq.types import Ending
 from socialiq.worlds import RECORDED_JUNCTION
 from socialiq.worlds.environment import make_environment
+from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.replay import replay
+from socialiq_recordings.world.state import AS_DRIVER
 
 ENV = RECORDED_JUNCTION
 assert socialiq

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from socialiq.experiments.recorded_practice import ANGLES, Practice, record, train_with_practice
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
-from socialiq.recordings.world.replay import replay
 from socialiq.types import Ending
+from socialiq_lab.recorded_practice import ANGLES, Practice, record, train_with_practice
+from socialiq_recordings.world.replay import replay
 
 
 class Braking:

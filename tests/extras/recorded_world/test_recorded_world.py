@@ -5,7 +5,7 @@ import pytest
 
 from socialiq import storage
 from socialiq.errors import UserError
-from socialiq.recordings.world.recorded_world import KIND, SCHEMA_VERSION, RecordedWorld
+from socialiq_recordings.world.recorded_world import KIND, SCHEMA_VERSION, RecordedWorld
 
 
 def test_a_file_gives_the_same_world(made, world):

@@ -3,12 +3,12 @@ import pytest
 from tests.extras.recorded_world.conftest import crossing_road, tracks
 
 from socialiq.errors import UserError
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.world import compare
-from socialiq.recordings.world.build import build
-from socialiq.recordings.world.config import LEVELS, WorldConfig
-from socialiq.recordings.world.replay import replay
 from socialiq.types import Ending
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.world import compare
+from socialiq_recordings.world.build import build
+from socialiq_recordings.world.config import LEVELS, WorldConfig
+from socialiq_recordings.world.replay import replay
 
 
 def test_constant_speeds_are_the_action_that_changes_nothing(world):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.world.batch import JunctionBatch
-from socialiq.recordings.world.rollouts import branch, visit
 from socialiq.types import Ending
+from socialiq_recordings.world.batch import JunctionBatch
+from socialiq_recordings.world.rollouts import branch, visit
 
 SEEDS = np.arange(4) + 50_000_000
 

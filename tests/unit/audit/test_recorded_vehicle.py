@@ -11,9 +11,9 @@ from socialiq.audit.profile.template import declare
 from socialiq.audit.recorded_vehicle import episode_config, judge_recorded
 from socialiq.audit.verdict.decision import Decision
 from socialiq.errors import UserError
-from socialiq.recordings.episodes.annotate import Driven
 from socialiq.types import Ending
 from socialiq.worlds.highway.state import Contact
+from socialiq_recordings.episodes.annotate import Driven
 
 FLOOR = Floor(max_at_fault=0.2, max_struck=0.2, min_arrival=0.5, max_timeout=0.5)
 

@@ -6,7 +6,7 @@ import jaxtyping
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.experiments import results as store
+from socialiq_lab import results as store
 
 SMALL = "--angles 0 90 --development-angles 0 --strengths 1 --development-seeds 0 --updates 5"
 

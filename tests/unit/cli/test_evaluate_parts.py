@@ -10,10 +10,10 @@ from socialiq.cli.evaluate_parts import Parts
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.episodes import Episodes, episodes_of
-from socialiq.experiments.engine import Engine
-from socialiq.experiments.jobs import do, fingerprints
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
+from socialiq_lab.engine import Engine
+from socialiq_lab.jobs import do, fingerprints
 
 
 def silent(_):

@@ -7,9 +7,9 @@ import pytest
 from socialiq.cli import declared
 from socialiq.cli.commands import COMMANDS, GROUPS, command_class, help_page, options_of
 from socialiq.cli.main import main, parse
-from socialiq.cli.studies import Reproduce
 from socialiq.cli.suggest import ALIASES, nearest_option, option_names
-from socialiq.studies import STUDIES
+from socialiq_lab.cli.studies import Reproduce
+from socialiq_lab.registry import STUDIES
 
 HEAVY = ("jax", "numba", "scipy", "matplotlib", "equinox")
 
@@ -131,13 +131,13 @@ def test_help_and_mistakes_import_nothing_heavy():
     """A mistyped option of every command and study, in one process that must not load a learner."""
     lines = [
         "import sys; from socialiq.cli.main import main; from socialiq.cli.commands import *",
-        "from socialiq.studies import STUDIES",
+        "from socialiq_lab.registry import STUDIES",
         "help_page(); [help_page(group) for group in GROUPS]",
         "names = [name.split() for name in COMMANDS] + [['compare', 'priors']]",
         "names += [['reproduce', study] for study in STUDIES]",
         "for name in names: assert main([*name, '--nonsense']) == 2",
         f"print([name for name in {HEAVY} if name in sys.modules])",
-        "print([name for name in sys.modules if name.startswith('socialiq.studies.')])",
+        "print([name for name in sys.modules if name.startswith('studies.')])",
     ]
     command = [sys.executable, "-c", "\n".join(lines)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.recordings import files
-from socialiq.recordings.export import write_csv
+from socialiq_recordings import files
+from socialiq_recordings.export import write_csv
 
 EXAMPLES = sorted((Path(__file__).parents[3] / "examples" / "recordings").glob("*.xml"))
 
@@ -65,7 +65,7 @@ def test_csv_needs_a_column_map_and_has_one(tmp_path, capsys):
 
 
 def files_of_example():
-    from socialiq.recordings.readers.import_file import import_file
+    from socialiq_recordings.readers.import_file import import_file
 
     return import_file(EXAMPLES[0])[0].recording
 

@@ -9,10 +9,10 @@ import sys
 import pytest
 
 from socialiq.cli.main import main
-from socialiq.experiments.jobs import do, fingerprints
-from socialiq.experiments.slurm import array_script, ranges
-from socialiq.experiments.sweep.plan import read_plan
-from socialiq.experiments.sweep.runs import results_of
+from socialiq_lab.jobs import do, fingerprints
+from socialiq_lab.slurm import array_script, ranges
+from socialiq_lab.sweep.plan import read_plan
+from socialiq_lab.sweep.runs import results_of
 
 SWEEP = """
 worlds = "crossing5"

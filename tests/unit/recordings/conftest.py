@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socialiq.recordings.episodes.annotate import Driven
-from socialiq.recordings.episodes.config import EpisodeConfig
-from socialiq.recordings.episodes.ego_swap import Swapped, demonstrations
-from socialiq.recordings.held_out import site_of
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Lanelet, RoadNetwork, Sign
-from socialiq.recordings.tracks import Tracks
 from socialiq.types import Ending
+from socialiq_recordings.episodes.annotate import Driven
+from socialiq_recordings.episodes.config import EpisodeConfig
+from socialiq_recordings.episodes.ego_swap import Swapped, demonstrations
+from socialiq_recordings.held_out import site_of
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
+from socialiq_recordings.tracks import Tracks
 
 
 def straight(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.census import circular_sd, take
 from socialiq.types import Ending
+from socialiq_recordings.census import circular_sd, take
 
 
 def test_a_drivers_point_is_the_mean_of_its_decisions(human):

@@ -1,5 +1,5 @@
 from socialiq.plotting.style import png
-from socialiq.recordings.census_figure import census
+from socialiq_recordings.census_figure import census
 
 
 def driver(ending, speed, angle, low=None, high=None):

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from socialiq.recordings.census_spread import deconvolve, log_direction_likelihood
+from socialiq_recordings.census_spread import deconvolve, log_direction_likelihood
 
 
 def test_the_likelihood_is_the_integral():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.directions import SECTOR, posterior, sectors
 from socialiq.social.angle import direction_interval
+from socialiq_recordings.directions import SECTOR, posterior, sectors
 
 
 def test_far_from_the_origin_it_is_students_t():

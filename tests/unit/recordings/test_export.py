@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.export import write_commonroad, write_csv
-from socialiq.recordings.readers.column_map import read_map
-from socialiq.recordings.readers.commonroad import read_commonroad
-from socialiq.recordings.readers.csv_recording import read_csv
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Colour, Cycle, RoadNetwork
+from socialiq_recordings.export import write_commonroad, write_csv
+from socialiq_recordings.readers.column_map import read_map
+from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.readers.csv_recording import read_csv
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Colour, Cycle, RoadNetwork
 
 EXACT = ("track", "frame", "x", "y", "vx", "vy", "identity", "road_user", "length", "width")
 

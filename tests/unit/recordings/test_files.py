@@ -5,9 +5,9 @@ import pytest
 
 from socialiq import storage
 from socialiq.errors import UserError
-from socialiq.recordings import files
-from socialiq.recordings.recording import Recording
-from socialiq.recordings.road.network import Colour, Cycle, RoadNetwork
+from socialiq_recordings import files
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Colour, Cycle, RoadNetwork
 
 
 def test_a_recording_comes_back_to_the_last_bit(tmp_path, recording, same_road):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.episodes.ego_swap import demonstrations
-from socialiq.recordings.held_out import recordings_of, site_of, split
+from socialiq_recordings.episodes.ego_swap import demonstrations
+from socialiq_recordings.held_out import recordings_of, site_of, split
 
 
 def test_whole_recordings_go_to_one_side(human_table):

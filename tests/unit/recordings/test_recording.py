@@ -8,7 +8,7 @@ from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
-from socialiq.recordings.recording import refuse_recording
+from socialiq_recordings.recording import refuse_recording
 
 REASON = "its neighbours do not react"
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.rectangles import touching
+from socialiq_recordings.rectangles import touching
 
 
 def touch(x, y, degrees=0.0, moved=(0.0, 0.0)):

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from socialiq.recordings.episodes.ego_swap import demonstrations
-from socialiq.recordings.simulated_source import signs_of_simulation
+from socialiq_recordings.episodes.ego_swap import demonstrations
+from socialiq_recordings.simulated_source import signs_of_simulation
 
 
 def noisy(straight, speeds, seed=0, **fields):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.road.network import Lanelet
+from socialiq_recordings.road.network import Lanelet
 
 
 def test_tracks_know_where_they_begin(straight):

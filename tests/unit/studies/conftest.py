@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from socialiq.experiments import study
-from socialiq.experiments.jobs import Job, do, fingerprints, open_jobs
 from socialiq.learners.callbacks import Report
+from socialiq_lab import study
+from socialiq_lab.jobs import Job, do, fingerprints, open_jobs
 
 WHOLE_RUNS = {"results", "work"}
 """Fixtures that run a whole study, at a tiny size."""

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from studies.angle_trait.config import DIAL, Config
+from studies.angle_trait.driving import Population, choices_of, drive
+from studies.angle_trait.study import STUDY, fit_family, recovery
 
 from socialiq.errors import UserError
-from socialiq.experiments.study import run
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.recordings.trait.models import fit_models
-from socialiq.studies.angle_trait.config import DIAL, Config
-from socialiq.studies.angle_trait.driving import Population, choices_of, drive
-from socialiq.studies.angle_trait.study import STUDY, fit_family, recovery
+from socialiq_lab.study import run
+from socialiq_recordings.trait.models import fit_models
 
 
 @pytest.fixture(scope="module")

@@ -4,17 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-from socialiq.errors import UserError
-from socialiq.experiments.results import Results
-from socialiq.experiments.study import Context, silent
-from socialiq.nn.dial_policy import DialPolicy
-from socialiq.recordings.trait.policy_family import by_effect
-from socialiq.studies.angle_trait import zeros
-from socialiq.studies.angle_trait.common_scale import Realised, mean_of
-from socialiq.studies.angle_trait.config import DIAL, OTHER_DIAL
-from socialiq.studies.angle_trait.driving import Decided, Population, drive
-from socialiq.studies.angle_trait.ensemble import (
+from studies.angle_trait import zeros
+from studies.angle_trait.common_scale import Realised, mean_of
+from studies.angle_trait.config import DIAL, OTHER_DIAL
+from studies.angle_trait.driving import Decided, Population, drive
+from studies.angle_trait.ensemble import (
     Member,
     common_angle,
     common_grid,
@@ -22,8 +16,14 @@ from socialiq.studies.angle_trait.ensemble import (
     likeliest,
     merged,
 )
-from socialiq.studies.angle_trait.zeros_config import PLAIN, Config
-from socialiq.studies.angle_trait.zeros_jobs import folder_of, plan
+from studies.angle_trait.zeros_config import PLAIN, Config
+from studies.angle_trait.zeros_jobs import folder_of, plan
+
+from socialiq.errors import UserError
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq_lab.results import Results
+from socialiq_lab.study import Context, silent
+from socialiq_recordings.trait.policy_family import by_effect
 
 ANGLES = np.linspace(0.0, 90.0, 10)
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from studies.audit_power import grinding
+from studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, grinding_rows
+from studies.audit_power.population import Truth, draw_evidence
+from studies.audit_power.power import CASES, FLOOR, MARGIN, coverage_rows, verdict_rows
 
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.regret import regret_test
 from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import enough_resamples, join_tests
-from socialiq.studies.audit_power import grinding
-from socialiq.studies.audit_power.grinding import WAYS, Audit, draw_of, first_passes, grinding_rows
-from socialiq.studies.audit_power.population import Truth, draw_evidence
-from socialiq.studies.audit_power.power import CASES, FLOOR, MARGIN, coverage_rows, verdict_rows
 
 
 @pytest.fixture(scope="module")

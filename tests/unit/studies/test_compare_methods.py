@@ -7,32 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from socialiq.errors import UserError
-from socialiq.evaluation.exact import evaluate_exactly
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments import results as store
-from socialiq.experiments.gridworld_runs import Ground
-from socialiq.experiments.intersection.demonstration_sets import (
-    RECORDED_EPISODES,
-    atlas_demonstrations,
-)
-from socialiq.experiments.intersection.episodes import EpisodesRun
-from socialiq.experiments.jobs import fingerprints
-from socialiq.experiments.study import run
-from socialiq.learners.collect import from_env
-from socialiq.plotting.style import png
-from socialiq.studies.compare_methods import intersection, peers, study, tables
-from socialiq.studies.compare_methods.arena import Arena, Run
-from socialiq.studies.compare_methods.config import ANGLES, Config, trained_angles, updates_of
-from socialiq.studies.compare_methods.gridworlds import (
+from studies.compare_methods import intersection, peers, study, tables
+from studies.compare_methods.arena import Arena, Run
+from studies.compare_methods.config import ANGLES, Config, trained_angles, updates_of
+from studies.compare_methods.gridworlds import (
     GridRuns,
     chances,
     rows_of,
     setting_name,
     setting_of,
 )
-from socialiq.studies.compare_methods.methods import (
+from studies.compare_methods.methods import (
     BY_NAME,
     METHODS,
     PEERS,
@@ -40,10 +25,25 @@ from socialiq.studies.compare_methods.methods import (
     TOLD,
     product,
 )
-from socialiq.studies.compare_methods.study import STUDY
-from socialiq.studies.compare_methods.training import LEARNERS
+from studies.compare_methods.study import STUDY
+from studies.compare_methods.training import LEARNERS
+
+from socialiq.errors import UserError
+from socialiq.evaluation.exact import evaluate_exactly
+from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.learners.collect import from_env
+from socialiq.plotting.style import png
 from socialiq.worlds.gym import GridWorldEnv
 from socialiq.worlds.tabular_policy import expert_policy
+from socialiq_lab import results as store
+from socialiq_lab.gridworld_runs import Ground
+from socialiq_lab.intersection.demonstration_sets import (
+    RECORDED_EPISODES,
+    atlas_demonstrations,
+)
+from socialiq_lab.intersection.episodes import EpisodesRun
+from socialiq_lab.jobs import fingerprints
+from socialiq_lab.study import run
 
 TINY = Config(
     worlds=("crossing5",),

@@ -4,18 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-from socialiq.errors import UserError
-from socialiq.evaluation.exact import action_table
-from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
-from socialiq.experiments import results as store
-from socialiq.experiments.comparison import nearest_mode
-from socialiq.experiments.gridworld_runs import Ground
-from socialiq.experiments.jobs import fingerprints
-from socialiq.experiments.study import run
-from socialiq.plotting.style import png
-from socialiq.studies.compare_priors import gridworlds, intersection, study, tables
-from socialiq.studies.compare_priors.config import (
+from studies.compare_priors import gridworlds, intersection, study, tables
+from studies.compare_priors.config import (
     BY_NAME,
     IQ,
     LABELS,
@@ -24,8 +14,18 @@ from socialiq.studies.compare_priors.config import (
     Run,
     settings,
 )
-from socialiq.studies.compare_priors.gridworlds import Arena, effective_share
-from socialiq.studies.compare_priors.study import STUDY
+from studies.compare_priors.gridworlds import Arena, effective_share
+from studies.compare_priors.study import STUDY
+
+from socialiq.errors import UserError
+from socialiq.evaluation.exact import action_table
+from socialiq.evaluation.expert_demonstrations import MODES, trajectory_datasets
+from socialiq.plotting.style import png
+from socialiq_lab import results as store
+from socialiq_lab.comparison import nearest_mode
+from socialiq_lab.gridworld_runs import Ground
+from socialiq_lab.jobs import fingerprints
+from socialiq_lab.study import run
 
 TINY = Config(
     worlds=("crossing5",),

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from socialiq.studies.audit_power.heavy_tails import (
+from studies.audit_power.heavy_tails import (
     SIGMA,
     TAILS,
     TIMES,
@@ -64,7 +63,7 @@ def test_long_audits_pass_wrongly_as_seldom():
 
 
 def test_more_episodes_pass_more(monkeypatch):
-    monkeypatch.setattr("socialiq.studies.audit_power.heavy_tails.SIZES", (250, 2000))
+    monkeypatch.setattr("studies.audit_power.heavy_tails.SIZES", (250, 2000))
     found = {(row["losses"], row["episodes"]): row for row in price_rows(40, 7, resamples=20)}
     for name in TAILS:
         assert found[name, 250]["betting"] <= found[name, 2000]["betting"]

@@ -1,12 +1,12 @@
 """The study of online planning end to end at a tiny size: jobs, tables, figures."""
 
 import pytest
+from studies import intersection_ahead as ahead
 
 from socialiq.errors import UserError
-from socialiq.experiments import results as store
-from socialiq.experiments.study import run
 from socialiq.plotting.style import png
-from socialiq.studies import intersection_ahead as ahead
+from socialiq_lab import results as store
+from socialiq_lab.study import run
 
 TINY = ahead.Config(seeds=(0, 1), set_steps=2400, draws=2, decisions=1, episodes=12)
 

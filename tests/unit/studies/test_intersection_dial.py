@@ -4,20 +4,20 @@ import dataclasses
 
 import numpy as np
 import pytest
+from studies.intersection_dial.config import ABLATIONS, FAMILIES, Config
+from studies.intersection_dial.study import STUDY
 
 from socialiq.errors import UserError
-from socialiq.experiments import results as store
-from socialiq.experiments.intersection.known import known_policies, value_at
-from socialiq.experiments.intersection.policy_iteration import ITERATION
-from socialiq.experiments.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
-from socialiq.experiments.study import run
 from socialiq.learners.dial.acting import stratified
 from socialiq.learners.dial.config import INTERSECTION
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
 from socialiq.social.angle import angle_of, exact_weights
-from socialiq.studies.intersection_dial.config import ABLATIONS, FAMILIES, Config
-from socialiq.studies.intersection_dial.study import STUDY
+from socialiq_lab import results as store
+from socialiq_lab.intersection.known import known_policies, value_at
+from socialiq_lab.intersection.policy_iteration import ITERATION
+from socialiq_lab.intersection.training import DIAL_NUMBERS, DIAL_STRUCTURE
+from socialiq_lab.study import run
 
 TINY = Config(
     seeds=(0, 1),

@@ -5,19 +5,11 @@ from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
-
-from socialiq.evaluation.expert_demonstrations import MODES
-from socialiq.experiments import results as store
-from socialiq.experiments.intersection import thesis_values
-from socialiq.experiments.intersection.experts import expert_name
-from socialiq.plotting.style import png
-from socialiq.social.angle import angle_of
-from socialiq.social.returns import TARGET_KINDS
-from socialiq.studies.intersection import figures as intersection
-from socialiq.studies.intersection import study
-from socialiq.studies.intersection.figures import draw, fig_6_5
-from socialiq.studies.intersection.figures_ablations import ABLATIONS
-from socialiq.studies.intersection.plan import (
+from studies.intersection import figures as intersection
+from studies.intersection import study
+from studies.intersection.figures import draw, fig_6_5
+from studies.intersection.figures_ablations import ABLATIONS
+from studies.intersection.plan import (
     ENDINGS,
     SHIPPED,
     SIZES,
@@ -29,8 +21,16 @@ from socialiq.studies.intersection.plan import (
     Config,
     learner_name,
 )
-from socialiq.studies.intersection.study import best_angles
+from studies.intersection.study import best_angles
+
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.plotting.style import png
+from socialiq.social.angle import angle_of
+from socialiq.social.returns import TARGET_KINDS
 from socialiq.worlds.intersection.policies import NAMES
+from socialiq_lab import results as store
+from socialiq_lab.intersection import thesis_values
+from socialiq_lab.intersection.experts import expert_name
 
 MAIN = {
     "fig_6_5_ring",

@@ -3,14 +3,14 @@
 import json
 
 import pytest
+from studies import intersection_networks as networks
 
 from socialiq.errors import UserError
-from socialiq.experiments import results as store
-from socialiq.experiments.intersection.experts import expert_name, policy_file
-from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import png
-from socialiq.studies import intersection_networks as networks
+from socialiq_lab import results as store
+from socialiq_lab.intersection.experts import expert_name, policy_file
+from socialiq_lab.study import run
 
 TINY = networks.Config(
     seeds=(0, 1), flat_steps=9600, set_steps=2400, episodes=12, highway_episodes=0

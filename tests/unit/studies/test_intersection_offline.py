@@ -4,16 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from studies.intersection_offline.config import METHODS, Config, runs_of
+from studies.intersection_offline.study import STUDY
+from studies.intersection_offline.tables import DEMONSTRATOR, OWN, verdict
 
 from socialiq.errors import UserError
-from socialiq.experiments import results as store
-from socialiq.experiments.study import run
 from socialiq.learners.offline.config import StaticConfig
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.plotting.style import png
-from socialiq.studies.intersection_offline.config import METHODS, Config, runs_of
-from socialiq.studies.intersection_offline.study import STUDY
-from socialiq.studies.intersection_offline.tables import DEMONSTRATOR, OWN, verdict
+from socialiq_lab import results as store
+from socialiq_lab.study import run
 
 DRIVEN = (
     "clone weighted by R(α)",

@@ -3,14 +3,14 @@
 import json
 
 import pytest
+from studies import intersection_policy_iteration as iteration
 
 from socialiq.errors import UserError
-from socialiq.experiments import results as store
-from socialiq.experiments.intersection.episodes import LAST
-from socialiq.experiments.study import run
 from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.plotting.style import png
-from socialiq.studies import intersection_policy_iteration as iteration
+from socialiq_lab import results as store
+from socialiq_lab.intersection.episodes import LAST
+from socialiq_lab.study import run
 
 TINY = iteration.Config(seeds=(0, 1), modes=("egoistic",), updates=200, episodes=12)
 

@@ -9,19 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.special import softmax
-
-from socialiq.cli.main import main
-from socialiq.errors import UserError
-from socialiq.evaluation.play import play
-from socialiq.experiments import results as store
-from socialiq.experiments.study import run
-from socialiq.learners.expert_table import Batch as Rows
-from socialiq.nn.dial_network import DialNetwork
-from socialiq.nn.dial_policy import DialPolicy
-from socialiq.plotting.style import png
-from socialiq.social.angle import exact_weights
-from socialiq.studies.intersection_skill.jobs import likelihood
-from socialiq.studies.intersection_skill.plan import (
+from studies.intersection_skill.jobs import likelihood
+from studies.intersection_skill.plan import (
     ALONE,
     CLONES,
     EXPERTS,
@@ -36,18 +25,29 @@ from socialiq.studies.intersection_skill.plan import (
     UNSKILLED,
     Config,
 )
-from socialiq.studies.intersection_skill.skill import (
+from studies.intersection_skill.skill import (
     ScoredEpisodes,
     drive,
     nearest,
     skill,
     with_skill,
 )
-from socialiq.studies.intersection_skill.study import STUDY, interval, score_row
+from studies.intersection_skill.study import STUDY, interval, score_row
+
+from socialiq.cli.main import main
+from socialiq.errors import UserError
+from socialiq.evaluation.play import play
+from socialiq.learners.expert_table import Batch as Rows
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.plotting.style import png
+from socialiq.social.angle import exact_weights
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.policies import policy
+from socialiq_lab import results as store
+from socialiq_lab.study import run
 
 CONFIG = Config()
 TINY = dataclasses.replace(

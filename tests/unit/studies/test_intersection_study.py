@@ -4,16 +4,16 @@ import dataclasses
 import json
 
 import pytest
+from studies.intersection.plan import Config, learner_name, members, plan
+from studies.intersection.study import STUDY
 
 from socialiq.errors import UserError
-from socialiq.experiments import results as store
-from socialiq.experiments.intersection import thesis_values
-from socialiq.experiments.intersection.experts import policy_file
-from socialiq.experiments.jobs import fingerprints, open_jobs
-from socialiq.experiments.study import run
 from socialiq.nn.q_policy import QPolicy
-from socialiq.studies.intersection.plan import Config, learner_name, members, plan
-from socialiq.studies.intersection.study import STUDY
+from socialiq_lab import results as store
+from socialiq_lab.intersection import thesis_values
+from socialiq_lab.intersection.experts import policy_file
+from socialiq_lab.jobs import fingerprints, open_jobs
+from socialiq_lab.study import run
 
 TINY = Config(
     parts=("main",),

@@ -5,16 +5,16 @@ import json
 
 import numpy as np
 import pytest
+from studies.mo_gymnasium import study
+from studies.mo_gymnasium.config import Config
+from studies.mo_gymnasium.pieces import FOLDER, Piece, read, within
+from studies.mo_gymnasium.tasks import ANGLES, TASKS
+from studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
 
 from socialiq.cli.main import main
 from socialiq.errors import UserError
-from socialiq.experiments.study import Context, run
 from socialiq.storage import packaged_results
-from socialiq.studies.mo_gymnasium import study
-from socialiq.studies.mo_gymnasium.config import Config
-from socialiq.studies.mo_gymnasium.pieces import FOLDER, Piece, read, within
-from socialiq.studies.mo_gymnasium.tasks import ANGLES, TASKS
-from socialiq.studies.mo_gymnasium.training import DIAL, METHODS, STANDARDISED
+from socialiq_lab.study import Context, run
 
 TASK = "mo-halfcheetah"
 PIECE = Piece(
@@ -194,7 +194,7 @@ def test_a_mistyped_call_is_one_line(words, line, capsys, tmp_path):
 
 def test_committed_pieces_give_the_committed_table():
     folder = packaged_results() / "mo-gymnasium"
-    from socialiq.experiments.results import load
+    from socialiq_lab.results import load
 
     committed = {
         (row["task"], row["method"]): row["hypervolume"] for row in load(folder).tables["pooled"]

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from studies.recorded_junction.config import PRACTISED, Config
+from studies.recorded_junction.planted import Rule, blocked
 
 from socialiq.errors import UserError
-from socialiq.studies.recorded_junction.config import PRACTISED, Config
-from socialiq.studies.recorded_junction.planted import Rule, blocked
 
 LEVELS = (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0)
 

@@ -9,13 +9,13 @@ import pytest
 from socialiq.cli.main import main
 from socialiq.errors import UserError
 from socialiq.evaluation.dial import sweep
-from socialiq.experiments import results as store
-from socialiq.experiments.gridworld_runs import Ground, with_clock
-from socialiq.experiments.study import run, save
-from socialiq.experiments.tables import matching
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.storage import packaged_results
-from socialiq.studies import STUDIES, find
+from socialiq_lab import results as store
+from socialiq_lab.gridworld_runs import Ground, with_clock
+from socialiq_lab.registry import STUDIES, find
+from socialiq_lab.study import run, save
+from socialiq_lab.tables import matching
 
 TINY = {
     "worlds": {"episodes": 20},
@@ -305,7 +305,7 @@ def test_the_packaged_results_are_shown_by_every_study(name, capsys, tmp_path, m
 def test_a_study_is_imported_when_it_is_asked_for():
     code = (
         "import sys; from socialiq.cli.main import parse; parse(['reproduce', 'poc']);"
-        "print(*(m for m in sys.modules if m.startswith('socialiq.studies.')))"
+        "print(*(m for m in sys.modules if m.startswith('studies.')))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert {name.split(".")[2] for name in done.stdout.split()} == {"poc"}
@@ -338,6 +338,6 @@ def test_an_unknown_study_and_code_that_may_not_run_are_refused(tmp_path):
     ],
 )
 def test_a_run_settles_where_it_stays(near, settled):
-    from socialiq.studies.lambda_sweep import _settled
+    from studies.lambda_sweep import _settled
 
     assert _settled([10, 20, 30], near) == settled

@@ -2,16 +2,16 @@ import itertools
 
 import numpy as np
 import pytest
+from studies.theory import training, verdicts
+from studies.theory.study import STUDY, Config
 
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.evaluation.prediction import Setting, lines_of, predictions, problem_of
-from socialiq.experiments.gridworld_runs import Ground
-from socialiq.experiments.study import run
 from socialiq.mdp.solve import evaluate_policy
-from socialiq.studies.theory import training, verdicts
-from socialiq.studies.theory.study import STUDY, Config
 from socialiq.theory.semi_gradient import demonstrated_policy
+from socialiq_lab.gridworld_runs import Ground
+from socialiq_lab.study import run
 
 
 def flip(predicted, found, within=1, **changes):

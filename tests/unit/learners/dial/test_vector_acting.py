@@ -8,7 +8,6 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from socialiq.errors import UserError
-from socialiq.experiments.intersection.fitting import CHUNK, sizes_of, source_of
 from socialiq.learners.dial.acting import DialCollector
 from socialiq.learners.dial.config import INTERSECTION, Hyperparameters
 from socialiq.learners.dial.train import Dial
@@ -17,6 +16,7 @@ from socialiq.learners.fit import _start_all
 from socialiq.learners.state import stack
 from socialiq.worlds.intersection.gym import IntersectionVectorEnv
 from socialiq.worlds.intersection.options import Options
+from socialiq_lab.intersection.fitting import CHUNK, sizes_of, source_of
 
 STATIC = dataclasses.replace(
     INTERSECTION.structure, hidden=(8,), environments=4, replay_capacity=500

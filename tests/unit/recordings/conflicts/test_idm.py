@@ -5,7 +5,7 @@ import math
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.conflicts.idm import Idm, acceleration, ballistic
+from socialiq_recordings.conflicts.idm import Idm, acceleration, ballistic
 
 
 def test_an_empty_road():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.conflicts.in_time import InTime
-from socialiq.recordings.conflicts.ways import Way
-from socialiq.recordings.road.paths import Polyline
+from socialiq_recordings.conflicts.in_time import InTime
+from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.road.paths import Polyline
 
 
 def seen(track: int, first: int, frames: int) -> Way:

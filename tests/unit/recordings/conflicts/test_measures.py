@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from socialiq.recordings.conflicts.measures import (
+from socialiq_recordings.conflicts.measures import (
     gap_accepted,
     lag_accepted,
     post_encroachment_time,

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
-from socialiq.recordings.conflicts.occupancy import (
+from socialiq_recordings.conflicts.occupancy import (
     Occupancy,
     apart,
     expected,
     projected,
     recorded,
 )
-from socialiq.recordings.conflicts.ways import Way
-from socialiq.recordings.road.paths import Polyline
+from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.road.paths import Polyline
 
 
 def way(along, speed=10.0, first=0):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.episodes.actions import inferred
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import FASTER, IDLE, SLOWER
+from socialiq_recordings.episodes.actions import inferred
 
 LEFT = (1 - 0.1 / 0.6) ** 10
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.episodes.config import EpisodeConfig
-from socialiq.recordings.episodes.decisions import displacement, levels_of, wrapped_difference
+from socialiq_recordings.episodes.config import EpisodeConfig
+from socialiq_recordings.episodes.decisions import displacement, levels_of, wrapped_difference
 
 
 def at(speed, acceleration, curvature, seconds):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.episodes.config import EpisodeConfig
-from socialiq.recordings.episodes.ego_swap import REASONS, check_distinct, demonstrations
 from socialiq.types import Ending
+from socialiq_recordings.episodes.config import EpisodeConfig
+from socialiq_recordings.episodes.ego_swap import REASONS, check_distinct, demonstrations
 
 
 def test_every_episode_keeps_its_recording_and_its_vehicle(human_table):

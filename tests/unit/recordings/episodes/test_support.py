@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from socialiq.recordings.episodes.config import EpisodeConfig
-from socialiq.recordings.episodes.support import left_out, rates, reliability, supported
+from socialiq_recordings.episodes.config import EpisodeConfig
+from socialiq_recordings.episodes.support import left_out, rates, reliability, supported
 
 
 def test_equal_measurements_are_reliable_and_independent_ones_are_not():

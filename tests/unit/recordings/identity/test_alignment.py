@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.identity.alignment import Placement, shape_of, shared
+from socialiq_recordings.identity.alignment import Placement, shape_of, shared
 
 
 def shape(make, *junction, **where):

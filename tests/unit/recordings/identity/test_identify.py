@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.episodes.ego_swap import DUPLICATE
-from socialiq.recordings.identity.alignment import Placement
-from socialiq.recordings.identity.duplicates import check_names, labelled, refuse_overlaps
-from socialiq.recordings.identity.identify import identify
+from socialiq_recordings.episodes.ego_swap import DUPLICATE
+from socialiq_recordings.identity.alignment import Placement
+from socialiq_recordings.identity.duplicates import check_names, labelled, refuse_overlaps
+from socialiq_recordings.identity.identify import identify
 
 MOVED = Placement(1.0, np.array([30.0, 5.0]))
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq.recordings.identity.alignment import Placement
-from socialiq.recordings.identity.moments import Motion, in_common
+from socialiq_recordings.identity.alignment import Placement
+from socialiq_recordings.identity.moments import Motion, in_common
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

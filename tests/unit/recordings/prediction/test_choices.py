@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.prediction.choices import ChoiceTable, nearest
+from socialiq_recordings.prediction.choices import ChoiceTable, nearest
 
 
 def _table(decisions: int = 4) -> ChoiceTable:

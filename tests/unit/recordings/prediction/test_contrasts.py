@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.prediction.contrasts import EXTENDED, contrasts
-from socialiq.recordings.prediction.scores import Held, Predicted
-from socialiq.recordings.prediction.study import ALL_MODELS
+from socialiq_recordings.prediction.contrasts import EXTENDED, contrasts
+from socialiq_recordings.prediction.scores import Held, Predicted
+from socialiq_recordings.prediction.study import ALL_MODELS
 
 
 def _held(holdout: str, chains: int, **gains: float) -> Held:

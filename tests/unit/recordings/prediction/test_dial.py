@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp, softmax
 
-from socialiq.recordings.prediction import dial, following
-from socialiq.recordings.prediction.levels import Levels, Training, of_policies
-from socialiq.recordings.prediction.models import Task
-from socialiq.recordings.prediction.situation import Situations
+from socialiq_recordings.prediction import dial, following
+from socialiq_recordings.prediction.levels import Levels, Training, of_policies
+from socialiq_recordings.prediction.models import Task
+from socialiq_recordings.prediction.situation import Situations
 
 Make = Callable[..., Situations]
 LEVELS = (-1.0, 0.0, 1.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.prediction.folds import folds, grouped, possible
-from socialiq.recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.folds import folds, grouped, possible
+from socialiq_recordings.prediction.situation import Situations
 
 Make = Callable[..., Situations]
 

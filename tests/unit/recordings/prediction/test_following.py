@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq.recordings.conflicts import idm
-from socialiq.recordings.prediction import following
-from socialiq.recordings.prediction.situation import Situations
+from socialiq_recordings.conflicts import idm
+from socialiq_recordings.prediction import following
+from socialiq_recordings.prediction.situation import Situations
 
 Make = Callable[..., Situations]
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq.recordings.prediction import following, learned, levels
-from socialiq.recordings.prediction.features import NAMES, features
-from socialiq.recordings.prediction.models import MODELS, Task, residuals
-from socialiq.recordings.prediction.rewards import rewards
-from socialiq.recordings.prediction.situation import Situations
+from socialiq_recordings.prediction import following, learned, levels
+from socialiq_recordings.prediction.features import NAMES, features
+from socialiq_recordings.prediction.models import MODELS, Task, residuals
+from socialiq_recordings.prediction.rewards import rewards
+from socialiq_recordings.prediction.situation import Situations
 
 Make = Callable[..., Situations]
 LEVELS = (-2.0, 0.0, 2.0)

@@ -4,10 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socialiq.recordings.prediction import following, models
-from socialiq.recordings.prediction.density import Forecast
-from socialiq.recordings.prediction.models import MODELS, Fitted, Task, residuals, rollout
-from socialiq.recordings.prediction.situation import Situations
+from socialiq_recordings.prediction import following, models
+from socialiq_recordings.prediction.density import Forecast
+from socialiq_recordings.prediction.models import MODELS, Fitted, Task, residuals, rollout
+from socialiq_recordings.prediction.situation import Situations
 
 Make = Callable[..., Situations]
 

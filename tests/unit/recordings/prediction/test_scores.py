@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.prediction.scores import Held, Predicted, scores
+from socialiq_recordings.prediction.scores import Held, Predicted, scores
 
 
 def _tested(personal: bool = False) -> Held:

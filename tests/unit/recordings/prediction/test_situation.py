@@ -3,8 +3,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from socialiq.recordings.conflicts import idm
-from socialiq.recordings.prediction.situation import Situations, ballistic, joined
+from socialiq_recordings.conflicts import idm
+from socialiq_recordings.prediction.situation import Situations, ballistic, joined
 
 Make = Callable[..., Situations]
 

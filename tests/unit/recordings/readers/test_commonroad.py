@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.readers import commonroad_xml
-from socialiq.recordings.readers.commonroad import read_commonroad
-from socialiq.recordings.road.network import Colour, Cycle, Sign
-from socialiq.recordings.tracks import RoadUser
+from socialiq_recordings.readers import commonroad_xml
+from socialiq_recordings.readers.commonroad import read_commonroad
+from socialiq_recordings.road.network import Colour, Cycle, Sign
+from socialiq_recordings.tracks import RoadUser
 
 
 def exact(name, value):

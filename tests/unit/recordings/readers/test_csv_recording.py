@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.readers import csv_table
-from socialiq.recordings.readers.column_map import known_maps, read_map
-from socialiq.recordings.readers.csv_recording import read_csv
-from socialiq.recordings.readers.import_file import import_file
-from socialiq.recordings.tracks import RoadUser
+from socialiq_recordings.readers import csv_table
+from socialiq_recordings.readers.column_map import known_maps, read_map
+from socialiq_recordings.readers.csv_recording import read_csv
+from socialiq_recordings.readers.import_file import import_file
+from socialiq_recordings.tracks import RoadUser
 
 MAP = """
 [time]

@@ -1,6 +1,6 @@
 import numpy as np
 
-from socialiq.recordings.readers.motion import differences, heading_of_motion, smoothed, wrapped
+from socialiq_recordings.readers.motion import differences, heading_of_motion, smoothed, wrapped
 
 
 def test_angles_that_lie_in_the_turn_keep_their_bits():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import log_softmax, softmax
 
-from socialiq.recordings.prediction.choices import ChoiceTable
+from socialiq_recordings.prediction.choices import ChoiceTable
 
 
 @pytest.fixture(scope="session")

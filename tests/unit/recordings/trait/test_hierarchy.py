@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.trait.choice_model import evaluate, reward_scale
-from socialiq.recordings.trait.hierarchy import (
+from socialiq_recordings.trait.choice_model import evaluate, reward_scale
+from socialiq_recordings.trait.hierarchy import (
     Population,
     direction,
     driver_log_likelihood,
@@ -14,7 +14,7 @@ from socialiq.recordings.trait.hierarchy import (
     population_posterior,
     weighted_quantiles,
 )
-from socialiq.recordings.trait.traits import Trait, angle_trait
+from socialiq_recordings.trait.traits import Trait, angle_trait
 
 TWO = Trait(
     "two values",

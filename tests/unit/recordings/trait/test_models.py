@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.trait.choice_model import evaluate, log_choice, predict, reward_scale
-from socialiq.recordings.trait.contrasts import (
+from socialiq_recordings.trait.choice_model import evaluate, log_choice, predict, reward_scale
+from socialiq_recordings.trait.contrasts import (
     RIVALS,
     chains_to_find_anything,
     contrasts,
     scores,
 )
-from socialiq.recordings.trait.models import fit_models, sample_of
-from socialiq.recordings.trait.traits import angle_trait
+from socialiq_recordings.trait.models import fit_models, sample_of
+from socialiq_recordings.trait.traits import angle_trait
 
 
 def test_one_choice_by_hand():

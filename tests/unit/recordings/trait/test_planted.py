@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from socialiq.recordings.trait.models import sample_of
-from socialiq.recordings.trait.planted import (
+from socialiq_recordings.trait.models import sample_of
+from socialiq_recordings.trait.planted import (
     Planted,
     before,
     decide,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq.recordings.trait.choice_model import Tabulated, evaluate, reward_scale
-from socialiq.recordings.trait.contrasts import contrasts
-from socialiq.recordings.trait.models import models_of, sample_of
-from socialiq.recordings.trait.power import (
+from socialiq_recordings.trait.choice_model import Tabulated, evaluate, reward_scale
+from socialiq_recordings.trait.contrasts import contrasts
+from socialiq_recordings.trait.models import models_of, sample_of
+from socialiq_recordings.trait.power import (
     STRENGTHS,
     Grids,
     PowerConfig,

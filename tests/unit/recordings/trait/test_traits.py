@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.trait.traits import (
+from socialiq_recordings.trait.traits import (
     angle_grid,
     angle_trait,
     normal_on_grid,

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.conflicts import idm
-from socialiq.recordings.world.drivers import Drivers, accelerations, calibrate
-from socialiq.recordings.world.observed import Followed, Observed
+from socialiq_recordings.conflicts import idm
+from socialiq_recordings.world.drivers import Drivers, accelerations, calibrate
+from socialiq_recordings.world.observed import Followed, Observed
 
 
 def followed(driver: idm.Idm, count: int, seed: int = 0) -> Followed:

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from socialiq.recordings.conflicts.ways import Way
-from socialiq.recordings.road.paths import Polyline
-from socialiq.recordings.world import lines
+from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.road.paths import Polyline
+from socialiq_recordings.world import lines
 
 
 def way(points: np.ndarray, **more) -> Way:

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from socialiq.recordings.conflicts import idm as reference
-from socialiq.recordings.world import chance, traffic
 from socialiq.worlds.highway.core.compile import for_python
+from socialiq_recordings.conflicts import idm as reference
+from socialiq_recordings.world import chance, traffic
 
 DRIVER = reference.Idm(desired_speed=12.0)
 

@@ -1,7 +1,7 @@
 """Audited policies, rightly and falsely declared."""
 
-from socialiq.studies.audits.policies import WITHDRAWN, at_intersection, floor_at
-from socialiq.studies.audits.study import Config, audit_rows
+from studies.audits.policies import WITHDRAWN, at_intersection, floor_at
+from studies.audits.study import Config, audit_rows
 
 
 def test_truth_and_falsehood(tmp_path):

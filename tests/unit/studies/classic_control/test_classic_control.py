@@ -5,13 +5,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from studies.classic_control import data
+from studies.classic_control.cartpole import STEPS, CartPole, Episode
+from studies.classic_control.methods import METHODS, VARIANTS, method_of
+from studies.classic_control.study import Config, plan
+from studies.classic_control.tasks import TASKS, returns
 
 from socialiq.errors import UserError
-from socialiq.studies.classic_control import data
-from socialiq.studies.classic_control.cartpole import STEPS, CartPole, Episode
-from socialiq.studies.classic_control.methods import METHODS, VARIANTS, method_of
-from socialiq.studies.classic_control.study import Config, plan
-from socialiq.studies.classic_control.tasks import TASKS, returns
 from socialiq.types import Ending
 
 CARTPOLE = TASKS["CartPole"]

@@ -4,12 +4,9 @@ import dataclasses
 import json
 
 import pytest
-
-from socialiq.errors import UserError
-from socialiq.experiments.study import Context
-from socialiq.studies.mujoco_imitation import pieces, plan, study
-from socialiq.studies.mujoco_imitation.config import Config
-from socialiq.studies.mujoco_imitation.methods import (
+from studies.mujoco_imitation import pieces, plan, study
+from studies.mujoco_imitation.config import Config
+from studies.mujoco_imitation.methods import (
     CHOSEN,
     LONGER,
     METHODS,
@@ -17,8 +14,11 @@ from socialiq.studies.mujoco_imitation.methods import (
     WITHOUT_FORCES,
     method_of,
 )
-from socialiq.studies.mujoco_imitation.runs import Imitation, settled
-from socialiq.studies.mujoco_imitation.tasks import TASKS
+from studies.mujoco_imitation.runs import Imitation, settled
+from studies.mujoco_imitation.tasks import TASKS
+
+from socialiq.errors import UserError
+from socialiq_lab.study import Context
 
 SMALL = {"tasks": ("Hopper",), "trajectories": (1, 5), "seeds": (0, 1)}
 N_HOPPER = sum(method.forces for method in METHODS.values())

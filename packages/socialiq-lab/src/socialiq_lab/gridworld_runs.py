@@ -1,0 +1,185 @@
+"""Train many runs in an enumerable world and evaluate every one of them exactly."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.exact import (
+    READOUTS,
+    Optimum,
+    Readout,
+    action_table,
+    evaluate_exactly,
+    exact_monitor,
+)
+from socialiq.evaluation.metrics import Metrics, mean_of
+from socialiq.learners.callbacks import Callbacks, Report
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dial.budget import Regret
+from socialiq.learners.dial.train import dial_of
+from socialiq.learners.iq_learn.config import Hyperparameters, StaticConfig
+from socialiq.learners.iq_learn.train import train
+from socialiq.learners.kernel import Trained
+from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.types import Row
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.registry import make_grid
+from socialiq_lab.tables import groups
+
+Monitor = Callable[[Any], dict[str, np.ndarray]]
+"""From the `TrainState` of all runs to named values, each (runs,)."""
+
+
+class Ground(NamedTuple):
+    """A world made ready for a study.
+
+    Attributes:
+        table: All its states.
+        part: Its reachable states.
+        optimum: The best that any policy can do there, by angle.
+    """
+
+    table: Table
+    part: Table
+    optimum: Optimum
+
+    @staticmethod
+    def of(world: str) -> Ground:
+        """Enumerate a world with its default options."""
+        table = tabulate(make_grid(world))
+        part = table.reachable_part()
+        return Ground(table, part, Optimum(part))
+
+
+def grid_of(
+    angles: Sequence[float], strengths: Sequence[float], seeds: Sequence[int], base: Hyperparameters
+) -> list[Hyperparameters]:
+    """Return hyperparameters for every angle, strength and seed; seed i learns from data set i."""
+    return [
+        dataclasses.replace(base, angle=angle, strength=strength, seed=seed, dataset=dataset)
+        for angle in angles
+        for strength in strengths
+        for dataset, seed in enumerate(seeds)
+    ]
+
+
+def train_runs(
+    ground: Ground,
+    static: StaticConfig,
+    hyperparameters: Sequence[Hyperparameters],
+    datasets: Sequence[Demonstrations],
+    on_report: Callable[[Report], None] | None,
+    chunk: int = 500,
+    monitor: Monitor | None = None,
+) -> Trained:
+    """Train in the ground's world and record the monitor's values after every chunk.
+
+    The default monitor of a training with a progress callback is the exact metrics.
+    """
+    if monitor is None and on_report is not None:
+        monitor = exact_monitor(ground.part, [one.temperature for one in hyperparameters])
+    callbacks = Callbacks(on_report=on_report, monitor=monitor)
+    simulator = ground.table.world if static.online else None
+    return train(static, hyperparameters, datasets, simulator, callbacks, chunk)
+
+
+def evaluate(ground: Ground, policy: QPolicy, readout: Readout) -> Metrics:
+    """Return the exact metrics of a trained policy."""
+    return evaluate_exactly(ground.part, action_table(policy, ground.part, readout))
+
+
+def rows_of(
+    ground: Ground, policies: Sequence[QPolicy], angle: float, label: Row, seeds: Sequence[int]
+) -> list[Row]:
+    """Return label, seed, metrics and regret of each policy and action selection."""
+    rows = []
+    for policy, seed in zip(policies, seeds, strict=True):
+        for readout in READOUTS:
+            metrics = evaluate(ground, policy, readout)
+            regret = ground.optimum.regret(metrics, angle)
+            rows.append(
+                label | {"readout": readout, "seed": seed} | metrics._asdict() | {"regret": regret}
+            )
+    return rows
+
+
+def pooled(rows: Sequence[Row], keys: Sequence[str]) -> list[Row]:
+    """Return means over seeds of rows with equal `keys`; the angle is that of the mean totals.
+
+    `angle_low` and `angle_high` are the least and greatest angle of a single seed.
+    """
+    means = []
+    for values, group in groups(rows, *keys).items():
+        metrics = mean_of([Metrics(*(row[name] for name in Metrics._fields)) for row in group])
+        angles = [row["angle"] for row in group]
+        means.append(
+            dict(zip(keys, values, strict=True))
+            | {"seeds": len(group)}
+            | metrics._asdict()
+            | {"angle_low": min(angles), "angle_high": max(angles)}
+            | {"regret": float(np.mean([row["regret"] for row in group]))}
+        )
+    return means
+
+
+def with_clock(ground: Ground, clock: bool) -> Ground:
+    """Return the ground with the time in the observations, or unchanged."""
+    if not clock:
+        return ground
+    table, part = (
+        dataclasses.replace(one, world=one.world.with_clock())
+        for one in (ground.table, ground.part)
+    )
+    return Ground(table, part, ground.optimum)
+
+
+def seen(world: GridWorld) -> tuple[tuple[int, int], ...]:
+    """Return the one-hot code of a gridworld: least value and number of values by feature."""
+    return tuple((feature.low, feature.size) for feature in world.observed)
+
+
+def sequence(table: Table, policy: Float[np.ndarray, "state action"]) -> str:
+    """Return the actions of a greedy episode in a deterministic world, W for Wait, G for Go."""
+    mdp, letters = table.mdp, ""
+    state = int(mdp.initial.argmax())
+    for _ in range(table.world.horizon):
+        action = int(policy[state].argmax())
+        letters += table.world.actions[action][0]
+        if mdp.ending[state, action, 0]:
+            break
+        state = int(mdp.successor[state, action, 0])
+    return letters
+
+
+def exact_regret(
+    ground: Ground,
+    static: dial.StaticConfig,
+    numbers: Sequence[dial.Hyperparameters],
+    readout: Readout = "soft",
+) -> Regret:
+    """Return the regret of a run's policy at the angle of its static config.
+
+    The default is the soft policy: its regret falls smoothly with the multiplier, a greedy policy's
+    in jumps, so that no multiplier may meet a budget.
+    """
+
+    def regret(network: DialNetwork, run: int, multiplier: float) -> float:
+        policy = dial_of(static, numbers[run], network, multiplier)
+        return regret_at(ground, policy, static.low, readout)
+
+    return regret
+
+
+def regret_at(ground: Ground, policy: DialPolicy, angle: float, readout: Readout) -> float:
+    """Return the regret of a dial at an angle in degrees, evaluated exactly."""
+    chances = action_table(policy.at(angle), ground.part, readout)
+    return ground.optimum.regret(evaluate_exactly(ground.part, chances), angle)

@@ -1,0 +1,106 @@
+"""Demonstrations of the intersection's experts: recordings, and mixtures drawn from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.mixture import MIXTURES
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.play import record
+from socialiq.nn.actor_policy import ActorPolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.nn.value_policy import ValuePolicy
+from socialiq.storage import save_arrays
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.world import Intersection
+from socialiq_lab.intersection.driving import BATCH
+from socialiq_lab.intersection.episodes import BEST, EpisodesRun
+from socialiq_lab.jobs import Job, ProgressCallback
+
+DEMONSTRATIONS = "demonstrations/experts"
+"""Folder of the recordings, in every study."""
+RECORDED_EPISODES = 3000
+"""Episodes recorded of each expert."""
+MIXTURE, SIZE = "equal_transitions", 15_000
+"""Mixture that learners get: transitions of each expert (thesis 6.3)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording(EpisodesRun):
+    """Greedy episodes of each of the three experts, on seeds of their own."""
+
+    episodes: int = RECORDED_EPISODES
+    first_seed: int = 10_000_000
+
+
+def record_demonstrations(
+    config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Record trained experts, given in the order of the modes."""
+    experts = [QPolicy.load(trained / BEST) for trained in inputs.values()]
+    record_experts(dict(zip(MODES, experts, strict=True)), config, folder, on_progress)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AtlasRecording(Recording):
+    """Greedy episodes of the three experts of the atlas."""
+
+    sha256: tuple[str, ...]
+    """SHA-256 of the experts: another atlas gives other demonstrations."""
+
+
+def record_atlas(
+    config: AtlasRecording, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Record the experts of the atlas, as the intersection study does with those it trains."""
+    experts = {mode: atlas.load(f"expert_{mode}") for mode in MODES}
+    record_experts(experts, config, folder, on_progress)
+
+
+def atlas_demonstrations(episodes: int) -> Job:
+    """Return the job that records demonstrations for studies without experts of their own.
+
+    Raises:
+        UserError: If the atlas did not come with the package.
+    """
+    entries = atlas.manifest()
+    sha256 = tuple(entries[f"expert_{mode}"]["sha256"] for mode in MODES)
+    run = AtlasRecording(episodes=episodes, sha256=sha256)
+    return Job(DEMONSTRATIONS, record_atlas, run, cost=20.0)
+
+
+def record_experts(
+    experts: Mapping[str, ValuePolicy | ActorPolicy],
+    config: Recording,
+    folder: Path,
+    on_progress: ProgressCallback,
+) -> None:
+    """Write the transitions of each expert, and their classical rewards row for row."""
+    for number, (mode, policy) in enumerate(experts.items()):
+        source = {"world": Intersection(config.options).description, "expert": policy.provenance}
+        seeds = config.seeds + number * config.episodes
+        made = record(Batch(config.options, BATCH), policy, seeds, mode, dict(source))
+        files.save(folder / f"{mode}.safetensors", made.transitions)
+        classical = {"own": made.classical.env, "others": made.classical.social}
+        save_arrays(folder / f"{mode}_classical.safetensors", "classical", 1, classical, {})
+        on_progress((number + 1) / len(experts))
+
+
+def mixture_of(recordings: Path, mixture: str, size: int, seed: int) -> Demonstrations:
+    """Draw a mixture of all three experts from a folder of recordings.
+
+    Args:
+        recordings: Folder of the recordings.
+        mixture: One of `MIXTURES`.
+        size: Transitions or episodes of each expert, as the mixture counts.
+        seed: Seed of the draw.
+    """
+    pools = {
+        mode: files.load(recordings / f"{mode}.safetensors", continuous=True) for mode in MODES
+    }
+    return MIXTURES[mixture](pools, size, seed)

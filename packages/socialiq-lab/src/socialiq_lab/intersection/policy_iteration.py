@@ -1,0 +1,156 @@
+"""Training jobs of policy iteration in the intersection: networks of one angle, and dials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.errors import UserError
+from socialiq.evaluation.branching import Branching
+from socialiq.learners.dial.rows import stratified_angles
+from socialiq.learners.policy_iteration import config as one_angle
+from socialiq.learners.policy_iteration import dial, train
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.ensemble import EnsemblePolicy
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.options import Options
+from socialiq_lab.intersection.episodes import DIAL, LAST
+from socialiq_lab.intersection.fitting import CHUNK, MEASURES, Checks, fit, sizes_of
+from socialiq_lab.jobs import ProgressCallback
+
+
+@dataclass(frozen=True)
+class IterationRun:
+    """One run of direct policy iteration."""
+
+    structure: one_angle.StaticConfig
+    numbers: one_angle.Hyperparameters
+    start: str = ""
+    """Network of the atlas that it begins with; none draws one from the seed."""
+    environments: int = 256
+    options: Options = field(default_factory=Options)
+    """Scenario of the checks."""
+    labels: Options = field(default_factory=Options)
+    """Scenario and rewards of the rollouts. A larger loss of a collision makes a policy that
+    accepts more delay for the same risk."""
+    checks: Checks = field(default_factory=lambda: Checks(times=10))
+
+
+def train_by_iteration(
+    config: IterationRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the last policy of a run, and its learning curve."""
+    structure, numbers = config.structure, config.numbers
+
+    def measure(state: Any, _done: int) -> dict[str, float]:
+        policy = QPolicy.of(network_of(state.target_network, 0), numbers.temperature, {})
+        return config.checks.measured(config.options, policy, numbers.angle)
+
+    states = CHUNK * structure.states_per_update
+    clock = structure.times > 0
+    labeller = Branching(config.labels, states, config.environments, clock)
+    start = atlas.load(config.start) if config.start else None
+    if isinstance(start, EnsemblePolicy):
+        raise UserError(f"{config.start} is an ensemble: begin with one network")
+    if start is not None and clock:
+        start = start.with_clock(structure.times)
+    sizes = sizes_of(config.options, clock)
+    fitting = partial(train.train, structure, [numbers], [labeller], sizes, start=start)
+    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
+    fit(fitting, folder, on_progress, [LAST], monitor)
+
+
+ITERATION = dial.StaticConfig(
+    batch_size=512,
+    updates=20_000,
+    states_per_update=40,
+    first_rounds=10,
+    replay_capacity=400_000,
+)
+"""Static config that improves dials of the intersection's preset; the network is the dial's."""
+
+ITERATION_NUMBERS = one_angle.Hyperparameters(
+    learning_rate=1e-3, regression=0.0, exploration_fall=1e-6
+)
+"""Hyperparameters beside it."""
+
+
+@dataclass(frozen=True)
+class DialIterationRun:
+    """One run of direct policy iteration of a dial, which begins with the job's input."""
+
+    structure: dial.StaticConfig
+    numbers: one_angle.Hyperparameters
+    environments: int = 256
+    options: Options = field(default_factory=Options)
+    checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
+    check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
+    """Angles of a check, in degrees."""
+
+
+def train_dial_by_iteration(
+    config: DialIterationRun,
+    folder: Path,
+    inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Improve the dial of the input; write it and its learning curve, which is of J(α)."""
+    (begun,) = inputs.values()
+    start = DialPolicy.load(begun / DIAL)
+    clock = observes_time(start, config.options)
+    structure, numbers = dial.with_network_of(config.structure, start), config.numbers
+
+    def measure(state: Any, _done: int) -> dict[str, float]:
+        network = network_of(state.target_network, 0)
+        policy = DialPolicy.of(network, 1.0, structure.low, structure.high, {})
+        values = [
+            config.checks.measured(config.options, policy.at(angle), angle)["total"]
+            for angle in config.check_angles
+        ]
+        return {"total": float(np.mean(values))}
+
+    labeller = dial_labeller(structure, config.options, config.environments, clock)
+    fitting = partial(
+        dial.train,
+        structure,
+        [numbers],
+        [labeller],
+        sizes_of(config.options, clock),
+        start=start,
+    )
+    monitor = config.checks.monitor(structure.updates, measure, "total")
+    fit(fitting, folder, on_progress, [DIAL], monitor)
+
+
+def observes_time(start: DialPolicy, options: Options) -> bool:
+    """Whether a dial of the intersection observes the time.
+
+    Raises:
+        UserError: If it is of another world.
+    """
+    (n_features, n_actions) = sizes_of(options)
+    if start.n_actions != n_actions or start.n_features not in (n_features, n_features + 1):
+        raise UserError(
+            f"this dial takes {start.n_features} features and has {start.n_actions} actions: "
+            "give one of the intersection"
+        )
+    return start.n_features > n_features
+
+
+def dial_labeller(
+    structure: dial.StaticConfig, options: Options, environments: int, clock: bool
+) -> Branching:
+    """Return the labeller of one run, whose episodes have angles of their own."""
+
+    def angles(count: int, rng: np.random.Generator) -> np.ndarray:
+        return stratified_angles(structure, count, rng)
+
+    states = CHUNK * structure.states_per_update
+    return Branching(options, states, environments, clock, angles)

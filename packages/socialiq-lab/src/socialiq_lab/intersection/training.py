@@ -1,0 +1,249 @@
+"""Training jobs of the intersection: experts, learners and dials; each fills a folder.
+
+A job is called in a process of its own, so everything that it depends on is in its configuration,
+of which its fingerprint is made (`experiments.jobs`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dial import train as dial_training
+from socialiq.learners.dial.acting import DialCollector
+from socialiq.learners.dial.vector_acting import DialVectorCollector
+from socialiq.learners.dqn import config as dqn
+from socialiq.learners.dqn import train as dqn_training
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn.train import train as train_iq
+from socialiq.nn.q_network import network_of
+from socialiq.nn.q_policy import QPolicy
+from socialiq.types import Policy, Row
+from socialiq.worlds.highway.gym import RoadVectorEnv
+from socialiq.worlds.highway.world import SceneWorld
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
+from socialiq_lab.engine import available_cores
+from socialiq_lab.intersection.demonstration_sets import MIXTURE, mixture_of
+from socialiq_lab.intersection.episodes import BEST, DIAL, LAST
+from socialiq_lab.intersection.fitting import (
+    CHUNK,
+    MEASURES,
+    Checks,
+    fit,
+    road_source,
+    sizes_of,
+    soft_collector,
+    source_of,
+)
+from socialiq_lab.jobs import ProgressCallback
+
+
+@dataclass(frozen=True)
+class ExpertRun:
+    """One DQN expert (thesis 5.2)."""
+
+    structure: dqn.StaticConfig
+    numbers: dqn.Hyperparameters
+    environments: int = 12
+    options: Options = field(default_factory=Options)
+    checks: Checks = field(default_factory=Checks)
+
+
+def train_expert(
+    config: ExpertRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the last network of an expert, the best by checks, and the learning curve."""
+    structure, numbers = config.structure, config.numbers
+
+    def measure(state: Any, done: int) -> dict[str, float]:
+        policy = dqn_training.policy_of(structure, numbers, network_of(state.network, 0))
+        found = config.checks.measured(config.options, policy, numbers.angle)
+        made = {"updates": done, "total": found["total"], "episodes": config.checks.episodes}
+        _keep_best(policy, made, folder / BEST)
+        return found
+
+    source = source_of(config.options, config.environments, structure.steps_per_update)
+    train = partial(dqn_training.train, structure, [numbers], [source], sizes_of(config.options))
+    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
+    fit(train, folder, on_progress, [LAST], monitor)
+
+
+def _keep_best(policy: QPolicy, made: Row, file: Path) -> None:
+    """Write the policy if none was better; of two equal ones the earlier stays."""
+    if file.is_file() and QPolicy.load(file).provenance["check"]["total"] >= made["total"]:
+        return
+    dataclasses.replace(policy, provenance={**policy.provenance, "check": made}).save(file)
+
+
+@dataclass(frozen=True)
+class LearnerRun:
+    """One IQ-Learn run on a mixture of the three experts' demonstrations."""
+
+    structure: iq.StaticConfig
+    numbers: iq.Hyperparameters
+    mixture: str
+    size: int
+    """Episodes of each mode, or transitions in a mixture of equal transitions."""
+    environments: int = 12
+    options: Options = field(default_factory=Options)
+    checks: Checks = field(default_factory=lambda: Checks(times=10))
+
+
+def train_learner(
+    config: LearnerRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the last network of a learner and its learning curve."""
+    structure, numbers = config.structure, config.numbers
+    (recordings,) = inputs.values()
+    data = mixture_of(recordings, config.mixture, config.size, numbers.seed)
+
+    def measure(state: Any, _done: int) -> dict[str, float]:
+        policy = QPolicy.of(network_of(state.network, 0), numbers.temperature, {})
+        return config.checks.measured(config.options, policy, numbers.angle)
+
+    collector = None
+    if structure.online:
+        steps = structure.env_steps_per_update
+        collector = soft_collector(config.options, config.environments, steps, [numbers])
+    train = partial(train_iq, structure, [numbers], [data], before_chunk=collector)
+    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
+    fit(train, folder, on_progress, [LAST], monitor)
+
+
+STEPS_PER_UPDATE = 12
+"""Rows of experience that a dial takes in for each update."""
+
+
+def dial_collector(
+    structure: dial.StaticConfig,
+    numbers: Sequence[dial.Hyperparameters],
+    world: Intersection | SceneWorld,
+    environments: int,
+    steps_per_update: int,
+) -> DialCollector | DialVectorCollector:
+    """Return what collects dials' experience on the core, from episodes of each run.
+
+    Several runs act together, on as many threads as there are runs, or cores if fewer.
+
+    Args:
+        structure: Shared by all runs; with a clock where times are redrawn.
+        numbers: Of each run.
+        world: The road.
+        environments: Episodes side by side, of each run.
+        steps_per_update: Rows for each update.
+    """
+    clock, count = structure.redraw_times > 0, len(numbers)
+    if count == 1:
+        source = road_source(world, environments, steps_per_update, clock)
+        return DialCollector([source], structure, numbers)
+    batch = world.batch(count * environments, min(count, available_cores()))
+    env = RoadVectorEnv(world, batch, 0.0, AutoresetMode.SAME_STEP, clock)
+    rounds = -(-CHUNK * steps_per_update // environments)
+    return DialVectorCollector(env, rounds, structure, numbers)
+
+
+DIAL_STRUCTURE = dial.StaticConfig(
+    view="set", hidden=(128, 128), updates=40_000, replay_capacity=200_000, environments=12
+)
+"""Static config of dials and agents, without ranges and updates: network of the set experts."""
+
+DIAL_NUMBERS = dial.Hyperparameters(
+    temperature=0.03, discount=0.99, learning_rate=5e-4, final_rate=0.03, exploration=0.05
+)
+"""Rates of the set experts; an intersection has no clock, hence their discount."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DialRun:
+    """One dial, or an agent: a dial of one angle."""
+
+    structure: dial.StaticConfig
+    numbers: dial.Hyperparameters
+    size: int
+    """Transitions of each expert."""
+    steps_per_update: int = STEPS_PER_UPDATE
+    environments: int = 12
+    options: Options = field(default_factory=Options)
+    checks: Checks = field(default_factory=lambda: Checks(times=8, episodes=200))
+    check_angles: tuple[float, ...] = (0.0, 45.0, 90.0)
+    """Angles of a check, in degrees; of an agent its own."""
+
+    @property
+    def clock(self) -> bool:
+        """Whether the network sees the time: that is where times are redrawn."""
+        return self.structure.redraw_times > 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MixtureDialRun(DialRun):
+    """A dial that learns from a mixture of the three experts' demonstrations."""
+
+    mixture: str = MIXTURE
+
+
+def train_dial(
+    config: MixtureDialRun, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write a dial and its learning curve, which is of J(α)."""
+    (recordings,) = inputs.values()
+    data = mixture_of(recordings, config.mixture, config.size, config.numbers.seed)
+    if config.clock:
+        data = data.with_clock()
+
+    def value(batch: Batch, policy: Policy, seeds: np.ndarray, angle: float) -> float:
+        return episodes_of(batch, policy, seeds).metrics().value(angle)
+
+    fit_dial(config, [data], value, folder, on_progress)
+
+
+def fit_dial(
+    config: DialRun,
+    data: Sequence[Demonstrations],
+    value: Callable[[Batch, Policy, np.ndarray, float], float],
+    folder: Path,
+    on_progress: ProgressCallback,
+) -> None:
+    """Train a dial on demonstrations and on the core; write it and its learning curve.
+
+    Args:
+        config: Configuration of the run.
+        data: Sets of demonstrations, if any.
+        value: Mean value of a policy's episodes on some seeds at an angle; a check measures its
+            mean over angles.
+        folder: Folder to fill.
+        on_progress: Called with the share that is done.
+    """
+    structure, numbers = config.structure, config.numbers
+
+    def measure(state: Any, _done: int) -> dict[str, float]:
+        network = network_of(dial_training.deployed(state), 0)
+        policy = dial_training.dial_of(structure, numbers, network)
+        batch, seeds = config.checks.batch(config.options), config.checks.seeds
+        values = [value(batch, policy.at(angle), seeds, angle) for angle in config.check_angles]
+        return {"total": float(np.mean(values))}
+
+    steps = config.steps_per_update
+    world = Intersection(config.options)
+    collector = dial_collector(structure, [numbers], world, config.environments, steps)
+    train = partial(
+        dial_training.train,
+        structure,
+        [numbers],
+        data,
+        sizes=sizes_of(config.options, config.clock),
+        before_chunk=collector,
+    )
+    monitor = config.checks.monitor(structure.updates, measure, "total")
+    fit(train, folder, on_progress, [DIAL], monitor)

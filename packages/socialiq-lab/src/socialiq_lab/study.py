@@ -1,0 +1,188 @@
+"""A study: what to run, which tables and pictures follow from it, and which tables to print.
+
+A study is a module of `studies` that ends with `STUDY`. Jobs fill folders and can be resumed
+(`experiments.jobs`); tables follow from these folders alone, pictures and printed tables from the
+tables alone. A short study has no jobs: its tables are computed in one go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from socialiq.errors import UserError
+from socialiq.learners.callbacks import Clock, Report
+from socialiq.storage import shipped
+from socialiq.types import Row
+from socialiq_lab import results as store
+from socialiq_lab.engine import Engine, run_jobs, work_folder
+from socialiq_lab.jobs import Job
+from socialiq_lab.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+StageCallback = Callable[[str], Callable[[Report], None] | None]
+"""Given the name of a stage, return the callback that shows its progress, if any."""
+
+
+def silent(_stage: str) -> None:
+    """A `StageCallback` that shows nothing."""
+
+
+class Context(NamedTuple):
+    """Context of a study's `tables` function, beside its configuration.
+
+    Attributes:
+        jobs: All jobs, finished.
+        work: Folder that holds a folder for each of them.
+        on_stage: Shows the progress of a study without jobs.
+    """
+
+    jobs: Sequence[Job]
+    work: Path
+    on_stage: StageCallback
+
+
+class Findings(NamedTuple):
+    """Tables of a study before they are rounded and saved.
+
+    Attributes:
+        tables: Rows by table name; empty tables are left out of the results.
+        summary: Values that the claims ledger refers to.
+        files: Content of other files by path below the results folder.
+    """
+
+    tables: dict[str, list[Row]]
+    summary: dict[str, Any]
+    files: Mapping[str, bytes] = {}
+
+
+class View(NamedTuple):
+    """A table to print, with its title."""
+
+    rows: Sequence[Row]
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A reproducible experiment.
+
+    Attributes:
+        name: Name on the command line and of the results folder.
+        Config: Frozen dataclass; its fields are the study's command-line options, its defaults
+            those of the committed results.
+        tables: Computes tables and summary, given a configuration and the finished jobs.
+        figures: Draws pictures from results, by name.
+        view: Selects the tables to print.
+        jobs: Lists the jobs for a configuration, each after its inputs; empty for a short study.
+        more_jobs: Lists the jobs that depend on what the first ones found, given the work folder.
+    """
+
+    name: str
+    Config: type[Any]
+    tables: Callable[[Any, Context], Findings]
+    figures: Callable[[Results], dict[str, Figure]]
+    view: Callable[[Results], Sequence[View]]
+    jobs: Callable[[Any], Sequence[Job]] | None = None
+    more_jobs: Callable[[Any, Path], Sequence[Job]] | None = None
+
+    @property
+    def is_resumable(self) -> bool:
+        """Whether the study keeps finished jobs in a work folder."""
+        return self.jobs is not None
+
+
+def run(
+    study: Study,
+    config: Any = None,
+    on_stage: StageCallback = silent,
+    work: Path | None = None,
+    engine: Engine | None = None,
+) -> Results:
+    """Run the jobs that are not finished yet, and compute the tables.
+
+    Args:
+        study: The study.
+        config: Its configuration; by default that of the committed results.
+        on_stage: Shows progress.
+        work: Folder of the jobs; a temporary folder by default.
+        engine: Where the jobs run; by default on every core of this machine.
+
+    Returns:
+        The results, rounded as they are saved.
+
+    Raises:
+        UserError: If a job fails or the work folder can't be written.
+        Stopped: On Ctrl-C; the same call resumes.
+    """
+    config = study.Config() if config is None else config
+    if study.jobs is None:
+        found = study.tables(config, Context((), Path(), on_stage))
+    else:
+        with work_folder(work) as folder:
+            context = _finished(study, config, folder, on_stage, engine or Engine())
+            found = study.tables(config, context)
+    return Results.of(study.name, config, found.tables, found.summary, found.files)
+
+
+def _finished(
+    study: Study, config: Any, folder: Path, on_stage: StageCallback, engine: Engine
+) -> Context:
+    """Run the jobs that are not finished yet."""
+    jobs = list(study.jobs(config)) if study.jobs else []
+    run_jobs(jobs, folder, on_stage, engine.processes, engine.cluster)
+    if study.more_jobs:
+        more = study.more_jobs(config, folder)
+        run_jobs(more, folder, on_stage, engine.processes, engine.cluster)
+        jobs += more
+    return Context(jobs, folder, on_stage)
+
+
+def save(study: Study, results: Results, folder: Path, replace: bool) -> None:
+    """Write results and figures to a folder, whole or not at all.
+
+    Raises:
+        UserError: If the folder exists and may not be replaced, or can't be written.
+    """
+    from socialiq.plotting.style import png
+
+    store.save(results, folder, png(study.figures(results)), replace)
+
+
+def load(study: Study, folder: Path) -> Results:
+    """Read a study's results from a folder, or from the folder of its name there.
+
+    Raises:
+        UserError: If there are none, or those of another study.
+    """
+    inside = shipped(folder / study.name)
+    results = store.load(inside if inside.is_dir() else shipped(folder))
+    if results.study != study.name:
+        raise UserError(f"{folder} holds {results.study}: name that study, or another folder")
+    return results
+
+
+def view_of(table: str, *columns: str, title: str = "") -> Callable[[Results], Sequence[View]]:
+    """Return a `Study.view` that prints one table, or the given columns of it."""
+
+    def view(results: Results) -> Sequence[View]:
+        rows = results.tables[table]
+        printed = [{name: row[name] for name in columns} for row in rows] if columns else rows
+        return [View(printed, title)]
+
+    return view
+
+
+def counter(on_stage: StageCallback, stage: str, total: int, unit: str) -> Callable[[int], None]:
+    """Begin a stage that counts; return the callback for the number of finished units."""
+    report, clock = on_stage(stage), Clock(0, total, 1)
+
+    def count(done: int) -> None:
+        if report is not None:
+            report(clock.report(done, {}, {}, ())._replace(unit=unit))
+
+    return count

@@ -1,0 +1,275 @@
+"""Read a sweep file: every combination of its values becomes a run, and runs become jobs."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from socialiq.errors import UserError
+from socialiq.learners.extensions import LEARNERS, find_learner
+from socialiq.learners.iq_learn.config import Endings
+from socialiq.learners.iq_learn.presets import PRESETS
+from socialiq.reading import read_toml, sha256_of_file
+from socialiq.worlds.registry import GRIDWORLDS
+from socialiq_lab.jobs import Job
+from socialiq_lab.sweep.runs import RunsConfig, train_runs
+
+OFFLINE = "offline"
+IQ_LEARN = "iq_learn"
+KEYS = ("learner", "preset", "worlds", "data", "seeds", "runs_per_job", "static", "hyperparameters")
+RUNS_PER_JOB = 32
+MOST_RUNS = 100_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep that was read and found in order.
+
+    Attributes:
+        file: The sweep file.
+        jobs: Each trains runs of one static config, world and data set in one program.
+        settings: Content of the file, for the record.
+    """
+
+    file: Path
+    jobs: tuple[Job, ...]
+    settings: dict[str, Any]
+
+
+class _Entry(NamedTuple):
+    """One value of a field, with the dotted name of the key that gave it."""
+
+    key: str
+    field: str
+    value: Any
+
+
+def read_plan(file: Path, allow_code: bool = False) -> Plan:
+    """Read a sweep file.
+
+    Args:
+        file: TOML with `data`, and optionally `learner`, `worlds`, `seeds`, `preset`,
+            `runs_per_job` and the tables `static` and `hyperparameters`, whose keys are fields of
+            the learner's `StaticConfig` and `Hyperparameters`. A list means each of its values.
+            Paths are relative to the file.
+        allow_code: Whether modules of environments, and a learner of the user's own, may be
+            imported.
+
+    Raises:
+        UserError: If the file can't be read, or a key or value is invalid; the line names both.
+    """
+    return _Reader(file, read_toml(file), allow_code).plan()
+
+
+class _Reader:
+    """One file's content, checked key by key."""
+
+    def __init__(self, file: Path, content: dict[str, Any], allow_code: bool) -> None:
+        self.file, self.content, self.allow_code = file, content, allow_code
+        self.learner = "", ""  # and the SHA-256 of its file; "" for IQ-Learn
+
+    def plan(self) -> Plan:
+        """Return the jobs of every combination."""
+        self.known("", self.content, KEYS)
+        size = self.typed("runs_per_job", self.content.get("runs_per_job", RUNS_PER_JOB), int)
+        if size < 1:
+            raise self.error("runs_per_job", f"must be at least 1, got {size}")
+        static, base = self.settings()
+        runs = self.hyperparameters(base)
+        found: list[RunsConfig] = []
+        for world, data in self.places():
+            for one in self.statics(static, world != OFFLINE):
+                for first in range(0, len(runs), size):
+                    found.append(self.config(world, data, one, tuple(runs[first : first + size])))
+                    if len(found) * size > MOST_RUNS + size:
+                        raise self.too_many()
+        jobs = tuple(
+            Job(f"training/{number:05d}", train_runs, one, cost=float(len(one.hyperparameters)))
+            for number, one in enumerate(found)
+        )
+        return Plan(self.file, jobs, self.content)
+
+    def settings(self) -> tuple[Any, Any]:
+        """Find the learner; return the settings to begin with: the preset's, or its defaults."""
+        named = self.typed("learner", self.content.get("learner", IQ_LEARN), str)
+        if named != IQ_LEARN:
+            if "preset" in self.content:
+                raise self.error("preset", f"is of {IQ_LEARN}: leave it out")
+            file, _, name = named.rpartition(":")
+            if name in LEARNERS and not file:
+                self.learner = named, ""
+            else:
+                path = (self.file.absolute().parent / file).resolve()
+                sha256 = sha256_of_file(path) if path.is_file() else ""
+                self.learner = f"{path}:{name}" if file else named, sha256
+            try:
+                kind = find_learner(self.learner[0], "learner", self.allow_code)
+            except UserError as error:
+                raise self.error("learner", str(error)) from error
+            return kind.StaticConfig(), kind.Hyperparameters()
+        preset = self.typed("preset", self.content.get("preset", "grid"), str)
+        if preset not in PRESETS:
+            raise self.error("preset", f"unknown: choose one of {', '.join(PRESETS)}")
+        return PRESETS[preset]
+
+    def config(self, world: str, data: str, static: Any, runs: tuple[Any, ...]) -> RunsConfig:
+        """Return the configuration of one job."""
+        path = (self.file.absolute().parent / data).resolve()
+        try:
+            sha256 = sha256_of_file(path)
+        except UserError as error:
+            raise self.error("data", str(error)) from error
+        place = "" if world == OFFLINE else world
+        return RunsConfig(
+            *self.learner, place, data, str(path), sha256, static, runs, self.allow_code
+        )
+
+    def places(self) -> list[tuple[str, str]]:
+        """Return every world with each of its data sets."""
+        worlds = [
+            self.typed("worlds", one, str) for one in _listed(self.content.get("worlds", OFFLINE))
+        ]
+        given = self.content.get("data")
+        if given is None:
+            raise self.error("data", "is missing: name at least one file of `socialiq collect`")
+        by_world = given if isinstance(given, dict) else dict.fromkeys(worlds, given)
+        self.known("data", by_world, worlds)
+        pairs = []
+        for world in worlds:
+            if world not in by_world:
+                raise self.error("data", f"names no file for {world}")
+            if not (world == OFFLINE or world in GRIDWORLDS or ":" in world or "/" in world):
+                known = f"{', '.join(GRIDWORLDS)}, {OFFLINE} or a Gymnasium id"
+                raise self.error("worlds", f"unknown world '{world}': choose {known}")
+            if self.learner[0] and world not in (OFFLINE, *GRIDWORLDS):
+                raise self.error("worlds", f"this learner trains offline: leave '{world}' out")
+            files = _listed(by_world[world])
+            if not files:
+                raise self.error("data", f"names no file for {world}")
+            pairs += [(world, self.typed("data", one, str)) for one in files]
+        if not pairs:
+            raise self.error("worlds", "must name at least one world")
+        return pairs
+
+    def hyperparameters(self, base: Any) -> list[Any]:
+        """Return every combination of hyperparameters, seeds last."""
+        table = self.table("hyperparameters")
+        fields = {field.name for field in dataclasses.fields(base)} - {"seed", "dataset"}
+        self.known("hyperparameters", table, sorted(fields))
+        values = self.values("hyperparameters", table, type(base))
+        seeds = [self.typed("seeds", one, int) for one in _listed(self.content.get("seeds", [0]))]
+        if not seeds or len({*seeds}) < len(seeds):
+            raise self.error("seeds", "must be one or more different whole numbers")
+        values.append([_Entry("seeds", "seed", seed) for seed in seeds])
+        if math.prod(map(len, values)) > MOST_RUNS:
+            raise self.too_many()
+        return [self.replaced(base, entries) for entries in itertools.product(*values)]
+
+    def statics(self, base: Any, online: bool) -> list[Any]:
+        """Return every combination of the static choices."""
+        table = self.table("static")
+        fields = {field.name for field in dataclasses.fields(base)} - {"online"}
+        self.known("static", table, sorted(fields))
+        endings = table.get("endings", {})
+        if not isinstance(endings, dict):
+            raise self.error("static.endings", "must be a table")
+        self.known("static.endings", endings, [one.name for one in dataclasses.fields(Endings)])
+        flat = {name: value for name, value in table.items() if name != "endings"}
+        values = [] if self.learner[0] else [[_Entry("worlds", "online", online)]]
+        values += self.values("static", flat, type(base))
+        values += self.values("static.endings", endings, Endings)
+        return [self.replaced(base, entries) for entries in itertools.product(*values)]
+
+    def values(self, where: str, table: Mapping[str, Any], kind: type) -> list[list[_Entry]]:
+        """Return the values of each key, of its field's type."""
+        hints, found = typing.get_type_hints(kind), []
+        for name, given in table.items():
+            key, hint = f"{where}.{name}", hints[name]
+            is_tuple = typing.get_origin(hint) is tuple
+            several = [given] if is_tuple and not _nested(given) else _listed(given)
+            if not several:
+                raise self.error(key, "must have at least one value")
+            found.append([_Entry(key, name, self.typed(key, one, hint)) for one in several])
+        return found
+
+    def replaced(self, base: Any, entries: Sequence[_Entry]) -> Any:
+        """Return the settings with these values; a refusal names the key at fault."""
+        try:
+            return _with(base, entries)
+        except UserError as error:
+            for entry in entries:
+                try:
+                    _with(base, [entry])
+                except UserError as alone:
+                    if str(alone) == str(error):
+                        raise self.error(entry.key, str(error)) from error
+            table = "hyperparameters" if hasattr(base, "seed") else "static"
+            raise self.error(table, str(error)) from error
+
+    def typed(self, key: str, value: Any, hint: Any) -> Any:
+        """Return a value of the hinted type; a whole number may stand for a number."""
+        if typing.get_origin(hint) is Literal:
+            if value not in typing.get_args(hint):
+                known = ", ".join(typing.get_args(hint))
+                raise self.error(key, f"unknown value {value!r}: choose one of {known}")
+            return value
+        if typing.get_origin(hint) is tuple:
+            if not isinstance(value, list):
+                raise self.error(key, f"must be a list of whole numbers, got {value!r}")
+            return tuple(self.typed(key, one, int) for one in value)
+        kinds: dict[Any, tuple[Any, str]] = {
+            str: (str, "text in quotes"),
+            bool: (bool, "true or false"),
+            int: (int, "a whole number"),
+            float: ((int, float), "a number"),
+        }
+        if hint not in kinds:
+            raise self.error(key, "is of a type that a sweep file can't set: leave it out")
+        wanted, what = kinds[hint]
+        if not isinstance(value, wanted) or (isinstance(value, bool) and hint is not bool):
+            raise self.error(key, f"must be {what}, got {value!r}")
+        return hint(value)
+
+    def table(self, key: str) -> dict[str, Any]:
+        """Return a table of the file, by default an empty one."""
+        found = self.content.get(key, {})
+        if not isinstance(found, dict):
+            raise self.error(key, "must be a table")
+        return found
+
+    def known(self, where: str, table: Mapping[str, Any], names: Sequence[str]) -> None:
+        """Refuse unknown keys."""
+        for name in table:
+            if name not in names:
+                key = f"{where}.{name}" if where else name
+                raise self.error(key, f"unknown key: choose from {', '.join(names)}")
+
+    def too_many(self) -> UserError:
+        """Return the refusal of a file with too many runs."""
+        return UserError(f"{self.file}: more than {MOST_RUNS:,} runs: split it")
+
+    def error(self, key: str, line: str) -> UserError:
+        """Return the refusal of a key."""
+        return UserError(f"{self.file}: {key}: {line}")
+
+
+def _with(base: Any, entries: Sequence[_Entry]) -> Any:
+    plain = {one.field: one.value for one in entries if "endings." not in one.key}
+    nested = {one.field: one.value for one in entries if "endings." in one.key}
+    if nested:
+        plain["endings"] = dataclasses.replace(base.endings, **nested)
+    return dataclasses.replace(base, **plain)
+
+
+def _listed(given: Any) -> list[Any]:
+    return given if isinstance(given, list) else [given]
+
+
+def _nested(given: Any) -> bool:
+    return isinstance(given, list) and any(isinstance(one, list) for one in given)

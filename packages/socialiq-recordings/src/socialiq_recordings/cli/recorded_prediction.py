@@ -1,0 +1,206 @@
+"""`data predict`: driver models and what they predict of recorded drivers that are held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.cli.output import print_json, print_table, say
+from socialiq.plotting.style import png
+from socialiq.statistics.clusters import clusters_needed, least_p
+from socialiq.types import Row
+from socialiq_lab.results import Results, check_target, save
+from socialiq_recordings.cli.recorded_files import load_identified
+from socialiq_recordings.cli.recorded_trait import NOT_TESTED, trait_test
+from socialiq_recordings.identity.duplicates import Duplicates
+from socialiq_recordings.prediction import figure, levels, study
+from socialiq_recordings.prediction.contrasts import ERROR
+from socialiq_recordings.prediction.folds import HOLDOUTS, Holdout
+from socialiq_recordings.prediction.models import ensembles
+from socialiq_recordings.prediction.moments import situations_of
+from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.recording import Recording
+
+LIMITS = (
+    "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
+    "Routes are taken as known, and displacement is measured along them.",
+    "Rows of one chain are not independent: intervals resample chains, and few chains make them "
+    "rough.",
+)
+"""Limits of a prediction."""
+
+
+@dataclass(frozen=True)
+class Predict:
+    """Fit driver models and predict held-out drivers: next acceleration, position after 3 s.
+
+    Example: socialiq data predict a.safetensors b.safetensors --out prediction
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`."""
+    out: Path | None = None
+    """Folder to write: scores, contrasts of models, folds, the test of angles, a figure."""
+    holdout: tuple[Holdout, ...] = ()
+    """Held-out things; by default all that these recordings allow."""
+    models: tuple[str, ...] = ()
+    """Names of models; by default all. The trivial ones are always beside them."""
+    road: Path | None = None
+    """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
+    duplicates: Duplicates = "drop"
+    """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
+    updates: int = levels.Training.updates
+    """Gradient steps of each learned policy."""
+    angle: tuple[float, ...] = levels.Training.angles
+    """Angles of IQ-Learn, degrees; the dial has all from 0 to 90."""
+    seed: int = 0
+    """Seed of training and resampling."""
+    without_trait: bool = False
+    """Leave out the test of a driver's angle, inferred from its first half, on its second."""
+    replace: bool = False
+    """Replace earlier results in the folder."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Fit, predict, score, write, print."""
+        config = self._config()
+        if self.out is not None:
+            check_target(self.out, self.replace)
+        recordings, identified = load_identified(
+            self.recordings, self.road, self.duplicates, self.json
+        )
+        seen = situations_of(recordings, identified, self.duplicates == "drop")
+        found = study.predict(seen, config)
+        if not self.json:
+            _say_left_out({str(row["holdout"]) for row in found.folds}, config)
+        tested = NOT_TESTED if self.without_trait else trait_test(seen, self.seed)
+        tables = {"scores": found.scores, "folds": found.folds, "contrasts": found.contrasts}
+        tables |= tested.tables
+        summary = _counts(seen) | _summary(found.scores) | _tests(found.contrasts)
+        summary |= {"trait": tested.summary}
+        summary |= {"limits": list(LIMITS)}
+        if self.out is not None:
+            asked = _Asked(config, self.duplicates, _sources(recordings))
+            results = Results.of("recordings prediction", asked, tables, summary)
+            pictures = png({"gains": figure.gains(found.scores)})
+            save(results, self.out, pictures, self.replace)
+        if self.json:
+            print_json(summary | tables)
+        else:
+            _show(found.scores)
+            _show_contrasts(found.contrasts)
+            tested.show()
+        return 0
+
+    def _config(self) -> study.Config:
+        training = levels.Training(angles=self.angle, updates=self.updates)
+        models = self.models or study.ALL_MODELS
+        config = study.Config(self.holdout, models, training, self.seed)
+        if not self.without_trait or any(name.startswith("boosting") for name in models):
+            ensembles()  # a missing library is said before the slow work
+        return config
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Provenance of a prediction."""
+
+    prediction: study.Config
+    duplicates: str
+    sources: list[dict[str, Any]]
+
+
+def _sources(recordings: list[Recording]) -> list[dict[str, Any]]:
+    return [{"recording": one.tracks.recording, "source": one.tracks.source} for one in recordings]
+
+
+def _counts(seen: Situations) -> dict[str, Any]:
+    both = seen.moving & seen.conflict
+    return {
+        "moments": len(seen),
+        "moving": int(seen.moving.sum()),
+        "in_conflict": int(both.sum()),
+        "drivers": len(set(seen.vehicle.tolist())),
+        "drivers_in_conflict": len(set(seen.vehicle[both].tolist())),
+        "chains": len(set(seen.chain.tolist())),
+        "chains_in_conflict": len(set(seen.chain[both].tolist())),
+        "sites": len(set(seen.site.tolist())),
+    }
+
+
+def _summary(rows: list[Row]) -> dict[str, Any]:
+    """Return the scores by holdout, moments and model, of second halves."""
+    found: dict[str, Any] = {}
+    for row in rows:
+        if row["part"] == "second half":
+            place = found.setdefault(row["holdout"], {}).setdefault(row["moments"], {})
+            place[row["model"]] = {
+                name: row[name]
+                for name in ("n", "chains", "surprise", "rmse", "displacement", "gain")
+            }
+    return {"second_half": found}
+
+
+def _say_left_out(held: set[str], config: study.Config) -> None:
+    missing = [name for name in HOLDOUTS if name not in held]
+    if missing and not config.holdouts:
+        say(f"not held out, because there are too few: {', '.join(missing)}")
+
+
+def _show(rows: list[Row]) -> None:
+    shown = [row for row in rows if row["part"] == "second half"]
+    for holdout, moments in dict.fromkeys((row["holdout"], row["moments"]) for row in shown):
+        part = [r for r in shown if (r["holdout"], r["moments"]) == (holdout, moments)]
+        title = f"Held-out {holdout}, {moments} moments, second halves: {part[0]['n']}"
+        print_table([_line(row) for row in part], f"\n{title}, chains: {part[0]['chains']}")
+
+
+def _tests(rows: list[Row]) -> dict[str, Any]:
+    """Return the number of contrasts, and those that were found."""
+    names = ("holdout", "moments", "model", "over", "gain")
+    found = [{name: row[name] for name in names} for row in rows if row["found"]]
+    return {"contrasts_tested": len(rows), "contrasts_found": found}
+
+
+def _show_contrasts(rows: list[Row]) -> None:
+    """Print the differences between models that are found, or that there are none."""
+    found = [row for row in rows if row["found"]]
+    if found:
+        title = f"\nDifferences found, of {len(rows)} tested together (corrected p up to {ERROR:g})"
+        print_table([_difference(row) for row in found], title)
+    elif rows:
+        most = max(row["chains"] for row in rows)
+        say(f"no difference between models is found: {len(rows)} tested together, corrected")
+        if least_p(most) > ERROR:
+            say(
+                f"with {most} independent chains none can be, whatever its size; "
+                f"{clusters_needed(ERROR, 1)} are needed"
+            )
+
+
+def _difference(row: Row) -> Row:
+    interval = "" if row["low"] is None else f" ({row['low']:+.2f} to {row['high']:+.2f})"
+    return {
+        "held out": row["holdout"],
+        "moments": row["moments"],
+        "model": row["model"],
+        "over": row["over"],
+        "gain, nats": f"{row['gain']:+.2f}{interval}",
+        "p, corrected": f"{row['p_corrected']:.3f}",
+    }
+
+
+def _line(row: Row) -> Row:
+    metres, low, high = row["displacement"], row["gain_low"], row["gain_high"]
+    interval = "" if low is None else f" ({low:+.2f} to {high:+.2f})"
+    return {
+        "model": row["model"],
+        "surprise, nats": f"{row['surprise']:.2f}",
+        "RMSE, m/s²": f"{row['rmse']:.2f}",
+        "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
+        "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
+    }

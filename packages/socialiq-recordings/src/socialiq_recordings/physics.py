@@ -1,0 +1,310 @@
+"""Physical plausibility of tracks: speeds, displacements, headings, sizes, overlaps.
+
+The tolerances follow from the stated errors of the measurement (`measurement`). A track that fails
+is left out with its reason. If most tracks fail in the same way, the file is refused and the unit
+that explains it is named.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from socialiq.errors import UserError
+from socialiq_recordings.measurement import MeasurementError
+from socialiq_recordings.recording import Refused
+from socialiq_recordings.rectangles import overlaps
+from socialiq_recordings.tracks import FARTHEST, RoadUser, Tracks
+
+FASTEST = 70.0
+"""m/s; 252 km/h."""
+
+MOVING = 2.0
+"""m/s; directions are checked where the driven speed is at least this."""
+
+FEWEST_STEPS = 3
+"""Directions of a track with fewer moving steps are not checked."""
+
+LONGEST, WIDEST = 30.0, 4.5
+"""m; road trains are as long, wide loads as wide."""
+SHORTEST = 0.2
+"""m; a pedestrian's box."""
+
+_FOOT = 0.3048
+
+_RATIOS = {
+    1 / _FOOT: "positions are in feet",
+    _FOOT: "velocities are in feet per second",
+    1 / 3.6: "velocities are in km/h",
+    0.44704: "velocities are in miles per hour",
+}
+"""Explanations of the ratio of driven to stated speed."""
+
+_HEADINGS = {
+    "degrees, read as radians": lambda heading: np.radians(heading),
+    "radians, read as degrees": lambda heading: np.degrees(heading),
+    "clockwise: does y point down?": lambda heading: -heading,
+    "clockwise from north": lambda heading: np.pi / 2 - heading,
+}
+
+
+def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks, list[Refused]]:
+    """Leave out the tracks that are physically impossible.
+
+    Args:
+        tracks: The tracks.
+        error: Standard errors of their measurement.
+
+    Returns:
+        The other tracks, and the reason for each refused track.
+
+    Raises:
+        UserError: If no track is left, or most fail in a way that a wrong unit explains.
+    """
+    error = error or MeasurementError()
+    tracks, far = _near(tracks)
+    reasons = np.full(tracks.n_tracks, "", object)
+    steps = _steps(tracks)
+    for check in (_check_sizes, _check_jumps, _check_speeds, _check_directions):
+        check(tracks, steps, error, reasons)
+    good = reasons == ""
+    if good.any():
+        _check_overlaps(tracks, good, error, reasons)
+    refused = [
+        Refused(str(tracks.identity[one]), str(reasons[one]))
+        for one in np.flatnonzero(reasons != "")
+    ]
+    refused = far + refused
+    if len(refused) == len(far) + tracks.n_tracks:
+        raise UserError(
+            f"none of the {len(refused)} tracks can be true; the first, {refused[0].identity}: "
+            f"{refused[0].reason}"
+        )
+    return tracks.kept(reasons == ""), refused
+
+
+class _Steps(NamedTuple):
+    """Steps from each state to the next of its track."""
+
+    track: Int64[np.ndarray, " step"]
+    row: Int64[np.ndarray, " step"]
+    driven: Float64[np.ndarray, " step"]
+    stated: Float64[np.ndarray, " step"]
+    to_heading: Float64[np.ndarray, " step"]
+    to_velocity: Float64[np.ndarray, " step"]
+    direction: Float64[np.ndarray, " step"]
+    heading: Float64[np.ndarray, " step"]
+
+
+def _steps(tracks: Tracks) -> _Steps:
+    row = np.flatnonzero(np.diff(tracks.track) == 0)
+    after = row + 1
+    dx, dy = tracks.x[after] - tracks.x[row], tracks.y[after] - tracks.y[row]
+    speed = np.hypot(tracks.vx, tracks.vy)
+    direction = np.arctan2(dy, dx)
+    vx, vy = tracks.vx[row] + tracks.vx[after], tracks.vy[row] + tracks.vy[after]
+    east = np.cos(tracks.heading[row]) + np.cos(tracks.heading[after])
+    north = np.sin(tracks.heading[row]) + np.sin(tracks.heading[after])
+    heading = np.arctan2(north, east)
+    return _Steps(
+        track=tracks.track[row].astype(np.int64),
+        row=row,
+        driven=np.hypot(dx, dy) / tracks.dt,
+        stated=(speed[row] + speed[after]) / 2,
+        to_heading=_axis_angle(direction - heading),
+        to_velocity=_angle(direction - np.arctan2(vy, vx)),
+        direction=direction,
+        heading=heading,
+    )
+
+
+def _angle(difference: np.ndarray) -> np.ndarray:
+    """Return the angle between two directions, in [0, π]."""
+    return np.abs(np.mod(difference + np.pi, 2 * np.pi) - np.pi)
+
+
+def _axis_angle(difference: np.ndarray) -> np.ndarray:
+    """Return the angle between two axes, in [0, π/2], which ignores reversing."""
+    angle = _angle(difference)
+    return np.minimum(angle, np.pi - angle)
+
+
+def _mean(values: np.ndarray, track: np.ndarray, n_tracks: int) -> np.ndarray:
+    """Return the mean by track; 0 for a track without steps."""
+    counts = np.bincount(track, minlength=n_tracks)
+    return np.bincount(track, values, n_tracks) / np.maximum(counts, 1)
+
+
+def _near(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
+    """Return the tracks without numbers that no arithmetic can use, and the others' reasons."""
+    far = np.zeros(tracks.n_tracks, bool)
+    for column in (tracks.x, tracks.y, tracks.vx, tracks.vy):
+        far[tracks.track[np.abs(column) > FARTHEST]] = True
+    if far.all():
+        raise UserError(f"every track has a position or velocity above {FARTHEST:g}: not metres")
+    reason = f"a position or velocity is above {FARTHEST:g}"
+    refused = [Refused(str(tracks.identity[one]), reason) for one in np.flatnonzero(far)]
+    return (tracks.kept(~far) if far.any() else tracks), refused
+
+
+def _check_sizes(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np.ndarray) -> None:
+    del error  # Sizes of road users, not of their boxes' errors.
+    bad = _wrong_size(tracks, 1.0)
+    if 2 * bad.sum() > len(bad) and 2 * _wrong_size(tracks, _FOOT)[bad].sum() < bad.sum():
+        raise UserError(
+            f"{bad.sum()} of {len(bad)} tracks have impossible sizes, which are possible in feet: "
+            "give sizes in metres, or say that they are in feet"
+        )
+    for one in np.flatnonzero(bad):
+        reasons[one] = (
+            f"{tracks.length[one]:.3g} m long and {tracks.width[one]:.3g} m wide: no road user is "
+            f"({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
+        )
+
+
+def _wrong_size(tracks: Tracks, unit: float) -> Bool[np.ndarray, " track"]:
+    length, width = tracks.length * unit, tracks.width * unit
+    # A person may be wider than long, so the smaller of the two is checked.
+    return (np.minimum(length, width) < SHORTEST) | (length > LONGEST) | (width > WIDEST)
+
+
+def _check_speeds(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np.ndarray) -> None:
+    """Compare the distances of about a second with the integrals of the stated velocities."""
+    driven, stated, apart, seconds = _seconds(tracks)
+    times = np.maximum(seconds, tracks.dt).tolist()
+    pairs = zip(times, driven.tolist(), strict=True)
+    allowed = np.array([error.mean_speed(time, speed) for time, speed in pairs])
+    bad = apart > allowed
+    moves = np.maximum(driven, stated) > MOVING
+    if 2 * (bad & moves).sum() > max(moves.sum(), 1):
+        ratio = float(np.median(driven[bad & moves] / np.maximum(stated[bad & moves], 1e-9)))
+        nearest = min(_RATIOS, key=lambda one: abs(ratio / one - 1))
+        unit = _RATIOS[nearest] if abs(ratio / nearest - 1) < 0.1 else ""
+        raise UserError(
+            f"in {(bad & moves).sum()} of {moves.sum()} moving tracks the driven speed is about "
+            f"{ratio:.3g} times the stated one: "
+            f"{unit or 'positions, velocities or the frame rate have another unit'}"
+        )
+    for one in np.flatnonzero(bad & (reasons == "")):
+        reasons[one] = (
+            f"drives {driven[one]:.2f} m/s but states {stated[one]:.2f} (means; {apart[one]:.2f} "
+            f"apart in {seconds[one]:g} s, where {allowed[one]:.2f} may be measurement)"
+        )
+    fastest = np.zeros(tracks.n_tracks)
+    np.maximum.at(fastest, tracks.track, np.hypot(tracks.vx, tracks.vy))
+    for one in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
+        reasons[one] = f"states {fastest[one]:.1f} m/s, more than {FASTEST:g}"
+
+
+def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return driven and stated speeds over a second, their mean distance, and the time, by track.
+
+    A track that is shorter than a second is taken as a whole.
+    """
+    starts, n = tracks.starts, tracks.n_tracks
+    frames = np.minimum(max(1, round(1 / tracks.dt)), np.diff(starts) - 1)
+    rows = np.arange(tracks.n_states)
+    rows = rows[rows + frames[tracks.track] < starts[1:][tracks.track]]
+    rows = rows[frames[tracks.track[rows]] > 0]
+    track = tracks.track[rows].astype(np.int64)
+    after, time = rows + frames[track], frames[track] * tracks.dt
+    driven = np.hypot(tracks.x[after] - tracks.x[rows], tracks.y[after] - tracks.y[rows]) / time
+    integrals = []
+    for velocity in (tracks.vx, tracks.vy):
+        # The integral by the trapezoidal rule; differences across tracks are never used, and an
+        # absurd velocity must not cost the sums of the others their digits.
+        velocity = np.clip(velocity, -1e4, 1e4)
+        steps = (velocity[:-1] + velocity[1:]) / 2 * tracks.dt
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        integrals.append(along[after] - along[rows])
+    stated = np.hypot(*integrals) / time
+    apart = np.abs(driven - stated)
+    a, b, c = (_mean(one, track, n) for one in (driven, stated, apart))
+    return a, b, c, frames * tracks.dt
+
+
+def _check_jumps(
+    tracks: Tracks, steps: _Steps, error: MeasurementError, reasons: np.ndarray
+) -> None:
+    further = (steps.driven - steps.stated) * tracks.dt
+    for step in np.flatnonzero(further > error.jump(tracks.dt)):
+        one = steps.track[step]
+        if reasons[one] == "":
+            reasons[one] = (
+                f"jumps {further[step]:.2f} m further than its speed allows after frame "
+                f"{tracks.frame[steps.row[step]]}"
+            )
+
+
+def _check_directions(
+    tracks: Tracks, steps: _Steps, error: MeasurementError, reasons: np.ndarray
+) -> None:
+    moving = steps.driven >= MOVING
+    # People walk backwards and sideways, and their boxes have no front.
+    walks = tracks.road_user == RoadUser.PEDESTRIAN
+    along = moving & ~walks[steps.track]
+    medians = _medians(steps.to_heading[along], steps.track[along], tracks.n_tracks)
+    bad, checked = medians > error.direction, ~np.isnan(medians)
+    if 2 * bad.sum() > max(checked.sum(), 1):
+        raise UserError(
+            f"in {bad.sum()} of {checked.sum()} tracks the heading is not the way they move: "
+            f"{_headings_read_as(steps, along, tracks.n_tracks, error)}"
+        )
+    for one in np.flatnonzero(bad & (reasons == "")):
+        reasons[one] = f"heading {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+    medians = _medians(steps.to_velocity[moving], steps.track[moving], tracks.n_tracks)
+    bad, checked = medians > error.direction, ~np.isnan(medians)
+    if 2 * bad.sum() > max(checked.sum(), 1):
+        raise UserError(
+            f"in {bad.sum()} of {checked.sum()} tracks the velocity does not point the way they "
+            "move: do positions and velocities have the same axes, and does y point up?"
+        )
+    for one in np.flatnonzero(bad & (reasons == "")):
+        reasons[one] = f"velocity {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+
+
+def _headings_read_as(
+    steps: _Steps, along: np.ndarray, n_tracks: int, error: MeasurementError
+) -> str:
+    for words, read in _HEADINGS.items():
+        if "as degrees" in words and np.abs(steps.heading[along]).max() > np.radians(2 * np.pi):
+            continue  # A full turn in radians is the number 6.28, which is 6 degrees.
+        angle = _axis_angle(steps.direction[along] - read(steps.heading[along]))
+        medians = _medians(angle, steps.track[along], n_tracks)
+        if 2 * (medians <= error.direction).sum() > (~np.isnan(medians)).sum():
+            return f"headings are {words}"
+    return "headings are wrong, or the axes of positions are not those of headings"
+
+
+def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
+    """Return the median by track, NaN for fewer than `FEWEST_STEPS`; rows in order of tracks."""
+    found = np.full(n_tracks, np.nan)
+    ends = np.searchsorted(track, np.arange(n_tracks + 1))
+    for one in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
+        found[one] = np.median(values[ends[one] : ends[one + 1]])
+    return found
+
+
+def _check_overlaps(
+    tracks: Tracks,
+    good: Bool[np.ndarray, " track"],
+    error: MeasurementError,
+    reasons: np.ndarray,
+) -> None:
+    """Refuse both tracks of an overlap, because either may be wrong."""
+    kept, numbers = tracks.kept(good), np.flatnonzero(good)
+    found = overlaps(kept)
+    # The deepest first: it is reported.
+    for place in np.argsort(-found.depth, kind="stable"):
+        if found.depth[place] <= error.overlap:
+            break
+        rows = int(found.first[place]), int(found.second[place])
+        for row, beside in (rows, rows[::-1]):
+            one = numbers[kept.track[row]]
+            if reasons[one] == "":
+                reasons[one] = (
+                    f"overlaps by {found.depth[place]:.2f} m with "
+                    f"{kept.identity[kept.track[beside]]} at frame {kept.frame[row]}"
+                )

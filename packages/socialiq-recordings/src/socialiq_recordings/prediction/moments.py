@@ -1,0 +1,248 @@
+"""Situations of all vehicles of some recordings, every second from their first frame on."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from socialiq.errors import UserError
+from socialiq.types import Row
+from socialiq_recordings.conflicts import occupancy
+from socialiq_recordings.conflicts.areas import Area
+from socialiq_recordings.conflicts.around import Near, follower, leader, on_way
+from socialiq_recordings.conflicts.moments import change, stated
+from socialiq_recordings.conflicts.pairs import Encounters
+from socialiq_recordings.conflicts.ways import Way, frames_together
+from socialiq_recordings.episodes.scene import Scene
+from socialiq_recordings.identity.identify import Identified
+from socialiq_recordings.identity.once import tracks_kept
+from socialiq_recordings.prediction.situation import HORIZON, Situations, joined
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Conflict, Sign
+
+SOON = 5.0
+"""s within which both vehicles arrive at a conflict area, at their speeds, to be in conflict."""
+
+_APART = 1e6  # s between recordings without a moment in common
+_TURN = 20.0  # m ahead over which a change of direction is measured
+_NO_AREA: dict[str, Any] = {
+    "to_area": math.inf,
+    "through": 0.0,
+    "merging": False,
+    "other_to_area": math.inf,
+    "other_through": 0.0,
+    "other_speed": 0.0,
+    "other_gap": math.inf,
+    "other_leader_speed": 0.0,
+}
+
+
+def situations_of(
+    recordings: Sequence[Recording], identified: Identified, drop: bool = True
+) -> Situations:
+    """Return the situations of all vehicles on the road, one for each second.
+
+    Args:
+        recordings: With road networks.
+        identified: Of the same recordings.
+        drop: Whether a vehicle whose moments several recordings show gets moments in one only.
+
+    Raises:
+        UserError: If no vehicle is in view for a second.
+    """
+    kept = tracks_kept([one.tracks for one in recordings], identified) if drop else None
+    clocks = clocks_of(identified)
+    sites, chains = (
+        np.unique(names, return_inverse=True)[1] for names in (identified.site, identified.chain)
+    )
+    parts = []
+    for place, recording in enumerate(recordings):
+        seen = _Seen(Encounters(Scene(recording)))
+        rows = []
+        for track in seen.ways:
+            if kept is not None and (place, track) not in kept:
+                continue
+            who = {
+                "recording": place,
+                "vehicle": int(identified.vehicle[place][track]),
+                "chain": int(chains[place]),
+                "site": int(sites[place]),
+            }
+            rows += [who | row for row in seen.moments(track, clocks[place])]
+        parts.append(_table(rows))
+    found = joined(parts)
+    if not len(found):
+        raise UserError("no vehicle is on the road for a second and more: nothing can be predicted")
+    return found
+
+
+def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
+    """Return the time of each recording's frame 0 on one clock, s.
+
+    Recordings with moments in common show them at one time; others are `_APART`.
+
+    Args:
+        identified: Of the recordings.
+    """
+    count = len(identified.names)
+    found = np.full(count, np.nan)
+    beside: dict[int, list[tuple[int, float]]] = {one: [] for one in range(count)}
+    for one in identified.overlaps:
+        if one.seconds:
+            # The second's clock shows `lag` at frame 0 of the first.
+            beside[one.first].append((one.second, -one.lag))
+            beside[one.second].append((one.first, one.lag))
+    for root in range(count):
+        waiting = deque([(root, _APART * root)]) if np.isnan(found[root]) else deque()
+        while waiting:
+            place, at = waiting.popleft()
+            if np.isnan(found[place]):
+                found[place] = at
+                waiting += [(other, at + lag) for other, lag in beside[place]]
+    return found
+
+
+def _table(rows: Sequence[Row]) -> Situations:
+    kinds = {"recording": np.int64, "vehicle": np.int64, "chain": np.int64, "site": np.int64}
+    kinds |= {"gives_way": np.bool_, "merging": np.bool_}
+    return Situations(
+        *(
+            np.array([row[one.name] for row in rows], kinds.get(one.name, np.float64))
+            for one in fields(Situations)
+        )
+    )
+
+
+class _Seen:
+    """Ways of a recording's vehicles with the speeds that it states."""
+
+    def __init__(self, encounters: Encounters) -> None:
+        self.encounters = encounters
+        self.ways = {track: stated(encounters, way) for track, way in encounters.ways.items()}
+        self.dt = encounters.scene.tracks.dt
+
+    def moments(self, track: int, clock: float) -> list[Row]:
+        """Return the situations of a vehicle that is in view for a second after them."""
+        way, step = self.ways[track], round(1.0 / self.dt)
+        frames = range(way.first, way.last - step + 1, step)
+        partners = self._partners(track) if len(frames) else []
+        junctions = self._junctions(way)
+        return [self._row(way, frame, clock, partners, junctions) for frame in frames]
+
+    def _row(
+        self,
+        way: Way,
+        frame: int,
+        clock: float,
+        partners: list[tuple[Way, Area]],
+        junctions: Float64[np.ndarray, " junction"],
+    ) -> Row:
+        along, speed = way.state(frame)
+        others = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
+        ahead, behind = leader(way, along, others), follower(way, along, others)
+        front = along + way.length / 2
+        to_junction = junctions[junctions > front] - front
+        then = frame + round(HORIZON / self.dt)
+        return {
+            "time": clock + frame * self.dt,
+            "speed": max(speed, 0.0),
+            "last": change(way, frame, -1.0),
+            "length": way.length,
+            "gap": ahead.gap,
+            "leader_speed": ahead.speed,
+            "behind": behind.gap,
+            "behind_speed": behind.speed,
+            "to_junction": float(to_junction.min()) if len(to_junction) else math.inf,
+            "turn": _turn(way, along),
+            "acceleration": change(way, frame, 1.0),
+            "driven": way.state(then)[0] - along if then <= way.last else math.nan,
+            **self._lane(way, frame),
+            **self._conflict(way, frame, partners),
+        }
+
+    def _lane(self, way: Way, frame: int) -> Row:
+        matched, lanelets = self.encounters.scene.matched(way.track), self._lanelets
+        one = lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
+        return {"limit": one.speed_limit, "gives_way": one.sign in (Sign.YIELD, Sign.STOP)}
+
+    @property
+    def _lanelets(self) -> dict[int, Any]:
+        return self.encounters.scene.lanes.road.lanelets
+
+    def _junctions(self, way: Way) -> Float64[np.ndarray, " junction"]:
+        """Return the coordinates at which a route enters junctions."""
+        of, before, found = self.encounters.scene.lanes.junction_of, None, []
+        for number in way.lanelets:
+            if of.get(number) is not None and of.get(number) != before:
+                start = self._lanelets[number].centre[0]
+                found.append(float(way.line.coordinates(start[:1], start[1:]).along[0]))
+            before = of.get(number)
+        return np.array(found)
+
+    def _partners(self, track: int) -> list[tuple[Way, Area]]:
+        own, found = self.ways[track], []
+        for other, way in self.ways.items():
+            if other != track and len(frames_together(own, way)):
+                area = self.encounters.area(track, other)
+                found += [] if area is None else [(way, area)]
+        return found
+
+    def _conflict(self, way: Way, frame: int, partners: list[tuple[Way, Area]]) -> Row:
+        """Return the conflict whose later vehicle arrives first, at the speeds of the frame."""
+        found, soonest = None, math.inf
+        for other, area in partners:
+            if other.first <= frame <= other.last:
+                arrives = self._arrives(way, other, area, frame)
+                if arrives < soonest:
+                    found, soonest = (other, area), arrives
+        if found is None:
+            return _NO_AREA
+        other, area = found
+        ahead = self._leader_of(other, frame, way.track)
+        own, theirs = (_before(one, area.entry[k], frame) for k, one in enumerate((way, other)))
+        return {
+            "to_area": own,
+            "through": area.exit[0] - area.entry[0] + way.length,
+            "merging": area.kind == Conflict.MERGING,
+            "other_to_area": theirs,
+            "other_through": area.exit[1] - area.entry[1] + other.length,
+            "other_speed": max(other.state(frame)[1], 0.0),
+            "other_gap": ahead.gap,
+            "other_leader_speed": ahead.speed,
+        }
+
+    def _leader_of(self, way: Way, frame: int, but: int) -> Near:
+        others = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
+        return leader(way, way.state(frame)[0], others.without(but))
+
+    def _arrives(self, way: Way, other: Way, area: Area, frame: int) -> float:
+        """Return the time until the later of two arrives; infinite if they are in no conflict."""
+        now, config = frame * self.dt, self.encounters.config
+        sides = ((way, area.entry[0], area.exit[0]), (other, area.entry[1], area.exit[1]))
+        times = [occupancy.projected(*side, frame) for side in sides]
+        arrives = max(one.enters for one in times) - now
+        gone = min(one.leaves for one in times) <= now
+        if gone or arrives > SOON or occupancy.apart(*times) > config.near:
+            return math.inf
+        first = self.encounters.first_in_line
+        alone = first(way, area.entry[0], frame, other.track)
+        alone = alone and first(other, area.entry[1], frame, way.track)
+        alone = alone and not self.encounters.held(way, other, frame)
+        return max(arrives, 0.0) if alone else math.inf
+
+
+def _before(way: Way, entry: float, frame: int) -> float:
+    """Return the distance of a vehicle's front to a conflict area, m."""
+    return entry - way.length / 2 - way.state(frame)[0]
+
+
+def _turn(way: Way, along: float) -> float:
+    at = np.clip([along, along + _TURN], 0.0, way.line.length)
+    before, after = way.line.points_at(at)[1].tolist()
+    return math.degrees((after - before + math.pi) % (2 * math.pi) - math.pi)

@@ -1,0 +1,251 @@
+"""Column maps: columns of a CSV file with their quantities, units and frames.
+
+A map is a TOML file, so a new data set needs no code. The package contains maps of some data
+sets, by name.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
+from socialiq.reading import read_toml
+from socialiq_recordings.measurement import MeasurementError
+from socialiq_recordings.tracks import RoadUser
+
+_FOOT = 0.3048
+UNITS: dict[str, dict[str, float]] = {
+    "position": {"m": 1.0, "ft": _FOOT},
+    "velocity": {"m/s": 1.0, "ft/s": _FOOT, "km/h": 1 / 3.6, "mph": 0.44704},
+    "size": {"m": 1.0, "ft": _FOOT},
+    "heading": {"radians": 1.0, "degrees": math.pi / 180},
+    "time": {"s": 1.0, "ms": 1e-3},
+}
+"""Units by quantity, the default first, with their factors."""
+
+REQUIRED = ("id", "x", "y")
+COLUMNS = (
+    *(*REQUIRED, "recording", "frame", "time", "heading", "vx", "vy", "speed"),
+    *("length", "width", "class"),
+)
+_PER_TRACK = ("length", "width", "class")
+_MAPS = Path(__file__).parent / "column_maps"
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Description of a CSV layout.
+
+    Attributes:
+        format: Name of the layout.
+        licence: A line about the data's licence, stored with the recording.
+        separator: Separator of cells.
+        columns: The file's name of a column, by our name of its quantity.
+        scales: Factor of the file's unit, by quantity of `UNITS`.
+        rate: Frames a second; 0 if `rate_file` has it.
+        rate_file: Ending of the file's name, its replacement for the file with the rate,
+            and the column there.
+        any_order: Whether the rows of a track may come in any order.
+        repeated_ids: Whether an id may be reused for another road user, after a gap.
+        y_down: Whether y points down (south) in the file.
+        point: Reference point of positions: `centre`, `front` or `corner` of the box.
+        users_file: Ending of the file's name, and its replacement for the file with a row
+            for each track; None if there is a single file.
+        users_columns: Names of that file's columns.
+        classes: The file's words for classes.
+        default_sizes: Length and width in m, by the file's word for a class without sizes.
+        periods: Whether ids and frames begin again with each period of observation, which are
+            separated by the difference of time and frame.
+        origin: Columns of `rate_file` with the UTM coordinates of the origin, m.
+        error: Standard errors of the measurement, as the makers state them.
+    """
+
+    format: str
+    columns: dict[str, str]
+    classes: dict[str, RoadUser]
+    licence: str = ""
+    separator: str = ","
+    scales: dict[str, float] = field(default_factory=dict)
+    rate: float = 0.0
+    rate_file: tuple[str, str, str] | None = None
+    any_order: bool = False
+    repeated_ids: bool = False
+    y_down: bool = False
+    point: str = "centre"
+    users_file: tuple[str, str] | None = None
+    users_columns: dict[str, str] = field(default_factory=dict)
+    default_sizes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    periods: bool = False
+    origin: tuple[str, str] | None = None
+    error: MeasurementError = field(default_factory=MeasurementError)
+
+
+def known_maps() -> tuple[str, ...]:
+    """Return the names of the maps in the package."""
+    return tuple(sorted(path.stem for path in _MAPS.glob("*.toml")))
+
+
+def read_map(name: str) -> ColumnMap:
+    """Read a column map.
+
+    Args:
+        name: Name of a map in the package, or a path that ends in `.toml`.
+
+    Raises:
+        UserError: If there is no such map, or it has an invalid entry.
+    """
+    path = Path(name)
+    if not name.endswith(".toml"):
+        one_of("column map (or a file that ends in .toml)", name, known_maps())
+        path = _MAPS / f"{name}.toml"
+    said = read_toml(path)
+    try:
+        return _map_of(said, path.stem)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+
+
+def _map_of(said: dict[str, Any], name: str) -> ColumnMap:
+    tables = (
+        *("time", "columns", "units", "axes", "road_users", "classes", "default_sizes"),
+        *("map", "error"),
+    )
+    _only("", said, (*tables, "format", "licence", "separator"))
+    parts = {table: said.get(table, {}) for table in tables}
+    for table, content in parts.items():
+        if not isinstance(content, dict):
+            raise UserError(f"{table} must be a table: write [{table}]")
+    time, users, axes = parts["time"], parts["road_users"], parts["axes"]
+    _only("time", time, ("rate", "rate_file", "rate_column", "order", "repeated_ids", "periods"))
+    _only("map", parts["map"], ("origin",))
+    _only("road_users", users, ("file", "id", *_PER_TRACK))
+    _only("axes", axes, ("y", "point"))
+    separator = _choice("separator", said.get("separator", ","), (",", ";", "\t", "|", " "))
+    order = _choice("time.order", time.get("order", "ascending"), ("ascending", "any"))
+    found = ColumnMap(
+        format=_text("format", said.get("format", name)),
+        licence=_text("licence", said.get("licence", "not stated by the column map")),
+        separator=separator,
+        columns=_columns(parts["columns"], users),
+        classes=_classes(parts["classes"]),
+        scales=_scales(parts["units"]),
+        rate=_rate(time),
+        rate_file=_rate_file(time),
+        any_order=order == "any",
+        repeated_ids=_choice("time.repeated_ids", time.get("repeated_ids", False), (True, False)),
+        y_down=_choice("axes.y", axes.get("y", "up"), ("up", "down")) == "down",
+        point=_choice("axes.point", axes.get("point", "centre"), ("centre", "front", "corner")),
+        users_file=_endings("road_users.file", users["file"]) if "file" in users else None,
+        users_columns={key: _text(key, one) for key, one in users.items() if key != "file"},
+        default_sizes=_default_sizes(parts["default_sizes"]),
+        periods=_choice("time.periods", time.get("periods", False), (True, False)),
+        origin=_endings("map.origin", parts["map"]["origin"]) if parts["map"] else None,
+        error=_error(parts["error"]),
+    )
+    if found.periods and not {"time", "frame"} <= set(found.columns):
+        raise UserError("time.periods needs the columns time and frame")
+    if found.origin and found.rate_file is None:
+        raise UserError("map.origin needs time.rate_file, the file with these columns")
+    if found.users_file and "id" not in found.users_columns:
+        raise UserError(
+            "[road_users] has a file but no id: name the column with the track's number"
+        )
+    return found
+
+
+def _only(table: str, content: dict[str, Any], known: tuple[str, ...]) -> None:
+    for key in content:
+        if key not in known:
+            where = f"[{table}] " if table else ""
+            raise UserError(f"{where}{one_line(key, 40)} is unknown: known are {', '.join(known)}")
+
+
+def _choice(what: str, value: Any, known: tuple[Any, ...]) -> Any:
+    if value not in known or isinstance(value, bool) != isinstance(known[0], bool):
+        raise UserError(
+            f"{what} is {one_line(repr(value), 40)}: choose {known[0]!r} or {known[1]!r}"
+        )
+    return value
+
+
+def _text(what: str, value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise UserError(f"{what} must be a text in quotes")
+    return one_line(value)
+
+
+def _columns(columns: dict[str, Any], users: dict[str, Any]) -> dict[str, str]:
+    _only("columns", columns, COLUMNS)
+    found = {name: _text(f"columns.{name}", column) for name, column in columns.items()}
+    missing = [name for name in REQUIRED if name not in found]
+    missing += [name for name in _PER_TRACK if name not in found and name not in users]
+    if "frame" not in found and "time" not in found:
+        missing.append("frame (or time)")
+    if ("vx" in found) != ("vy" in found):
+        missing.append("vx and vy, both or none")
+    if missing:
+        raise UserError(f"[columns] lacks {', '.join(missing)}")
+    return found
+
+
+def _classes(classes: dict[str, Any]) -> dict[str, RoadUser]:
+    if not classes:
+        raise UserError("[classes] is missing: give the class of each word of the class column")
+    for word, kind in classes.items():
+        one_of(f"class of '{one_line(word, 40)}'", kind, [one.name.lower() for one in RoadUser])
+    return {word: RoadUser[kind.upper()] for word, kind in classes.items()}
+
+
+def _scales(units: dict[str, Any]) -> dict[str, float]:
+    _only("units", units, tuple(UNITS))
+    for quantity, unit in units.items():
+        one_of(f"unit of {quantity}", unit, tuple(UNITS[quantity]))
+    return {
+        quantity: known[units.get(quantity, next(iter(known)))] for quantity, known in UNITS.items()
+    }
+
+
+def _rate(time: dict[str, Any]) -> float:
+    rate = time.get("rate", 0.0)
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 <= rate < math.inf:
+        raise UserError("time.rate must be a number of frames a second")
+    if bool(rate) == ("rate_file" in time):
+        raise UserError("[time] needs a rate in frames a second, or a rate_file and a rate_column")
+    return float(rate)
+
+
+def _rate_file(time: dict[str, Any]) -> tuple[str, str, str] | None:
+    if "rate_file" not in time:
+        return None
+    column = _text("time.rate_column", time.get("rate_column", ""))
+    return (*_endings("time.rate_file", time["rate_file"]), column)
+
+
+def _endings(what: str, value: Any) -> tuple[str, str]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise UserError(f"{what} must be a list of two texts")
+    return _text(what, value[0]), _text(what, value[1])
+
+
+def _error(stated: dict[str, Any]) -> MeasurementError:
+    names = tuple(one.name for one in fields(MeasurementError))
+    _only("error", stated, names)
+    for name, value in stated.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise UserError(f"error.{name} must be a number")
+    return MeasurementError(**{name: float(value) for name, value in stated.items()})
+
+
+def _default_sizes(sizes: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    found = {}
+    for word, size in sizes.items():
+        numbers = size if isinstance(size, list) else []
+        good = [one for one in numbers if isinstance(one, int | float) and 0 < one < math.inf]
+        if len(numbers) != 2 or len(good) != 2:
+            raise UserError(f"default_sizes.{one_line(word, 40)} must be [length, width] in metres")
+        found[word] = float(good[0]), float(good[1])
+    return found

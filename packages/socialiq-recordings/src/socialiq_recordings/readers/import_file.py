@@ -1,0 +1,70 @@
+"""Import of recorded traffic: read a file of any format, and keep plausible tracks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from socialiq.errors import UserError, one_of
+from socialiq_recordings.measurement import MeasurementError
+from socialiq_recordings.physics import sift
+from socialiq_recordings.readers.argoverse import read_argoverse
+from socialiq_recordings.readers.column_map import ColumnMap
+from socialiq_recordings.readers.commonroad import MOST_STATES, read_commonroad
+from socialiq_recordings.readers.csv_recording import read_csv
+from socialiq_recordings.readers.csv_table import origin_of
+from socialiq_recordings.readers.maps import map_of
+from socialiq_recordings.recording import Imported, Recording
+
+FORMATS = ("commonroad", "csv", "argoverse")
+
+
+def import_file(
+    path: Path,
+    format: str = "commonroad",
+    columns: ColumnMap | None = None,
+    most_states: int = MOST_STATES,
+    road: Path | None = None,
+    error: MeasurementError | None = None,
+) -> list[Imported]:
+    """Read the recordings of a file and check them.
+
+    Args:
+        path: The file.
+        format: One of `FORMATS`.
+        columns: Column map of a CSV file.
+        most_states: More than these are refused before they fill the memory.
+        road: Map of a CSV file: CommonRoad XML, Lanelet2 OSM or a recording; its lanes give
+            standing vehicles their heading.
+        error: Standard errors of measurement; by default the column map's, or those assumed.
+
+    Returns:
+        The recordings, with the tracks that passed, and the reason for each other track.
+
+    Raises:
+        UserError: If the file can't be read, or most tracks fail in the same way; the line names
+            the file.
+    """
+    one_of("format", format, FORMATS)
+    if road is not None and format != "csv":
+        raise UserError(f"--road goes with csv: a {format} file has a map of its own")
+    if format != "csv":
+        read = read_commonroad if format == "commonroad" else read_argoverse
+        return [_sifted(path, read(path, most_states), error)]
+    if columns is None:
+        raise UserError("a CSV file needs a column map: name one with --columns")
+    lanelets = None
+    if road is not None:
+        origin = origin_of(path, columns)
+        lanelets = map_of(road, {} if origin is None else {"utm_origin": list(origin)})
+    found = read_csv(path, columns, most_states, lanelets)
+    return [_sifted(path, one, error or columns.error) for one in found]
+
+
+def _sifted(path: Path, imported: Imported, error: MeasurementError | None) -> Imported:
+    try:
+        tracks, refused = sift(imported.recording.tracks, error)
+    except UserError as fault:
+        raise UserError(f"{path}: {fault}") from fault
+    recording = Recording(tracks, imported.recording.road)
+    return replace(imported, recording=recording, refused=(*imported.refused, *refused))

@@ -1,0 +1,219 @@
+"""Hierarchical inference of a trait: population, then driver, everything integrated on a grid."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+from scipy.special import softmax
+
+from socialiq_recordings.trait.traits import Trait
+
+FOLDS = 20
+"""Most folds of chains."""
+
+_BLOCK = 4_000_000  # numbers in one block of products, 32 MB
+
+
+def driver_log_likelihood(
+    of_decision: Float[np.ndarray, "decision shared value"],
+    driver: Int64[np.ndarray, " decision"],
+    drivers: int,
+) -> Float[np.ndarray, "driver shared value"]:
+    """Return the sum over each driver's decisions of log p(a | s); 0 without a decision.
+
+    Args:
+        of_decision: log p of what was chosen, for each grid point.
+        driver: Number of each decision's driver, from 0.
+        drivers: Number of drivers.
+    """
+    order = np.argsort(driver, kind="stable")
+    total = np.zeros((drivers, *of_decision.shape[1:]))
+    if len(order):
+        present, first = np.unique(driver[order], return_index=True)
+        total[present] = np.add.reduceat(of_decision[order], first, axis=0)
+    return total
+
+
+def log_marginal(
+    log_likelihood: Float[np.ndarray, "driver shared value"], trait: Trait
+) -> Float[np.ndarray, "driver shared hyper"]:
+    """Return log Σ_z p(z | mean, spread) p(decisions | z), a driver's trait integrated out."""
+    if not trait.spread.any():
+        return log_likelihood[..., trait.population.argmax(axis=1)]  # all drivers at the mean
+    top = log_likelihood.max(axis=2, keepdims=True)
+    found = np.empty((*log_likelihood.shape[:2], len(trait.mean)))
+    block = max(1, _BLOCK // found[0].size)
+    tiny = np.finfo(np.float64).tiny
+    for first in range(0, len(found), block):
+        part = slice(first, first + block)
+        within = np.exp(log_likelihood[part] - top[part]) @ trait.population.T
+        found[part] = np.log(np.maximum(within, tiny)) + top[part]
+    return found
+
+
+class Population(NamedTuple):
+    """Posterior of what drivers have in common, on the grid of a trait.
+
+    Attributes:
+        trait: The grid.
+        chance: Of each shared number, mean and spread.
+    """
+
+    trait: Trait
+    chance: Float[np.ndarray, "shared hyper"]
+
+    @property
+    def driver_prior(self) -> Float[np.ndarray, "shared value"]:
+        """Distribution of a new driver's trait, jointly with the shared number."""
+        return self.chance @ self.trait.population
+
+    def quantiles(self, name: str, at: tuple[float, ...]) -> list[float]:
+        """Return posterior quantiles of `shared`, `mean` or `spread`; of angles see `directions`.
+
+        Args:
+            name: Name of the quantity.
+            at: Orders.
+        """
+        by_hyper = name != "shared"
+        values = getattr(self.trait, name)
+        chance = self.chance.sum(axis=0 if by_hyper else 1)
+        return weighted_quantiles(values, chance, at)
+
+
+def population_posterior(
+    log_marginals: Float[np.ndarray, "driver shared hyper"],
+    trait: Trait,
+    counts: Float[np.ndarray, " driver"] | None = None,
+) -> Population:
+    """Return the posterior of shared number, mean and spread, under an even prior on the grid.
+
+    Args:
+        log_marginals: Of each driver.
+        trait: The grid.
+        counts: How often each driver counts; once by default. 0 leaves it out.
+    """
+    each = np.ones(len(log_marginals)) if counts is None else counts
+    total = np.tensordot(each, log_marginals, 1)
+    return Population(trait, softmax(total))
+
+
+def driver_posteriors(
+    log_likelihood: Float[np.ndarray, "driver shared value"], population: Population
+) -> Float[np.ndarray, "driver shared value"]:
+    """Return each driver's posterior of its trait, jointly with the shared number.
+
+    The population must come from other drivers: otherwise their own evidence would count twice.
+
+    Args:
+        log_likelihood: Of each driver.
+        population: Posterior of the population from other drivers.
+    """
+    prior = population.driver_prior
+    weight = prior * np.exp(log_likelihood - log_likelihood.max(axis=(1, 2), keepdims=True))
+    return weight / weight.sum(axis=(1, 2), keepdims=True)
+
+
+class Inference(NamedTuple):
+    """A trait inferred from drivers' decisions.
+
+    Attributes:
+        population: From all drivers.
+        fold: Number of each driver's fold, a group of chains.
+        others: From the drivers of the other folds, by fold.
+        drivers: Posterior of each driver, with the population of the other folds as its prior.
+    """
+
+    population: Population
+    fold: Int64[np.ndarray, " driver"]
+    others: tuple[Population, ...]
+    drivers: Float[np.ndarray, "driver shared value"]
+
+    def left(
+        self, least: float
+    ) -> tuple[Bool[np.ndarray, " shared"], Bool[np.ndarray, " value"], Bool[np.ndarray, " hyper"]]:
+        """Whether any population leaves each shared number, value and place of the population.
+
+        Args:
+            least: Probability over that of the likeliest point.
+        """
+        each = (self.population, *self.others)
+        found = (
+            [one.chance.sum(axis=1) for one in each],
+            [one.driver_prior.sum(axis=0) for one in each],
+            [one.chance.sum(axis=0) for one in each],
+        )
+        shared, value, hyper = (
+            np.any([one >= least * one.max() for one in of], axis=0) for of in found
+        )
+        return shared, value, hyper
+
+
+def infer(
+    log_likelihood: Float[np.ndarray, "driver shared value"],
+    chain: Int64[np.ndarray, " driver"],
+    trait: Trait,
+) -> Inference:
+    """Infer a trait of all drivers; nothing of a driver's own chain is in its population.
+
+    Up to `FOLDS` chains are folds of their own.
+
+    Args:
+        log_likelihood: Of each driver.
+        chain: Number of each driver's chain, from 0.
+        trait: The grid.
+    """
+    marginals, fold = log_marginal(log_likelihood, trait), chain % FOLDS
+    others = tuple(
+        population_posterior(marginals, trait, (fold != one).astype(np.float64))
+        for one in range(int(fold.max()) + 1)
+    )
+    posterior = np.empty_like(log_likelihood)
+    for one, population in enumerate(others):
+        rows = np.flatnonzero(fold == one)
+        posterior[rows] = driver_posteriors(log_likelihood[rows], population)
+    return Inference(population_posterior(marginals, trait), fold, others, posterior)
+
+
+def weighted_quantiles(
+    values: Float[np.ndarray, " point"],
+    chance: Float[np.ndarray, " point"],
+    at: tuple[float, ...],
+) -> list[float]:
+    """Return quantiles of a distribution on grid points: the first value that reaches the order."""
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(chance[order]) / chance.sum()
+    places = np.searchsorted(reached, np.array(at) - 1e-12)
+    return values[order][np.minimum(places, len(values) - 1)].tolist()
+
+
+class Direction(NamedTuple):
+    """Mean direction of a distribution of angles and its interval, degrees.
+
+    Attributes:
+        angle: Direction of the mean unit vector.
+        low: `angle` plus a quantile of the wrapped deviations.
+        high: Likewise.
+    """
+
+    angle: float
+    low: float
+    high: float
+
+
+def direction(
+    angle: Float[np.ndarray, " point"], chance: Float[np.ndarray, " point"], confidence: float
+) -> Direction:
+    """Return the circular mean and the interval of equal tails around it.
+
+    Args:
+        angle: Grid points, degrees.
+        chance: Of each.
+        confidence: Of the interval.
+    """
+    radians = np.radians(angle)
+    mean = float(np.degrees(np.arctan2(chance @ np.sin(radians), chance @ np.cos(radians))))
+    off = (angle - mean + 180.0) % 360.0 - 180.0
+    low, high = weighted_quantiles(off, chance, ((1 - confidence) / 2, (1 + confidence) / 2))
+    return Direction(mean, mean + low, mean + high)

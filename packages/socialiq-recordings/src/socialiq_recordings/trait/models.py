@@ -1,0 +1,299 @@
+"""Predictions of the second half of drivers' conflicts from the first, by the angle and by rivals.
+
+Of a driver's own chain nothing but its first half is used: the population comes from the first
+halves of the other chains. Every model has the same decisions and the same base predictor:
+
+- base: no reward.
+- population: one angle for all drivers.
+- angle: an angle by driver.
+- progress gain: a weight of r_env by driver, which says nothing about others.
+- last residual: the error of the base predictor that is known as the second half begins.
+- running residual: its error at the decision before, which no other model knows.
+- shuffled angle: the posterior of another driver's angle, in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int64
+from scipy.special import log_softmax
+
+from socialiq.errors import UserError
+from socialiq_recordings.prediction.choices import ChoiceTable
+from socialiq_recordings.trait.choice_model import (
+    Evaluated,
+    Prediction,
+    Tabulated,
+    evaluate,
+    log_choice,
+    predict,
+    reward_scale,
+    rewards_of,
+)
+from socialiq_recordings.trait.hierarchy import Inference, driver_log_likelihood, infer
+from socialiq_recordings.trait.traits import Trait, angle_trait, progress_trait
+
+GAINS = np.linspace(-1.0, 1.0, 41)
+"""κ of residuals: of a normal prediction the mean moves by κ times the residual."""
+
+SHUFFLES = 20
+"""Turns of the shuffled angle."""
+
+_NARROWER = 4  # times that a grid is narrowed at most
+_LEFT = 1e-4  # probability, over that of the likeliest point, above which a point of a grid is left
+
+
+class Sample(NamedTuple):
+    """Decisions in conflict of drivers with both halves.
+
+    Attributes:
+        table: The decisions.
+        driver: Number of each decision's driver, from 0.
+        chain: Number of each driver's chain, from 0.
+        identity: Each driver's number in the table.
+    """
+
+    table: ChoiceTable
+    driver: Int64[np.ndarray, " decision"]
+    chain: Int64[np.ndarray, " driver"]
+    identity: Int64[np.ndarray, " driver"]
+
+    @property
+    def second(self) -> np.ndarray:
+        """Whether each decision is of a second half: it is predicted, and nothing else."""
+        return self.table.half == 1
+
+
+def sample_of(table: ChoiceTable) -> Sample:
+    """Return the decisions in conflict of the drivers that have some in either half.
+
+    Raises:
+        UserError: If there is no such driver.
+    """
+    table = table.rows(table.conflict)
+    first, second = (np.unique(table.driver[table.half == half]) for half in (0, 1))
+    both = np.intersect1d(first, second)
+    if len(both) == 0:
+        raise UserError(
+            "no driver has decisions in conflict in both halves: longer recordings are needed"
+        )
+    table = table.rows(np.isin(table.driver, both))
+    identity, place, driver = np.unique(table.driver, return_index=True, return_inverse=True)
+    chain = np.unique(table.chain[place], return_inverse=True)[1]
+    return Sample(table, driver.astype(np.int64), chain.astype(np.int64), identity)
+
+
+class Models(NamedTuple):
+    """Predictions of second halves, by model.
+
+    Attributes:
+        sample: The decisions.
+        predictions: By name, of the decisions of second halves.
+        angle: The inferred angle.
+        trait: Its grid.
+        shuffled: Mean log-likelihood of each turn of the shuffled angle.
+    """
+
+    sample: Sample
+    predictions: dict[str, Prediction]
+    angle: Inference
+    trait: Trait
+    shuffled: tuple[float, ...]
+
+
+def fit_models(table: ChoiceTable, seed: int, step: float = 5.0, narrow: bool = False) -> Models:
+    """Infer every trait from first halves and predict second halves.
+
+    Args:
+        table: Decisions of at least two drivers with both halves.
+        seed: Of the shuffling.
+        step: Of the angles integrated over, degrees.
+        narrow: Whether grids are narrowed to what first halves leave (`traits`).
+
+    Raises:
+        UserError: If fewer than two drivers have decisions in conflict in both halves.
+    """
+    sample = sample_of(table)
+    if len(sample.identity) < 2:
+        raise UserError("one driver has decisions in both halves: at least two are needed")
+    scale = reward_scale(sample.table)
+    angle = angle_trait(step, scale=scale)
+    gain = progress_trait(scale=scale)
+    of_angle, of_gain = (evaluate(sample.table, one) for one in (angle, gain))
+    again = (lambda trait: evaluate(sample.table, trait)) if narrow else None
+    return models_of(sample, angle, of_angle, gain, of_gain, seed, again=again)
+
+
+def models_of(
+    sample: Sample,
+    angle: Trait,
+    of_angle: Evaluated,
+    gain: Trait,
+    of_gain: Evaluated,
+    seed: int,
+    shuffles: int = SHUFFLES,
+    every: Tabulated | None = None,
+    again: Callable[[Trait], Evaluated] | None = None,
+) -> Models:
+    """Return `fit_models` of decisions whose grid points are evaluated already.
+
+    Args:
+        sample: The decisions.
+        angle: The angle's grid.
+        of_angle: Its grid points for what was chosen.
+        gain: The progress gain's grid.
+        of_gain: Its grid points for what was chosen.
+        seed: Of the shuffling.
+        shuffles: Turns of the shuffled angle.
+        every: The angle's grid points for every candidate, if they are not by weights of rewards.
+        again: Evaluates a trait on narrower grids for what was chosen; None: grids stay.
+    """
+    second, driver = sample.second, sample.driver[sample.second]
+    table = sample.table.rows(second)
+    base = np.exp(table.log_base) @ table.grid
+    chosen = np.take_along_axis(table.log_base, table.chosen[:, None], axis=1)[:, 0]
+    found = {"base": Prediction(chosen, base)}
+    alike, later = _narrowed(sample, angle.alike(), of_angle, again)
+    found["population"] = predict(later, alike.drivers, driver)
+    progress, later = _narrowed(sample, gain, of_gain, again)
+    found["progress gain"] = predict(later, progress.drivers, driver)
+    inferred, later = _narrowed(sample, angle, of_angle, again)
+    found["angle"] = predict(later, inferred.drivers, driver)
+    found |= residual_models(sample, alike, every)
+    turns = _shuffled(later, inferred.drivers, driver, seed, shuffles)
+    found["shuffled angle"] = Prediction(
+        np.mean([one.log_likelihood for one in turns], axis=0),
+        np.mean([one.mean for one in turns], axis=0),
+    )
+    each = tuple(float(one.log_likelihood.mean()) for one in turns)
+    return Models(sample, found, inferred, inferred.population.trait, each)
+
+
+def _narrowed(
+    sample: Sample, trait: Trait, evaluated: Evaluated, again: Callable[[Trait], Evaluated] | None
+) -> tuple[Inference, Evaluated]:
+    """Return what first halves say of a trait, and its grid points for second halves.
+
+    With `again` the grids are narrowed until first halves leave nothing of them out.
+    """
+    inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
+    for _ in range(_NARROWER if again else 0):
+        assert again is not None
+        finer = trait.narrowed(*inferred.left(_LEFT))
+        if finer is None:
+            break
+        trait, evaluated = finer, again(finer)
+        inferred = infer(_of_first_halves(sample, evaluated), sample.chain, trait)
+    return inferred, evaluated.rows(sample.second)
+
+
+def _of_first_halves(
+    sample: Sample, evaluated: Evaluated
+) -> Float[np.ndarray, "driver shared value"]:
+    first = ~sample.second
+    return driver_log_likelihood(
+        evaluated.log_likelihood[first], sample.driver[first], len(sample.chain)
+    )
+
+
+def _shuffled(
+    evaluated: Evaluated,
+    posterior: Float[np.ndarray, "driver shared value"],
+    driver: Int64[np.ndarray, " decision"],
+    seed: int,
+    shuffles: int,
+) -> list[Prediction]:
+    """Return predictions by the posteriors of other drivers, who are drawn for each turn."""
+    rng, count = np.random.default_rng(seed), len(posterior)
+    found = []
+    for _ in range(shuffles):
+        cycle = rng.permutation(count)  # each driver gets the next one's: no driver gets its own
+        other = np.empty(count, np.int64)
+        other[cycle] = np.roll(cycle, 1)
+        found.append(predict(evaluated, posterior, other[driver]))
+    return found
+
+
+def residual_models(
+    sample: Sample, alike: Inference, every: Tabulated | None = None
+) -> dict[str, Prediction]:
+    """Return predictions of second halves by residuals of the base predictor.
+
+    The population's prediction is tilted: p(a | s) proportional to p_pop(a | s) exp(κ r a / v), v
+    its variance and r the residual. κ is integrated out; its posterior is from the first halves of
+    other chains.
+
+    Args:
+        sample: Decisions; their residuals are those of the decision before.
+        alike: The population's angle, inferred.
+        every: Probabilities of every candidate, if they are not by weights of rewards.
+    """
+    table, second = sample.table, sample.second
+    log_population = _population_choice(sample, alike, every)
+    fold = alike.fold[sample.driver]
+    running = _tilted(log_population, table, table.residual)
+    of_others = np.array(
+        [
+            running.log_likelihood[~second & (fold != one)].sum(axis=0)
+            for one in range(len(alike.others))
+        ]
+    )
+    weight = np.exp(of_others - of_others.max(axis=1, keepdims=True))
+    posterior = (weight / weight.sum(axis=1, keepdims=True))[:, None, :]
+    began = _known_at_the_second_half(sample)[sample.driver]
+    last = _tilted(log_population, table, began)
+    return {
+        name: predict(
+            Evaluated(one.log_likelihood[second, None], one.mean[second, None]),
+            posterior,
+            fold[second],
+        )
+        for name, one in (("last residual", last), ("running residual", running))
+    }
+
+
+def _population_choice(
+    sample: Sample, alike: Inference, every: Tabulated | None
+) -> Float[np.ndarray, "decision candidate"]:
+    """Return log p of every candidate for the population of other chains.
+
+    It is that of the mean weights, or the mean of the tabulated probabilities.
+    """
+    table, rewards = sample.table, rewards_of(sample.table)
+    fold, found = alike.fold[sample.driver], np.empty_like(table.log_base)
+    for one, population in enumerate(alike.others):
+        rows = fold == one
+        if every is None:
+            weights = np.tensordot(population.driver_prior, population.trait.weights, 2)[None]
+            found[rows] = log_choice(table.log_base[rows], rewards[rows], weights)[:, 0]
+        else:
+            chance = np.exp(every.log_p[rows])
+            found[rows] = np.log(np.tensordot(chance, population.driver_prior, 2))
+    return found
+
+
+def _tilted(
+    log_population: Float[np.ndarray, "decision candidate"],
+    table: ChoiceTable,
+    residual: Float[np.ndarray, " decision"],
+) -> Prediction:
+    """Return predictions for each κ of `GAINS`, each (decision, gain)."""
+    chance = np.exp(log_population)
+    mean = chance @ table.grid
+    variance = np.maximum(chance @ table.grid**2 - mean**2, 1e-6)
+    tilt = np.einsum("d,k,c->dkc", residual / variance, GAINS, table.grid)
+    log_p = log_softmax(log_population[:, None, :] + tilt, axis=2)
+    chosen = np.take_along_axis(log_p, table.chosen[:, None, None], axis=2)[..., 0]
+    return Prediction(chosen, np.exp(log_p) @ table.grid)
+
+
+def _known_at_the_second_half(sample: Sample) -> Float[np.ndarray, " driver"]:
+    """Return each driver's residual at the first decision of its second half."""
+    rows = np.flatnonzero(sample.second)
+    rows = rows[np.argsort(sample.table.time[rows], kind="stable")][::-1]
+    found = np.zeros(len(sample.chain))
+    found[sample.driver[rows]] = sample.table.residual[rows]  # the earliest is written last
+    return found

@@ -1,0 +1,203 @@
+"""Episodes of a recorded junction side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float32, Int8, Int64
+
+from socialiq.errors import UserError
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.intersection.settings import settings_of
+from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.state import AS_DRIVER, Made, Traffic
+
+
+class Decisions(NamedTuple):
+    """Results of one decision of every episode.
+
+    Attributes:
+        observation: Of the state reached, (row, feature).
+        rewards: The reward pair.
+        ending: Values of `Ending`; OTHER: the ego drove over a closed line.
+        signals: Every named signal, unweighted.
+        speed: The ego's, m/s.
+        contact: Values of `Contact`: which vehicle struck, if the ego collided.
+    """
+
+    observation: Float32[np.ndarray, "row feature"]
+    rewards: RewardPair
+    ending: Int8[np.ndarray, " row"]
+    signals: Mapping[str, Float[np.ndarray, " row"]]
+    speed: Float[np.ndarray, " row"]
+    contact: Int8[np.ndarray, " row"]
+
+
+class JunctionBatch:
+    """Episodes of one world side by side, each with its own random stream.
+
+    Results depend neither on the batch's size nor on the number of threads.
+
+    Args:
+        world: The world.
+        size: Number of episodes.
+        threads: Number of threads.
+
+    Attributes:
+        world: The world.
+        size: Number of episodes.
+        traffic: State of the episodes.
+        begun: Rows whose random stream has begun.
+
+    Raises:
+        UserError: If a number is not positive.
+    """
+
+    def __init__(self, world: RecordedWorld, size: int, threads: int = 1) -> None:
+        for name, value in (("size", size), ("threads", threads)):
+            if value < 1:
+                raise UserError(f"{name} must be at least 1, got {value}")
+        from socialiq_recordings.world import core  # import Numba only when it is needed
+
+        self._core = core
+        self.world, self.size, self._threads = world, size, threads
+        self.traffic = Traffic.of(world, size)
+        self.begun = np.zeros(size, bool)
+        self._made = Made.of(world, size)
+        self._waiting = np.ones(size, bool)  # for a reset
+        self._settings = settings_of(world.config.options(world.max_speed))
+        self._levels = np.array(world.config.levels)
+
+    @property
+    def observation(self) -> Float32[np.ndarray, "row feature"]:
+        """Current observation of every episode."""
+        return self._made.observation.reshape(self.size, -1).copy()
+
+    @property
+    def time(self) -> Float32[np.ndarray, " row"]:
+        """Number of decisions since the last reset of every episode."""
+        steps = self.traffic.step - self.traffic.begun
+        return (steps // self.world.config.frames).astype(np.float32)
+
+    def seen_by(self, policy: Any) -> Float32[np.ndarray, "row feature"]:
+        """Return what a policy observes: with the time at the end if it has one feature more."""
+        seen = self.observation
+        if getattr(policy, "n_features", None) != seen.shape[1] + 1:
+            return seen
+        return np.column_stack([seen, self.time])
+
+    def reset(self, seeds: Any = None, rows: Any = None) -> Float32[np.ndarray, "row feature"]:
+        """Start new episodes.
+
+        Args:
+            seeds: A seed for each row to reset; None continues the rows' streams.
+            rows: Rows to reset, as an index or a mask; all by default.
+
+        Returns:
+            The observation of all rows.
+
+        Raises:
+            UserError: If a seed is negative, or a stream to continue was never seeded.
+        """
+        chosen = np.zeros(self.size, bool)
+        chosen[slice(None) if rows is None else rows] = True
+        entropy = np.zeros(self.size, np.uint64)
+        if seeds is None and not self.begun[chosen].all():
+            raise UserError("the first reset needs a seed")
+        if seeds is not None:
+            given = [int(one) for one in np.ravel(np.asarray(seeds, object))]
+            if len(given) != chosen.sum() or not all(0 <= one < 2**64 for one in given):
+                raise UserError("seeds must be whole numbers of at least 0, one for each row")
+            entropy[chosen] = np.array(given, np.uint64)
+        commands = np.where(chosen, self._core.RESET, self._core.SKIP).astype(np.int8)
+        self._run(commands, np.full(self.size, seeds is not None), entropy, np.zeros(self.size))
+        self._waiting[chosen], self.begun[chosen] = False, True
+        return self.observation
+
+    def take(self, other: JunctionBatch, rows: Int64[np.ndarray, " row"]) -> None:
+        """Take the states of another batch's episodes, which go on there undisturbed.
+
+        Args:
+            other: Batch of the same world.
+            rows: Its episode for each row here.
+        """
+        for mine, theirs in zip(self.traffic, other.traffic, strict=True):
+            mine[:] = theirs[rows]
+        self._made.observation[:] = other._made.observation[rows]
+        self._waiting[:], self.begun[:] = other._waiting[rows], other.begun[rows]
+
+    def step(self, actions: Any, rows: Any = None) -> Decisions:
+        """Take one decision in every episode, or in some.
+
+        Args:
+            actions: A level for each episode; `AS_DRIVER`: as a driver of the population.
+            rows: Episodes to advance, as an index or a mask; all by default.
+
+        Raises:
+            UserError: If an action is none, or an episode has not begun or has ended.
+        """
+        chosen = np.asarray(actions)
+        if chosen.shape != (self.size,) or chosen.dtype.kind not in "iu":
+            raise UserError(f"actions must be {self.size} whole numbers, got {actions!r}")
+        if chosen.min() < AS_DRIVER or chosen.max() >= len(self._levels):
+            raise UserError(
+                f"actions must be 0 to {len(self._levels) - 1}, got {sorted({*chosen.tolist()})}"
+            )
+        deciding = np.zeros(self.size, bool)
+        deciding[slice(None) if rows is None else rows] = True
+        if (self._waiting & deciding).any():
+            raise UserError("an episode has not begun, or has ended: reset it first")
+        levels = np.where(chosen == AS_DRIVER, np.nan, self._levels[chosen])
+        commands = np.where(deciding, self._core.DECIDE, self._core.SKIP).astype(np.int8)
+        unseeded = np.zeros(self.size, bool)
+        self._run(commands, unseeded, np.zeros(self.size, np.uint64), levels)
+        self._waiting |= deciding & (self._made.ending != int(Ending.NONE))
+        made = self._made
+        return Decisions(
+            self.observation,
+            RewardPair(*made.pair.T.copy()),
+            made.ending.copy(),
+            dict(zip(SIGNALS, made.signals.T.copy(), strict=True)),
+            made.speed.copy(),
+            made.contact.copy(),
+        )
+
+    def _run(self, commands: Any, seeded: Any, seeds: Any, levels: Any) -> None:
+        from socialiq.worlds.highway.core.compile import run_in_parts
+
+        run_in_parts(
+            self._core.run,
+            self._threads,
+            self.size,
+            self.world.road,
+            self.traffic,
+            self._made,
+            commands,
+            seeded,
+            seeds,
+            levels,
+            self._settings,
+            self.world.config.slack,
+        )
+
+
+class JunctionSimulator:
+    """A recorded junction as a back end of `evaluation.simulate`."""
+
+    def __init__(self, batch: JunctionBatch) -> None:
+        self._batch, self.size = batch, batch.size
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Reset some rows."""
+        self._batch.reset(seeds, rows=rows)
+
+    def observe(self) -> Float32[np.ndarray, "row feature"]:
+        """Return the observations of all egos."""
+        return self._batch.observation
+
+    def step(self, action: np.ndarray, running: np.ndarray) -> Decisions:
+        """Take a decision in the running rows."""
+        return self._batch.step(action, rows=running)

@@ -1,0 +1,335 @@
+"""Compiled entry points: resets and decisions of recorded junctions, and traffic without an ego."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from pathlib import Path
+
+import numpy as np
+
+from socialiq.types import Ending
+from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
+from socialiq.worlds.highway.state import Contact
+from socialiq_recordings.world import chance
+from socialiq_recordings.world.seen import annotate, observe, touched
+from socialiq_recordings.world.traffic import (
+    DT,
+    GONE,
+    HARDEST,
+    PRESENT,
+    WAITING,
+    advance,
+    ahead_of,
+    closed_line,
+    drive,
+    limit_at,
+)
+
+RESET, DECIDE, SKIP = range(3)
+"""Commands for an episode."""
+
+_EGO, _MOMENT = 100, 101  # purposes of random numbers; drivers have those below
+_NONE, _ARRIVAL, _COLLISION, _TIMEOUT, _OTHER = (int(kind) for kind in Ending)
+_UNTOUCHED = int(Contact.NONE)
+_LEAST_WAY = 15.0  # m that the ego has ahead of it when it begins
+_CURVE = 0.5  # s in which the ego's control comes down to the speed of a curve
+
+
+@kernel
+def draw_driver(road, traffic, row, base, one):
+    """Draw a driver's parameters; its desired speed is at least its recorded first one."""
+    for number in range(len(road.drivers)):
+        mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
+        value = mean + deviation * chance.normal(traffic.seed[row], number, one)
+        value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
+        traffic.driver[row, one, number] = value
+    first = road.state[road.state_first[base + one], 1]
+    traffic.driver[row, one, 0] = max(traffic.driver[row, one, 0], first)
+
+
+@kernel
+def _put(traffic, row, one, along, speed):
+    traffic.status[row, one] = PRESENT
+    traffic.along[row, one], traffic.speed[row, one] = along, speed
+    traffic.before[row, one], traffic.barrier[row, one] = speed, math.inf
+    traffic.present[row, traffic.n_present[row]] = one
+    traffic.n_present[row] += 1
+
+
+@inlined_kernel
+def populate(road, traffic, row, recording, ego, step):
+    """Place the vehicles that were recorded at a sub-step as they were then.
+
+    Args:
+        road: Arrays of the world.
+        traffic: State of the episodes, overwritten.
+        row: The episode.
+        recording: Its recording.
+        ego: Number of the ego in the recording, or -1.
+        step: The sub-step.
+    """
+    base, end = road.recording_first[recording], road.recording_first[recording + 1]
+    traffic.recording[row], traffic.ego[row] = recording, ego
+    traffic.step[row] = traffic.begun[row] = step
+    traffic.n_present[row] = 0
+    for one in range(end - base):
+        draw_driver(road, traffic, row, base, one)
+        first, last = road.state_first[base + one], road.state_first[base + one + 1] - 1
+        since = step - road.state_step[base + one]
+        if since < 0:
+            traffic.status[row, one] = WAITING
+        elif since <= last - first:
+            _put(traffic, row, one, road.state[first + since, 0], road.state[first + since, 1])
+        else:
+            traffic.status[row, one] = GONE
+
+
+@inlined_kernel
+def reset(road, traffic, row):
+    """Begin an episode: draw the ego's place and the moment from the row's seed."""
+    seed = traffic.seed[row]
+    vehicle = road.egos[np.int64(chance.uniform(seed, _EGO, 0) * len(road.egos))]
+    recording = np.int64(0)
+    while road.recording_first[recording + 1] <= vehicle:
+        recording += 1
+    first, end = road.state_first[vehicle], road.state_first[vehicle + 1]
+    moments = np.int64(1)
+    while first + moments < end and (
+        road.arrival[vehicle] - road.state[first + moments, 0] >= _LEAST_WAY
+    ):
+        moments += 1
+    moment = np.int64(chance.uniform(seed, _MOMENT, 0) * moments)
+    ego = vehicle - road.recording_first[recording]
+    populate(road, traffic, row, recording, ego, road.state_step[vehicle] + moment)
+
+
+@inlined_kernel
+def enter(road, traffic, row, base, count):
+    """Let waiting vehicles enter whose time has come and whose place is free."""
+    pairs = road.pair_first[traffic.recording[row]]
+    for one in range(count):
+        if traffic.status[row, one] != WAITING:
+            continue
+        if road.state_step[base + one] > traffic.step[row]:
+            continue
+        begin = road.state_first[base + one]
+        along, speed = road.state[begin, 0], road.state[begin, 1]
+        half, jam = 0.5 * road.length[base + one], traffic.driver[row, one, 2]
+        free = True
+        for place in range(traffic.n_present[row]):
+            other = traffic.present[row, place]
+            theirs, need = traffic.along[row, other], half + 0.5 * road.length[base + other]
+            at = ahead_of(
+                road.stretch_first, road.stretch, pairs + one * count + other, theirs, along
+            )
+            if at > along:
+                clear = at - along - need - jam
+                free = free and clear > 0.0
+                # It enters no faster than lets it stop behind the other.
+                reach = traffic.speed[row, other] ** 2 + 2.0 * 3.0 * max(clear, 0.0)
+                speed = min(speed, math.sqrt(reach))
+            behind = ahead_of(
+                road.stretch_first, road.stretch, pairs + other * count + one, along, theirs
+            )
+            if behind > theirs:
+                free = free and behind - theirs - need > 0.5
+        if free:
+            _put(traffic, row, one, along, speed)
+
+
+@inlined_kernel
+def leave(road, traffic, row, base):
+    """Take vehicles off the road that are at the end of their ways; the ego stays."""
+    kept = 0
+    for place in range(traffic.n_present[row]):
+        one = traffic.present[row, place]
+        points = road.line_first[base + one + 1] - road.line_first[base + one]
+        if one != traffic.ego[row] and traffic.along[row, one] >= points - 2.0:
+            traffic.status[row, one] = GONE
+        else:
+            traffic.present[row, kept] = one
+            kept += 1
+    traffic.n_present[row] = kept
+
+
+@inlined_kernel
+def sub_step(road, traffic, row, base, count, level, fastest):
+    """Advance by a sub-step.
+
+    Args:
+        road: Arrays of the world.
+        traffic: State of the episodes.
+        row: The episode.
+        base: First vehicle of its recording.
+        count: Vehicles of the recording.
+        level: The ego's acceleration, m/s²; NaN: it drives as a driver of the population.
+        fastest: The ego's largest speed, m/s.
+    """
+    now = traffic.step[row] * DT
+    for place in range(traffic.n_present[row]):
+        one = traffic.present[row, place]
+        rate = drive(road, traffic, row, base, count, one, now)
+        if one == traffic.ego[row] and not math.isnan(level):
+            speed = traffic.speed[row, one]
+            most = min(
+                limit_at(road.line_first, road.line, base + one, traffic.along[row, one]), fastest
+            )
+            rate = min(level, max((most - speed) / _CURVE, -HARDEST))
+        traffic.rate[row, one] = rate
+    for place in range(traffic.n_present[row]):
+        one = traffic.present[row, place]
+        driven, speed = advance(traffic.speed[row, one], traffic.rate[row, one])
+        traffic.along[row, one] += driven
+        traffic.speed[row, one] = speed
+    traffic.step[row] += 1
+    leave(road, traffic, row, base)
+    enter(road, traffic, row, base, count)
+
+
+@inlined_kernel
+def decide(road, traffic, made, row, level, options, slack):
+    """Run the sub-steps of a decision and write its results."""
+    settings = options[0]
+    recording = traffic.recording[row]
+    base = road.recording_first[recording]
+    count = road.recording_first[recording + 1] - base
+    ego = traffic.ego[row]
+    vehicle, half = base + ego, 0.5 * road.length[base + ego]
+    start, ending = traffic.along[row, ego], _NONE
+    for place in range(traffic.n_present[row]):
+        one = traffic.present[row, place]
+        traffic.before[row, one] = traffic.speed[row, one]
+    made.contact[row] = _UNTOUCHED
+    for _ in range(settings.frames):
+        front, now = traffic.along[row, ego] + half, traffic.step[row] * DT
+        line = closed_line(road.closed_first, road.closed, vehicle, front, now)
+        sub_step(road, traffic, row, base, count, level, settings.max_speed)
+        contact = touched(road, traffic, row, base, slack)
+        if contact != _UNTOUCHED:
+            made.contact[row] = contact
+            ending = _COLLISION
+        elif traffic.along[row, ego] + half >= line:
+            ending = _OTHER
+        elif traffic.along[row, ego] >= road.arrival[vehicle]:
+            ending = _ARRIVAL
+        if ending != _NONE:
+            break
+    elapsed = (traffic.step[row] - traffic.begun[row]) * DT
+    if ending == _NONE and elapsed >= settings.duration - 1e-9:
+        ending = _TIMEOUT
+    made.speed[row], made.ending[row] = traffic.speed[row, ego], ending
+    progress = traffic.along[row, ego] - start
+    annotate(
+        road,
+        traffic,
+        row,
+        base,
+        count,
+        progress,
+        ending,
+        settings,
+        made.signals[row],
+        made.pair[row],
+    )
+
+
+def _sources() -> int:
+    """Return a number that changes with any source that the compiled code depends on."""
+    here = Path(__file__).parent
+    names = ("chance", "core", "seen", "state", "traffic", "recorded_world")
+    text = b"".join((here / f"{name}.py").read_bytes() for name in names)
+    return int.from_bytes(hashlib.sha256(text).digest()[:7], "big") ^ fingerprint()
+
+
+def _entries(sources: int):
+    @entry_point
+    def run(road, traffic, made, commands, seeded, seeds, levels, options, slack, first, end):
+        for row in range(first, end):
+            if commands[row] == SKIP:
+                continue
+            if commands[row] == DECIDE:
+                decide(road, traffic, made, row, levels[row], options, slack)
+            else:
+                if seeded[row]:
+                    traffic.seed[row] = chance.hashed(seeds[row])
+                else:
+                    traffic.seed[row] = chance.following(traffic.seed[row])
+                reset(road, traffic, row)
+            base = road.recording_first[traffic.recording[row]]
+            count = road.recording_first[traffic.recording[row] + 1] - base
+            observe(road, traffic, row, base, count, made.observation[row])
+        return sources  # so that the cache depends on the sources
+
+    @entry_point
+    def replay(road, traffic, made, rows, egos, steps, options, first, end):
+        """Write observation and rewards of recorded states; `replay.py` documents it."""
+        settings = options[0]
+        for place in range(first, end):
+            recording = rows[place]
+            base = road.recording_first[recording]
+            count = road.recording_first[recording + 1] - base
+            ego, step = egos[place], steps[place]
+            populate(road, traffic, 0, recording, ego, step)
+            observe(road, traffic, 0, base, count, made.observation[place])
+            made.speed[place] = traffic.speed[0, ego]
+            start = traffic.along[0, ego]
+            populate(road, traffic, 0, recording, ego, step + settings.frames)
+            for spot in range(traffic.n_present[0]):
+                one = traffic.present[0, spot]
+                begun = max(road.state_step[base + one], step)
+                at = road.state_first[base + one] + begun - road.state_step[base + one]
+                traffic.before[0, one] = road.state[at, 1]
+            progress = traffic.along[0, ego] - start
+            ending = _ARRIVAL if traffic.along[0, ego] >= road.arrival[base + ego] else _NONE
+            made.ending[place] = ending
+            annotate(
+                road,
+                traffic,
+                0,
+                base,
+                count,
+                progress,
+                ending,
+                settings,
+                made.signals[place],
+                made.pair[place],
+            )
+        return sources
+
+    @entry_point
+    def without_ego(road, traffic, recordings, states, steps, first, end):
+        """Run traffic without an ego; `compare.py` documents it."""
+        for row in range(first, end):
+            populate(road, traffic, row, recordings[row], -1, 0)
+            base = road.recording_first[recordings[row]]
+            count = road.recording_first[recordings[row] + 1] - base
+            for step in range(steps):
+                for place in range(traffic.n_present[row]):
+                    one = traffic.present[row, place]
+                    states[row, step, one, 0] = traffic.along[row, one]
+                    states[row, step, one, 1] = traffic.speed[row, one]
+                sub_step(road, traffic, row, base, count, math.nan, 1.0)
+        return sources
+
+    return run, replay, without_ego
+
+
+run, replay, without_ego = _entries(_sources())
+"""Compiled entry points; `batch`, `replay` and `compare` call them.
+
+Args:
+    road: `recorded_world.Road`.
+    traffic: `state.Traffic`.
+    made: `state.Made`.
+    commands: RESET, DECIDE or SKIP, by row.
+    seeded: Whether a reset begins a stream, by row.
+    seeds: Its seeds, uint64.
+    levels: The egos' accelerations, m/s²; NaN: it drives as a driver of the population.
+    options: SETTINGS record in an array of one.
+    slack: m by which vehicles are smaller than recorded.
+    first: First row of the part to do.
+    end: End of that part.
+"""
+
+__all__ = ["DECIDE", "RESET", "SKIP", "replay", "run", "without_ego"]

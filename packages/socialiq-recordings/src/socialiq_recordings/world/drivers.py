@@ -1,0 +1,207 @@
+"""Population of drivers of a recorded junction: parameters of the IDM and of gap acceptance.
+
+Each parameter has a normal distribution, clipped to an interval; a driver draws its own when it
+enters. What the recording shows too rarely keeps the value of the literature, and says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.optimize import least_squares
+
+from socialiq.types import Row
+from socialiq.worlds.intersection.options import Normal
+from socialiq_recordings.conflicts.idm import Idm
+from socialiq_recordings.world.observed import Followed, Observed
+
+LEAST = 10
+"""Vehicles that must show a parameter before it is estimated."""
+
+_LEAST_MOMENTS = 30  # following decisions for a fit of the IDM
+_MOVING = 2.0  # m/s
+_ERROR = 1.0  # m/s²; errors beyond count less than squared (soft L1)
+_HEADWAYS, _GAPS = (0.4, 3.0), (0.5, 6.0)  # s, m; bounds of a driver's values
+_STRENGTHS = (0.5, 4.0), (0.5, 5.0)  # m/s²; of acceleration and deceleration
+_DEFAULT_SPREAD = 0.2  # relative, of what is not estimated
+_SPREAD = 0.15  # relative, of both accelerations, which single drivers hardly show
+
+
+class Drivers(NamedTuple):
+    """Distributions that a driver's parameters are drawn from.
+
+    Attributes:
+        desired_speed: m/s.
+        time_headway: s.
+        jam_distance: m, bumper to bumper.
+        max_acceleration: m/s².
+        comfort_deceleration: m/s², positive.
+        margin: s that a driver leaves between itself and a vehicle that has the right of way.
+    """
+
+    desired_speed: Normal
+    time_headway: Normal
+    jam_distance: Normal
+    max_acceleration: Normal
+    comfort_deceleration: Normal
+    margin: Normal
+
+    def array(self) -> Float64[np.ndarray, "parameter 4"]:
+        """Return mean, deviation and bounds by parameter."""
+        return np.array(self, np.float64)
+
+    @staticmethod
+    def of_array(rows: Float64[np.ndarray, "parameter 4"]) -> Drivers:
+        """Return the distributions of `array`."""
+        return Drivers(*(Normal(*row) for row in rows.tolist()))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Drivers of a recording, and on what they rest.
+
+    Attributes:
+        drivers: The population.
+        lateral: Largest lateral acceleration in curves, m/s².
+        evidence: For each parameter its mean and deviation, the number of vehicles or moments that
+            it was estimated from, and whether it was estimated.
+        rms: Error of the IDM with the means on the moments of following, m/s²; NaN without a fit.
+        rms_constant: Error of constant speed on the same moments, m/s².
+    """
+
+    drivers: Drivers
+    lateral: float
+    evidence: tuple[Row, ...]
+    rms: float
+    rms_constant: float
+
+    def as_header(self) -> dict[str, Any]:
+        """Return the calibration as JSON, without the drivers."""
+        kept = dataclasses.asdict(self)
+        kept.pop("drivers")
+        numbers = {name: float(kept[name]) for name in ("rms", "rms_constant")}
+        return kept | {name: None if np.isnan(v) else v for name, v in numbers.items()}
+
+
+def calibrate(observed: Observed) -> Calibration:
+    """Estimate a population of drivers.
+
+    Desired speeds are the fastest of each vehicle without a leader or a curve, time headways those
+    of steady following, jam distances those of standing vehicles: medians, and spreads between
+    quartiles. Both accelerations minimise the error of the next acceleration in following; a fit
+    that is worse than constant speed says nothing and is dropped. The margin is the lower quartile
+    of post-encroachment times.
+
+    Args:
+        observed: What the recordings show.
+    """
+    defaults = Idm()
+    speed, speeds = _normal(observed.free_speeds, defaults.desired_speed, (3.0, 45.0))
+    jam, jams = _normal(observed.standing_gaps, defaults.jam_distance, _GAPS)
+    # The IDM keeps the jam distance besides the time headway.
+    moving = observed.followed.speed[observed.followed.speed > _MOVING]
+    beyond = jam.mean / float(np.median(moving)) if len(moving) else 0.0
+    headway, headways = _normal(observed.headways - beyond, defaults.time_headway, _HEADWAYS)
+    spacing = headway.mean, jam.mean
+    strengths, rms, constant = _fit(observed.followed, spacing, speed.mean, defaults)
+    moments = len(observed.followed.gap)
+    fitted = bool(rms < constant)
+    strong, comfort = (
+        Normal(mean, _SPREAD * mean, *bounds)
+        for mean, bounds in zip(strengths, _STRENGTHS, strict=True)
+    )
+    margin, margins = _margin(observed.pets)
+    drivers = Drivers(speed, headway, jam, strong, comfort, margin)
+    counts = [speeds, headways, jams, moments, moments, margins]
+    known = [one >= LEAST for one in counts]
+    known[3] = known[4] = fitted
+    evidence = tuple(
+        {"parameter": name, "mean": one.mean, "deviation": one.deviation}
+        | {"seen": count, "estimated": bool(yes)}
+        for name, one, count, yes in zip(Drivers._fields, drivers, counts, known, strict=True)
+    )
+    return Calibration(drivers, _lateral(observed.lateral), evidence, rms, constant)
+
+
+def _normal(
+    values: Float64[np.ndarray, " vehicle"], default: float, bounds: tuple[float, float]
+) -> tuple[Normal, int]:
+    """Return a robust normal distribution within bounds, and the number of values.
+
+    The median, and the interquartile range as a deviation; with few values the default.
+    """
+    middle, deviation = default, _DEFAULT_SPREAD * default
+    if len(values) >= LEAST:
+        low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
+        deviation = (high - low) / 1.349
+    middle = float(np.clip(middle, *bounds))
+    deviation = min(deviation, 0.5 * middle)
+    low = max(middle - 2 * deviation, bounds[0])
+    high = min(middle + 2 * deviation, bounds[1])
+    return Normal(middle, deviation, low, high), len(values)
+
+
+def _margin(pets: Float64[np.ndarray, " conflict"]) -> tuple[Normal, int]:
+    known = pets[(pets > 0) & (pets < 5)]
+    mean = float(np.clip(np.quantile(known, 0.25), 0.5, 4.0)) if len(known) >= LEAST else 1.5
+    return Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean), len(known)
+
+
+def _lateral(values: Float64[np.ndarray, " moment"]) -> float:
+    if len(values) < LEAST:
+        return 2.5
+    return float(np.clip(np.quantile(values, 0.85), 1.0, 4.0))
+
+
+def _fit(
+    followed: Followed, spacing: tuple[float, float], desired: float, defaults: Idm
+) -> tuple[tuple[float, float], float, float]:
+    """Return a and b with the least error of the next acceleration, and both errors.
+
+    Args:
+        followed: Moments of following.
+        spacing: T and s0, which steady following and standing vehicles show directly: a fit of all
+            four trades them for each other where signals, which it doesn't know, brake a leader.
+        desired: v0, m/s.
+        defaults: Where it begins, and what stays if there are too few moments.
+    """
+    start = defaults.max_acceleration, defaults.comfort_deceleration
+    if len(followed.gap) < _LEAST_MOMENTS:
+        return start, float("nan"), float("nan")
+    target = np.maximum(desired, followed.speed + 0.5)
+
+    def error(values: np.ndarray) -> np.ndarray:
+        return accelerations((*spacing, *values), followed, target) - followed.acceleration
+
+    low, high = zip(*_STRENGTHS, strict=True)
+    found = least_squares(error, start, bounds=(low, high), loss="soft_l1", f_scale=_ERROR)
+    rms = float(np.sqrt(np.mean(error(found.x) ** 2)))
+    constant = float(np.sqrt(np.mean(followed.acceleration**2)))
+    if rms >= constant:
+        return start, rms, constant
+    return (float(found.x[0]), float(found.x[1])), rms, constant
+
+
+def accelerations(
+    values: Sequence[float],
+    followed: Followed,
+    desired: Float64[np.ndarray, " moment"],
+) -> Float64[np.ndarray, " moment"]:
+    """Return the IDM's accelerations over arrays of moments; `conflicts.idm` has it for one.
+
+    Args:
+        values: T, s0, a, b.
+        followed: The moments.
+        desired: v0 of each, m/s.
+    """
+    headway, jam, strongest, comfort = values
+    speed = followed.speed
+    closing = speed * (speed - followed.leader_speed) / (2 * np.sqrt(strongest * comfort))
+    wanted = jam + np.maximum(0.0, speed * headway + closing)
+    made = strongest * (1 - (speed / desired) ** 4 - (wanted / np.maximum(followed.gap, 0.1)) ** 2)
+    return np.maximum(made, -Idm.hardest)

@@ -1,0 +1,301 @@
+"""Read a declaration from `profile.toml`; errors name the file and the line."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from socialiq.audit.profile.fields import (
+    BY_PATH,
+    FIELDS,
+    LONGEST_TEXT,
+    MOST_OPTIONS,
+    RULE,
+    SHA256_PATTERN,
+    TABLES,
+    WORLD_PATTERN,
+    visible,
+)
+from socialiq.audit.profile.fields import Field as Declared
+from socialiq.audit.profile.junction import is_junction
+from socialiq.audit.profile.profile import WRONG_WORLD, Floor, Margin, Profile, Reward, Scenario
+from socialiq.audit.profile.scenario import World, check_options, identity, world_of
+from socialiq.errors import UserError
+from socialiq.reading import open_file
+from socialiq.social.angle_rule import AngleRule
+from socialiq.worlds.registry import NAMES
+from socialiq.worlds.situation import check_rule
+from socialiq_recordings.recording import refuse_recording
+
+LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
+
+_LONGEST_LINE = 1300  # characters: a text of the longest, all of it escaped
+
+_MOST_DOTS = 250
+
+
+def load(path: Path) -> Profile:
+    """Read a declaration.
+
+    Args:
+        path: TOML file of at most 64 KiB.
+
+    Raises:
+        UserError: If the file is missing, too large or not TOML, or a field is missing, unknown
+            or wrong; the message names file, line number and correction.
+    """
+    if not path.exists():
+        raise UserError(f"no such file: {path}: `socialiq profile new` writes one")
+    with open_file(path) as file:
+        content = file.read(LARGEST_FILE + 1)
+    return parse(content, str(path))
+
+
+def parse(content: bytes, name: str = "profile.toml") -> Profile:
+    """Read a declaration from a file's bytes.
+
+    Args:
+        content: UTF-8 TOML.
+        name: Name of the file in messages.
+
+    Raises:
+        UserError: As `load`.
+    """
+    if len(content) > LARGEST_FILE:
+        raise UserError(f"{name} has more than {LARGEST_FILE} bytes: a profile is a short text")
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise UserError(f"{name}:{line}: this is not UTF-8 text: save it as UTF-8") from error
+    return _Reader(text, name).profile(content)
+
+
+_MULTI_LINE = ('"""', "'''")
+_TOKEN = re.compile(r"""\"\"\"|'''|"(?:[^"\\]|\\.)*"|'[^']*'|\#.*""")
+"""Beginning of a multi-line text, a text of one line, or a comment."""
+
+
+class _Reader:
+    """Reader of one file; its errors name the line of the field."""
+
+    def __init__(self, text: str, name: str) -> None:
+        self._text, self._name = text, name
+        for number, line in enumerate(text.split("\n"), 1):
+            # A dotted key takes `tomllib` time that grows with the square of its parts, and a
+            # number of thousands of digits makes it raise something else.
+            if len(line) > _LONGEST_LINE or line.count(".") > _MOST_DOTS:
+                self._stop(number, "this line is too long for a field: shorten it")
+            # Without multi-line text `line_of` is exact.
+            if any(token in _MULTI_LINE for token in _TOKEN.findall(line)):
+                self._stop(number, "multi-line text is not used here: write it on one line")
+        self._content = self._parsed()
+
+    def profile(self, source: bytes) -> Profile:
+        self._check_names()
+        values = {one.path: self._value(one) for one in FIELDS}
+        self._check_loss(values)
+        self._check_scenario(values)
+        rule = self._rule(values.pop(RULE), values["scenario.world"])
+        parts: dict[str, dict[str, Any]] = {table: {} for table in ("", *TABLES)}
+        for path, value in values.items():
+            table, _, key = path.rpartition(".")
+            parts[table][key] = value
+        top = parts[""]
+        return Profile(
+            angle=top["angle"],
+            confidence=top["confidence"],
+            owner=top["owner"],
+            date=top["date"],
+            margin=Margin(**parts["margin"]),
+            reward=Reward(**parts["reward"]),
+            scenario=Scenario(**parts["scenario"]),
+            competence=Floor(**parts["competence"]),
+            source=source,
+            rule=rule,
+        )
+
+    def refuse(self, path: str, message: str) -> NoReturn:
+        self._stop(line_of(self._text, path), message)
+
+    def _stop(self, line: int, message: str) -> NoReturn:
+        raise UserError(f"{self._name}:{line}: {message}")
+
+    def _parsed(self) -> dict[str, Any]:
+        try:
+            return tomllib.loads(self._text)
+        except RecursionError:
+            self._stop(1, "tables or lists are nested too deeply: a profile has one level")
+        except tomllib.TOMLDecodeError as error:
+            where = re.search(r"\(at line (\d+)", str(error))
+            line = int(where[1]) if where else self._text.count("\n") + 1
+            reason = str(error).split(" (at ")[0]
+            self._stop(line, f"not TOML: {_quoted(reason, quoted=False)}: correct this line")
+
+    def _check_names(self) -> None:
+        """Refuse unknown names, on the top level and in tables."""
+        top = [one.path for one in FIELDS if "." not in one.path]
+        for name, value in self._content.items():
+            if name not in (*top, *TABLES):
+                self._unknown(name, (*top, *TABLES))
+            if name in TABLES:
+                keys = tuple(path.split(".")[1] for path in BY_PATH if path.startswith(f"{name}."))
+                if not isinstance(value, dict):
+                    self.refuse(name, f"{name} must be a table: write [{name}] above its fields")
+                for key in value:
+                    if key not in keys:
+                        self._unknown(f"{name}.{key}", keys)
+
+    def _unknown(self, path: str, known: tuple[str, ...]) -> NoReturn:
+        self.refuse(path, f"unknown field {_quoted(path)}: choose one of {', '.join(known)}")
+
+    def _value(self, one: Declared) -> Any:
+        table, _, key = one.path.rpartition(".")
+        holder = self._content.get(table, {}) if table else self._content
+        if key not in holder and not one.required:
+            return None
+        if key not in holder:
+            self.refuse(one.path, f"{one.path} is missing: add {one.demand}")
+        given = holder[key]
+        if one.path == "scenario.world" and isinstance(given, str):
+            self._check_reacts(given)
+        if not _fits(one, given):
+            self.refuse(one.path, f"{one.path} must be {one.demand}, got {_quoted(given)}")
+        return float(given) if one.kind == "number" else given
+
+    def _check_reacts(self, world: str) -> None:
+        """Refuse a recording with its own reason, which helps more than a list of worlds.
+
+        A report is verified without its world, so that a missing file is none of its errors.
+        """
+        if is_junction(world) and not Path(world).exists():
+            return
+        try:
+            refuse_recording(world)
+        except UserError as error:
+            self.refuse("scenario.world", str(error))
+
+    def _rule(self, given: Any, world: str) -> AngleRule | None:
+        """Read a rule of the angle, and check that the world has its features."""
+        if given is None:
+            return None
+        try:
+            rule = AngleRule.of(given)
+            check_rule(rule, world)
+        except UserError as error:
+            self.refuse(RULE, _quoted(str(error), quoted=False))
+        return rule
+
+    def _check_loss(self, values: Mapping[str, Any]) -> None:
+        """Refuse a bound within the margin, by which no policy could fail."""
+        loss, margin = values["margin.largest_loss"], values["margin.regret"]
+        if loss is not None and loss <= margin:
+            self.refuse(
+                "margin.largest_loss",
+                f"margin.largest_loss must be above margin.regret ({margin:g}), got {loss:g}: it "
+                "is the loss of a single episode, not of the mean",
+            )
+
+    def _check_scenario(self, values: Mapping[str, Any]) -> None:
+        """Check that the world exists and has the declared hashes."""
+        name, options = values["scenario.world"], values["scenario.options"]
+        for option in options:
+            if not re.fullmatch("[a-z0-9_]{1,40}", option):
+                self.refuse("scenario.options", f"{_quoted(option)} is not the name of an option")
+        # Making an environment may run code: only `Profile.world` does it.
+        world: World | None = None
+        try:
+            if name in NAMES:
+                world = world_of(name, options)
+            else:
+                check_options(options)
+        except UserError as error:
+            # The longest name, since some names are parts of others.
+            option = max((one for one in options if one in str(error)), key=len, default="")
+            path = f"scenario.options.{option}" if option else "scenario.options"
+            self.refuse(path, _quoted(str(error), quoted=False))
+        for path, value in identity(world).items() if world else ():
+            if values[path] != value:
+                self.refuse(path, WRONG_WORLD.format(path=path, value=value))
+
+
+def _fits(one: Declared, given: Any) -> bool:
+    if one.kind == "number":
+        # A boolean is an int, NaN compares false, and a huge int is compared without conversion.
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            return False
+        over = given > one.low if one.above_low else given >= one.low
+        return over and (given < one.high if one.below_high else given <= one.high)
+    if one.kind == "date":
+        return type(given) is datetime.date  # a datetime is a date too
+    if one.kind == "rule":
+        return isinstance(given, dict)
+    if one.kind == "options":
+        return isinstance(given, dict) and len(given) <= MOST_OPTIONS
+    if not isinstance(given, str):
+        return False
+    if one.kind == "sha256":
+        return re.fullmatch(SHA256_PATTERN, given) is not None
+    if one.kind == "world":
+        return len(given) <= LONGEST_TEXT and re.fullmatch(WORLD_PATTERN, given) is not None
+    return visible(given)
+
+
+def _quoted(value: Any, quoted: bool = True) -> str:
+    """Return a user-provided value, escaped for one line of a terminal."""
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**15:
+        return "a huge number"
+    text = ascii(value) if quoted else str(value).encode("ascii", "backslashreplace").decode()
+    text = text if text.isprintable() else ascii(text)
+    return text if len(text) <= 160 else text[:157] + "..."
+
+
+_TABLE = re.compile(r"^\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
+
+_KEY = re.compile(r"^\s*([A-Za-z0-9_\-\"'. ]+?)\s*=")
+
+
+def line_of(text: str, path: str) -> int:
+    """Return the number of the line, from 1, on which a field begins.
+
+    Exact for files without multi-line strings, which a profile refuses.
+
+    Args:
+        text: The file.
+        path: Table and key, joined by a dot.
+
+    Returns:
+        The line; of a field that is missing, or hidden in an inline table, the line of the
+        innermost table around it, and 1 if that is missing too.
+    """
+    found = _begun(text)
+    parts = path.split(".")
+    for length in range(len(parts), 0, -1):
+        line = found.get(".".join(parts[:length]))
+        if line:
+            return line
+    return 1
+
+
+def _begun(text: str) -> dict[str, int]:
+    """Return the first line of every table and every field, by path."""
+    table, found = "", {}
+    for number, line in enumerate(text.split("\n"), 1):
+        header, key = _TABLE.match(line), _KEY.match(line)
+        if header:
+            table = _bare_key(header[1])
+            found.setdefault(table, number)
+        elif key:
+            found.setdefault(f"{table}.{_bare_key(key[1])}".lstrip("."), number)
+    return found
+
+
+def _bare_key(key: str) -> str:
+    """Return a dotted key without its quotes and spaces."""
+    return ".".join(part.strip(" \t\"'") for part in key.split("."))

@@ -1,0 +1,290 @@
+"""`evaluate`: metrics of saved policies."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
+from socialiq.cli.evaluate_data import evaluate_data
+from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts, driven_in
+from socialiq.cli.output import print_json, print_table
+from socialiq.cli.pooled import pool, target_of
+from socialiq.cli.progress import Display
+from socialiq.errors import UserError
+from socialiq.evaluation.context import evaluate_by_rule
+from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.evaluation.exact import Optimum, action_table, evaluate_exactly
+from socialiq.evaluation.rollout import Rollout, rollout_env, rollout_table
+from socialiq.learners.config import check_seed
+from socialiq.nn.value_policy import ValuePolicy
+from socialiq.social.angle import check_angle
+from socialiq.social.angle_rule import AngleRule, load_rule
+from socialiq.worlds import CONTINUOUS
+from socialiq.worlds.context_policy import load_driver
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid
+from socialiq_lab.engine import Engine, work_folder
+from socialiq_lab.intersection.rows import policy_row
+from socialiq_recordings.recording import refuse_recording
+
+FOREIGN = (".onnx", ".zip")
+"""Suffixes of policies of other programs."""
+
+Measure = Callable[[ValuePolicy], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Measure saved policies: exactly in a gridworld, or by rollouts anywhere.
+
+    Several policies, for instance one for each training seed, are also pooled: the angle is that of
+    the mean totals, if all were trained for one angle.
+
+    In an environment of your own (a Gymnasium id, MODULE:ID or MODULE:FUNCTION) a policy may also
+    be a Stable-Baselines3 zip, an ONNX file, or python:MODULE:ATTRIBUTE; a dial is evaluated at
+    --angle.
+
+    With --data there is no world: J(α) at 0, 15, ..., 90 degrees is estimated from episodes that
+    others drove, with 95 % intervals, by fitted Q evaluation and by weighted importance sampling,
+    and a line says what the data can't support.
+
+    At the intersection a rule-based driver (go, wait, idm, gap_3s, ...) or a policy of the atlas
+    (expert_egoistic, set_egoistic, baseline, prosocial, ...) may be named too.
+
+    Example: socialiq evaluate run/policy_0.safetensors --world crossing7 --angle 45
+    """
+
+    policies: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Policy files, of `socialiq train`."""
+    world: str = "crossing7"
+    """crossing5, crossing7, intersection, intersection-continuous,
+    intersection-continuous-steering (with -offroad: leaving the road ends an episode), or an
+    environment."""
+    data: Path | None = None
+    """Demonstrations file with both rewards, in the place of a world."""
+    angle: float = 0.0
+    """Angle in degrees at which regret is measured."""
+    angle_rule: Path | None = None
+    """TOML file of a rule of the angle: the decision loss at it is measured, in a gridworld."""
+    soft: bool = False
+    """Select actions stochastically, from softmax(Q/τ), instead of greedily."""
+    episodes: int = 0
+    """Number of episodes to roll out; 0 evaluates exactly, which only gridworlds allow."""
+    seed: int = 0
+    """Seed of the rollouts and the bootstrap."""
+    engine: tyro.conf.OmitArgPrefixes[Engine] = field(default_factory=Engine)
+    work: Path | None = None
+    """Folder of the parts that are finished, with --processes or --cluster, which split episodes of
+    the intersection or of an environment by seed; by default a temporary folder."""
+    allow_code: bool = False
+    """Import the modules that are named: their authors' code runs with your rights."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Evaluate and print."""
+        check_angle(self.angle)
+        if self.angle_rule is not None and (
+            self.data or self.world not in GRIDWORLDS or self.episodes
+        ):
+            raise UserError(
+                "--angle-rule is exact, in a gridworld without --episodes: at the intersection "
+                "`socialiq audit` measures it"
+            )
+        if not self.policies:
+            raise UserError("no policy: name at least one file that `socialiq train` wrote")
+        if self.data is not None:
+            self._from_data(self.data)
+            return 0
+        rows = self.measured()
+        if self.json:
+            print_json(
+                rows[0] if len(rows) == 1 else {"policies": rows, "pooled": self.pooled(rows)}
+            )
+        elif len(rows) == 1:
+            print_table([{"quantity": name, "value": value} for name, value in rows[0].items()])
+        else:
+            named = [
+                {"policy": path.name} | row for path, row in zip(self.policies, rows, strict=True)
+            ]
+            shown = ("policy", "r_env", "r_social", "angle", "arrival", "collision", "off_road")
+            shown = (*shown, "length")
+            print_table([{key: row[key] for key in shown if key in row} for row in named])
+            pooled = self.pooled(rows)
+            why = pooled.pop("angle_not_pooled", "")
+            print_table([{"pooled": name, "value": value} for name, value in pooled.items()])
+            if why:
+                sys.stdout.write(f"No pooled angle: {why}.\n")
+        return 0
+
+    def _from_data(self, data: Path) -> None:
+        """Estimate from episodes; nothing is rolled out, so options of rollouts are refused."""
+        given = [
+            name
+            for name, value in (
+                ("--episodes", self.episodes),
+                ("--processes or --cluster", self.engine.given),
+                ("--work", self.work),
+            )
+            if value
+        ]
+        if given:
+            raise UserError(f"--data rolls nothing out: leave out {', '.join(given)}")
+        check_seed(self.seed)
+        evaluate_data(
+            [str(path) for path in self.policies],
+            data,
+            soft=self.soft,
+            seed=self.seed,
+            allow_code=self.allow_code,
+            json=self.json,
+        )
+
+    def pooled(self, rows: list[dict[str, Any]]) -> dict[str, Any]:
+        """Return the means over the policies."""
+        return pool(rows, [target_of(str(path)) for path in self.policies])
+
+    def measured(self) -> list[dict[str, Any]]:
+        """Return a row for each policy."""
+        refuse_recording(self.world)
+        self._check_engine()
+        if self.world == "intersection" or self.world in CONTINUOUS:
+            return [self.intersection(str(path)) for path in self.policies]
+        if self.world not in GRIDWORLDS:
+            return self.environment()
+        for path in self.policies:
+            if path.suffix in FOREIGN:
+                raise UserError(
+                    f"{path}: `evaluate` reads {self.world}'s policies as `train` wrote"
+                    " them; `socialiq audit` drives other kinds too"
+                )
+        measure = self.gridworld()
+        return [measure(load_driver(path)) for path in self.policies]
+
+    def intersection(self, name: str) -> dict[str, Any]:
+        """Return the metrics of thesis 5.4 with intervals, and the conflict rates."""
+        self._check_episodes()
+        readout = "soft" if self.soft else "greedy"
+        if self.world in CONTINUOUS:
+            episodes = self._steered(name)
+        else:
+            episodes = self._split(name) if self.engine.given else self._played(name)
+        # With discrete actions the ego follows its lane.
+        row = policy_row(name, readout, episodes, off_road=self.world in CONTINUOUS)
+        method = {"method": f"{self.episodes} episodes, seed {self.seed}"}
+        return method | {key: value for key, value in row.items() if key not in ("policy",)}
+
+    def _played(self, name: str) -> Episodes:
+        """Play the episodes in this process."""
+        batch = Batch(Options(), min(self.episodes, SIDE_BY_SIDE))
+        seeds = np.array(self._seeds)
+        return episodes_of(batch, driver_of(name, self.seed), seeds, deterministic=not self.soft)
+
+    def _steered(self, name: str) -> Episodes:
+        """Play the episodes of a policy with continuous actions."""
+        options = continuous_options(self.world)
+        batch, seeds = Batch(options, min(self.episodes, SIDE_BY_SIDE)), np.array(self._seeds)
+        world = Intersection(options)
+        driver = continuous_driver_of(name, world, self.angle, self.allow_code, self.seed)
+        with driver as loaded:
+            return episodes_of(batch, loaded.policy, seeds, deterministic=not self.soft)
+
+    def _split(self, name: str) -> Episodes:
+        """Play the episodes in parts, where the engine says."""
+        with self._parts() as parts:
+            return parts.episodes(name, self._seeds, self.soft)
+
+    @property
+    def _seeds(self) -> range:
+        return range(self.seed, self.seed + self.episodes)
+
+    @contextmanager
+    def _parts(self) -> Iterator[Parts]:
+        with work_folder(self.work) as work, Display() as display:
+            yield Parts(self.engine, work, display.stage)
+
+    def _check_engine(self) -> None:
+        if self.engine.given and self.world in (*GRIDWORLDS, *CONTINUOUS):
+            raise UserError(
+                f"episodes of {self.world} are not split: leave out --processes and --cluster"
+            )
+        if self.engine.cluster is not None and self.work is None:
+            raise UserError("a cluster needs a folder that all its workers see: add --work FOLDER")
+        if self.work is not None and not self.engine.given:
+            raise UserError("--work is of --processes or --cluster: add one, or leave it out")
+
+    def gridworld(self) -> Measure:
+        """Return exact or sampled metrics, with regret against the exact optimum."""
+        optimum = Optimum(tabulate(make_grid(self.world)).reachable_part())
+        readout = "soft" if self.soft else "greedy"
+        rule = None if self.angle_rule is None else load_rule(self.angle_rule)
+
+        def measure(policy: ValuePolicy) -> dict[str, Any]:
+            table = gridworld_of(self.world, policy)
+            part = table.reachable_part()
+            if self.episodes:
+                whole = action_table(policy, table, readout)
+                rollout = rollout_table(table, whole, self.episodes, self.seed)
+                metrics, found = rollout.metrics(), self.sampled(rollout)
+            else:
+                chances = action_table(policy, part, readout)
+                metrics = evaluate_exactly(part, chances)
+                found = {"method": "exact", **metrics._asdict()}
+                found |= {} if rule is None else _at_rule(part, chances, rule)
+            regret = optimum.regret(metrics, self.angle)
+            return {**found, "readout": readout, "target_angle": self.angle, "regret": regret}
+
+        return measure
+
+    def environment(self) -> list[dict[str, Any]]:
+        """Return sampled metrics in a Gymnasium environment."""
+        self._check_episodes()
+        rows = []
+        for path in map(str, self.policies):
+            if self.engine.given:
+                with self._parts() as parts:
+                    rollout = parts.rollout(
+                        self.world, path, self._seeds, self.soft, self.angle, self.allow_code
+                    )
+            else:
+                with driven_in(self.world, path, self.angle, self.allow_code) as (env, loaded):
+                    rollout = rollout_env(
+                        env, loaded.policy, self.episodes, self.seed, deterministic=not self.soft
+                    )
+            rows.append(self.sampled(rollout))
+        return rows
+
+    def _check_episodes(self) -> None:
+        if self.episodes < 1:
+            raise UserError(f"{self.world} can't be evaluated exactly: add --episodes N")
+
+    def sampled(self, rollout: Rollout) -> dict[str, Any]:
+        """Return the metrics of a rollout, without quantities that are not reported."""
+        metrics = rollout.metrics()._asdict().items()
+        estimate = rollout.angle(self.seed)
+        return {
+            "method": f"{self.episodes} episodes, seed {self.seed}",
+            **{name: value for name, value in metrics if math.isfinite(value)},
+            "angle_low": estimate.low,
+            "angle_high": estimate.high,
+        }
+
+
+def _at_rule(part: Table, chances: np.ndarray, rule: AngleRule) -> dict[str, Any]:
+    """Return the decision loss at a rule of the angle, the whole and in each context."""
+    lost = evaluate_by_rule(part, chances, rule).loss
+    by_context = dict(zip(rule.contexts, lost.tolist(), strict=True))
+    found = {"decision_loss": float(lost.sum())}
+    return found | {f"decision_loss where {name}": value for name, value in by_context.items()}

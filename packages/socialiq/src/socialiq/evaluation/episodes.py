@@ -1,0 +1,252 @@
+"""Results of seeded episodes on a road: sums, metrics of the thesis, conflict rates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from socialiq.evaluation.conflicts import conflict_at_junction, entered
+from socialiq.evaluation.metrics import Metrics
+from socialiq.evaluation.play import play
+from socialiq.evaluation.simulate import Step
+from socialiq.statistics.intervals import wilson
+from socialiq.types import Ending, Policy, RewardPair
+from socialiq.worlds.highway.episodes import RoadBatch
+from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.state import SLOWER
+
+STOPPED_BELOW = 0.5  # m/s
+
+
+class Episodes(NamedTuple):
+    """Results of episodes, one row for each.
+
+    Attributes:
+        totals: Sums of r_env and r_social.
+        classical: Sums of the ego's own reward and of its neighbours' mean (thesis A.1).
+        ending: Values of `Ending`.
+        contact: Values of `Contact`.
+        length: Decisions.
+        speed: Mean speed over the decisions, m/s.
+        stopped: Share of the decisions that ended slower than 0.5 m/s.
+        neighbours_collided: Number of other vehicles that collided with each other.
+        signals: Sum of every signal, unweighted, (episodes, signals).
+        active: Decisions in which a signal was not 0, (episodes, signals).
+        signal_names: Names of the signals.
+        entered: Whether the ego's centre passed its stop line.
+        conflicts: Decisions at the junction (`conflicts.at_junction`) while a crossing vehicle
+            was in it or within 3 s of it.
+        pressed: Number of these decisions in which the ego did not choose slower, or with
+            continuous actions not to brake.
+        off_road: Whether the ego was off the road after a decision.
+    """
+
+    totals: RewardPair
+    classical: RewardPair
+    ending: Int64[np.ndarray, " episode"]
+    contact: Int64[np.ndarray, " episode"]
+    length: Int64[np.ndarray, " episode"]
+    speed: Float[np.ndarray, " episode"]
+    stopped: Float[np.ndarray, " episode"]
+    neighbours_collided: Int64[np.ndarray, " episode"]
+    signals: Float[np.ndarray, "episode signal"]
+    active: Int64[np.ndarray, "episode signal"]
+    signal_names: tuple[str, ...]
+    entered: Bool[np.ndarray, " episode"]
+    conflicts: Int64[np.ndarray, " episode"]
+    pressed: Int64[np.ndarray, " episode"]
+    off_road: Bool[np.ndarray, " episode"]
+
+    def metrics(self) -> Metrics:
+        """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
+        return metrics_of(self)
+
+
+class RoadEpisodes(NamedTuple):
+    """Results of episodes of any road, one row for each; attributes as of `Episodes`."""
+
+    totals: RewardPair
+    ending: Int64[np.ndarray, " episode"]
+    length: Int64[np.ndarray, " episode"]
+    speed: Float[np.ndarray, " episode"]
+    stopped: Float[np.ndarray, " episode"]
+    off_road: Bool[np.ndarray, " episode"]
+
+
+def metrics_of(episodes: Episodes | RoadEpisodes) -> Metrics:
+    """Return the metrics of thesis 5.4; speed and share stopped are means over episodes."""
+    counts = np.bincount(episodes.ending, minlength=len(Ending))
+    return Metrics.of(
+        totals=RewardPair(episodes.totals.env.mean(), episodes.totals.social.mean()),
+        endings=counts / len(episodes.ending),
+        mean_speed=float(episodes.speed.mean()),
+        stopped=float(episodes.stopped.mean()),
+        length=float(episodes.length.mean()),
+    )
+
+
+def road_episodes(
+    batch: RoadBatch,
+    policy: Policy,
+    seeds: Sequence[int] | np.ndarray,
+    deterministic: bool = True,
+) -> RoadEpisodes:
+    """Run one episode of any road for each seed and return its sums; arguments as of `play`.
+
+    Raises:
+        UserError: If there are no seeds.
+    """
+    sums, last = _sums(play(batch, policy, seeds, deterministic), len(seeds), _driven)
+    return RoadEpisodes(
+        totals=RewardPair(sums["env"], sums["social"]),
+        ending=last["ending"],
+        length=sums["length"].astype(np.int64),
+        speed=sums["speed"] / sums["length"],
+        stopped=sums["stopped"] / sums["length"],
+        off_road=sums["off_road"] > 0,
+    )
+
+
+def episodes_of(
+    batch: Batch, policy: Policy, seeds: Sequence[int] | np.ndarray, deterministic: bool = True
+) -> Episodes:
+    """Run one episode for each seed and return its sums.
+
+    Args:
+        batch: Batch of episodes to drive.
+        policy: Policy of the whole batch.
+        seeds: Seed of each episode.
+        deterministic: As for `play`.
+
+    Raises:
+        UserError: If there are no seeds.
+    """
+    return summed(play(batch, policy, seeds, deterministic), len(seeds))
+
+
+def summed(steps: Iterator[Step], count: int) -> Episodes:
+    """Return the sums of episodes of the intersection from their decisions.
+
+    Args:
+        steps: Result of `play`.
+        count: Number of episodes.
+    """
+    sums, last = _sums(steps, count, _quantities)
+    counted = {name: sums[name].astype(np.int64) for name in _COUNTED}
+    return Episodes(
+        totals=RewardPair(sums["env"], sums["social"]),
+        classical=RewardPair(sums["own"], sums["others"]),
+        speed=sums["speed"] / sums["length"],
+        stopped=sums["stopped"] / sums["length"],
+        signals=sums["signals"],
+        signal_names=SIGNALS,
+        entered=sums["beyond"] > 0,
+        off_road=sums["off_road"] > 0,
+        **last,
+        **counted,
+    )
+
+
+def _sums(
+    steps: Iterator[Step], count: int, quantities: Callable[[Step], dict[str, np.ndarray]]
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the sums of quantities over each episode, and its last ending and contact."""
+    sums: dict[str, np.ndarray] = {}
+    last = {name: np.zeros(count, np.int64) for name in ("ending", "contact")}
+    for played in steps:
+        which = played.episode[played.running]
+        for name, column in quantities(played).items():
+            if name not in sums:
+                sums[name] = np.zeros((count, *column.shape[1:]))
+            sums[name][which] += column
+        for name, column in last.items():
+            column[which] = getattr(played.made, name)[played.running]
+    return sums, last
+
+
+def slowing(action: np.ndarray) -> Bool[np.ndarray, " row"]:
+    """Whether actions slow the ego down: number 0, or a negative acceleration."""
+    return action[:, 0] < 0.0 if action.ndim == 2 else action == SLOWER
+
+
+_COUNTED = ("length", "neighbours_collided", "active", "conflicts", "pressed")
+
+
+def _driven(played: Step) -> dict[str, np.ndarray]:
+    """Quantities of any road that are summed over an episode, of the rows that decided."""
+    made, rows = played.made, np.flatnonzero(played.running)
+    return {
+        "env": made.rewards.env[rows],
+        "social": made.rewards.social[rows],
+        "length": np.ones(len(rows)),
+        "speed": made.speed[rows],
+        "stopped": made.speed[rows] < STOPPED_BELOW,
+        "off_road": made.off_road[rows],
+    }
+
+
+def _quantities(played: Step) -> dict[str, np.ndarray]:
+    """Quantities of the intersection that are summed over an episode, of the rows that decided."""
+    made, rows = played.made, np.flatnonzero(played.running)
+    signals = np.stack([made.signals[name][rows] for name in SIGNALS], axis=1)
+    conflicts = conflict_at_junction(played.observation[rows])
+    return _driven(played) | {
+        "own": made.classical.env[rows],
+        "others": made.classical.social[rows],
+        "neighbours_collided": made.neighbours_collided[rows],
+        "signals": signals,
+        "active": signals != 0,
+        "beyond": entered(made.observation[rows]),
+        "conflicts": conflicts,
+        "pressed": conflicts & ~slowing(played.action[rows]),
+    }
+
+
+KINDS = {"at_fault": Contact.EGO_STRUCK, "struck": Contact.EGO_WAS_STRUCK}
+"""Kinds of collision: the gap was closed by the ego's motion, or by the other's."""
+
+
+def conflict_rates(episodes: Episodes, confidence: float = 0.95) -> dict[str, float | int | None]:
+    """Return rates of the ego's collisions, at fault and struck, per episode, entry and conflict.
+
+    A policy that never enters the junction has no collisions there, so its rate per episode is no
+    evidence about its driving. An episode or an entry is a trial: its share has a Wilson interval.
+    Conflicts are decisions and not independent, so a rate per conflict has none; it divides the
+    collisions of all episodes by the conflicts of all episodes.
+
+    Args:
+        episodes: Results of the episodes.
+        confidence: Confidence level of the intervals.
+
+    Returns:
+        Counts `episodes`, `entries`, `conflicts`, `pressed`, and for each of `KINDS` its count,
+        `KIND_per_episode` and `KIND_per_entry` with `_low` and `_high`, `KIND_per_conflict` and
+        `KIND_per_pressed`. Collisions of an episode without entry don't count per entry. A rate
+        over nothing is None.
+    """
+    entered = episodes.entered
+    found: dict[str, float | int | None] = {
+        "episodes": len(entered),
+        "entries": int(entered.sum()),
+        "conflicts": int(episodes.conflicts.sum()),
+        "pressed": int(episodes.pressed.sum()),
+    }
+    for kind, contact in KINDS.items():
+        collided = episodes.contact == contact
+        count, inside = int(collided.sum()), int((collided & entered).sum())
+        found[kind] = count
+        found |= _share(f"{kind}_per_episode", count, len(entered), confidence)
+        found |= _share(f"{kind}_per_entry", inside, int(entered.sum()), confidence)
+        for exposure, met in (("conflict", episodes.conflicts), ("pressed", episodes.pressed)):
+            found[f"{kind}_per_{exposure}"] = count / int(met.sum()) if met.any() else None
+    return found
+
+
+def _share(name: str, count: int, trials: int, confidence: float) -> dict[str, float | None]:
+    share = wilson(count, trials, confidence) if trials else (None, None, None)
+    return dict(zip((name, f"{name}_low", f"{name}_high"), share, strict=True))

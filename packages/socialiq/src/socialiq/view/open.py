@@ -1,0 +1,72 @@
+"""Files and policies that a word of the command line names, as content of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from socialiq.audit.resolve_policy import Trust
+from socialiq.demonstrations.files import KIND as DEMONSTRATIONS
+from socialiq.errors import UserError
+from socialiq.foreign import one_line
+from socialiq.storage import kind_of, shipped
+from socialiq.view.audit import audit_shown
+from socialiq.view.demonstrations import demonstrations_shown
+from socialiq.view.policy import policy_shown
+from socialiq.view.recording import COMMONROAD, recording_shown
+from socialiq.view.shown import Shown
+from socialiq_recordings.files import KIND as RECORDING
+
+FIRST_ANGLE = 45.0
+"""Angle of a dial at the start, degrees."""
+
+
+def opened(what: str, angle: float | None, trust: Trust) -> Shown:
+    """Return a policy or a file as content of the page.
+
+    Args:
+        what: Folder of an audit, file of demonstrations or of recorded traffic, or a policy as
+            `audit.resolve_policy` takes it.
+        angle: Angle of a dial at the start, degrees; None unless the user gave one.
+        trust: Permissions of a policy that is code.
+
+    Raises:
+        UserError: If it can't be read, is of another world, or an angle is given that has no use.
+    """
+    path = shipped(Path(what))
+    show = _readers(path)
+    if show is not None:
+        _refuse_angle(angle, what)
+        return show(path)
+    shown = policy_shown(what, FIRST_ANGLE if angle is None else angle, trust)
+    if "dial" not in shown.data:
+        try:
+            _refuse_angle(angle, what)
+        except UserError:
+            shown.close()
+            raise
+    return shown
+
+
+def _readers(path: Path) -> Callable[[Path], Shown] | None:
+    """Return the reader of a folder or a file that is no policy; None for all else.
+
+    Raises:
+        UserError: If it is recorded traffic of a format that needs to be imported first.
+    """
+    if path.is_dir():
+        return audit_shown
+    kind, suffix = kind_of(path), path.suffix.lower()
+    if suffix in (".csv", ".parquet", ".osm") and path.is_file():
+        raise UserError(
+            f"{one_line(str(path))}: import recorded traffic first, by `socialiq data import`, "
+            "and name the file that it makes"
+        )
+    if kind == RECORDING or suffix == COMMONROAD:
+        return recording_shown
+    return demonstrations_shown if kind == DEMONSTRATIONS else None
+
+
+def _refuse_angle(angle: float | None, what: str) -> None:
+    if angle is not None:
+        raise UserError(f"--angle is of a dial, which {one_line(what)} is not: leave it out")

@@ -1,0 +1,82 @@
+"""Environments: each world's rules and rewards are written once; the rest is derived from them.
+
+Here are their Gymnasium ids; the environments load when they are made.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+
+from socialiq.worlds.highway.scenes import SCENES
+
+IDS = {
+    "crossing5": "socialiq/Crossing5-v1",
+    "crossing7": "socialiq/Crossing7-v1",
+    "intersection": "socialiq/Intersection-v1",
+}
+
+CONTINUOUS: dict[str, dict[str, Any]] = {
+    "intersection-continuous": {"actions": "continuous"},
+    "intersection-continuous-steering": {"actions": "continuous_steering"},
+    "intersection-continuous-steering-offroad": {
+        "actions": "continuous_steering",
+        "offroad_terminal": True,
+    },
+}
+"""The intersection with continuous actions by the name of the world: the options it stands for."""
+
+CONTINUOUS_IDS = {
+    "intersection-continuous": "socialiq/IntersectionContinuous-v1",
+    "intersection-continuous-steering": "socialiq/IntersectionContinuousSteering-v1",
+    "intersection-continuous-steering-offroad": "socialiq/IntersectionContinuousSteeringOffroad-v1",
+}
+
+NAMED = IDS | CONTINUOUS_IDS
+"""Gymnasium id of each world that commands name."""
+
+SCENE_IDS = {name: f"socialiq/{name.title().replace('_', '')}-v1" for name in SCENES}
+"""Other roads of highway-env, by the name of the scene."""
+
+
+def scene_named(name: str) -> str | None:
+    """Return the scene of a world's name or Gymnasium id; None if it is another world's."""
+    return next((scene for scene, given in SCENE_IDS.items() if name in (scene, given)), None)
+
+
+RECORDED_JUNCTION = "socialiq/RecordedJunction-v0"
+"""Environment of a file of `socialiq data world`, which is named with `file`."""
+
+WORLD_FILE = "recorded-world"
+"""Kind of such a file."""
+
+_GRID = "socialiq.worlds.gym:GridWorldEnv"
+_INTERSECTION = "socialiq.worlds.intersection.gym:IntersectionEnv"
+_INTERSECTIONS = "socialiq.worlds.intersection.gym:IntersectionVectorEnv"
+
+
+_SCENE = "socialiq.worlds.highway.gym:SceneEnv"
+_SCENE_VECTOR = "socialiq.worlds.highway.gym:SceneVectorEnv"
+_RECORDED = "socialiq_recordings.world.gym:RecordedJunctionEnv"
+
+
+def register() -> None:
+    """Register every world with Gymnasium. Importing `socialiq` calls this function."""
+    for world, name in IDS.items():
+        if name in gymnasium.registry:
+            continue
+        if world == "intersection":
+            gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS)
+        else:
+            gymnasium.register(name, _GRID, kwargs={"world": world})
+    for world, name in CONTINUOUS_IDS.items():
+        if name not in gymnasium.registry:
+            more = CONTINUOUS[world]
+            gymnasium.register(name, _INTERSECTION, vector_entry_point=_INTERSECTIONS, kwargs=more)
+    for scene, name in SCENE_IDS.items():
+        if name not in gymnasium.registry:
+            more = {"scene": scene}
+            gymnasium.register(name, _SCENE, vector_entry_point=_SCENE_VECTOR, kwargs=more)
+    if RECORDED_JUNCTION not in gymnasium.registry:
+        gymnasium.register(RECORDED_JUNCTION, _RECORDED)

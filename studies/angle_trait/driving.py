@@ -1,0 +1,167 @@
+"""Simulated drivers of known angles, and their decisions as choices."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float32, Int64
+from scipy.special import softmax
+
+from socialiq.evaluation.branching import branched_returns, equivalent_actions, observed
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.nn.q_policy import QPolicy
+from socialiq.types import Ending, RewardPair
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.state import ACTIONS
+from socialiq_recordings.prediction.choices import ChoiceTable
+from socialiq_recordings.trait.planted import before
+from studies.angle_trait.config import MIXED, RANDOM
+
+
+class Population(NamedTuple):
+    """Drivers of known angles.
+
+    Attributes:
+        kind: planner or dial.
+        angle: Of each driver, degrees.
+        strength: β of planners, per unit of return.
+    """
+
+    kind: str
+    angle: Float[np.ndarray, " driver"]
+    strength: float
+
+
+class Decided(NamedTuple):
+    """Decisions of all drivers, in the order of time.
+
+    Attributes:
+        row: Number of the episode, driver by driver.
+        log_base: log p of each action by the base predictor.
+        env: Return of each action in r_env.
+        social: Return of each action in r_social.
+        action: The action taken.
+        seen: What the ego observes, and the time.
+        same: For each action the first one that has the same effect.
+    """
+
+    row: Int64[np.ndarray, " decision"]
+    log_base: Float[np.ndarray, "decision action"]
+    env: Float[np.ndarray, "decision action"]
+    social: Float[np.ndarray, "decision action"]
+    action: Int64[np.ndarray, " decision"]
+    seen: Float32[np.ndarray, "decision feature"]
+    same: Int64[np.ndarray, "decision action"]
+
+
+def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:
+    """Drive every driver's episodes side by side, with the returns of every action.
+
+    After its first action a rollout follows the dial at its middle, for every driver the same.
+
+    Args:
+        population: The drivers.
+        dial: The trained dial.
+        episodes: Number of episodes of each driver.
+        first_episode: Seed of the first episode.
+    """
+    size = len(population.angle) * episodes
+    batch, copies = Batch(Options(), size), Batch(Options(), size * len(ACTIONS))
+    rng = np.random.default_rng(first_episode)
+    batch.reset(first_episode)
+    middle = dial.at((dial.low + dial.high) / 2)
+    mixed = [dial.at(angle) for angle in np.linspace(dial.low, dial.high, MIXED).tolist()]
+    policies = [dial.at(angle) for angle in population.angle] if population.kind == "dial" else []
+    driver, found = np.repeat(np.arange(len(population.angle)), episodes), []
+    running = np.ones(size, bool)
+    clock = dial.n_features > batch.observation.shape[1]
+    while running.any():
+        returns = branched_returns(batch, copies, lambda seen: middle.predict(seen)[0], clock)
+        seen = observed(batch, clock)
+        if policies:
+            of_driver = seen.reshape(len(policies), episodes, -1)
+            each = [one.predict(rows)[0] for one, rows in zip(policies, of_driver, strict=True)]
+            action = np.concatenate(each)
+        else:
+            action = _planned(population, returns, driver, rng)
+        rows = np.flatnonzero(running)
+        base = base_of(mixed if policies else [], seen[rows])
+        seen = observed(batch, clock=True)[rows]
+        same = equivalent_actions(batch.save(), batch.options)[rows]
+        decided = (base, returns.env[rows], returns.social[rows], action[rows], seen, same)
+        found.append((rows, *decided))
+        made = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
+        running &= made.ending == int(Ending.NONE)
+    return Decided(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def base_of(
+    mixed: list[QPolicy], seen: Float[np.ndarray, "row feature"]
+) -> Float[np.ndarray, "row action"]:
+    """Return log p by the mixture of some policies, with `RANDOM` of random actions.
+
+    Args:
+        mixed: The policies; with none every action is equally likely.
+        seen: Observations, the time last; a policy without a clock doesn't read it.
+    """
+    even = np.full((len(seen), len(ACTIONS)), 1 / len(ACTIONS))
+    if not mixed:
+        return np.log(even)
+    chosen = [np.eye(len(ACTIONS))[one.predict(seen[:, : one.n_features])[0]] for one in mixed]
+    return np.log((1 - RANDOM) * np.mean(chosen, axis=0) + RANDOM * even)
+
+
+def _planned(
+    population: Population,
+    returns: RewardPair,
+    driver: Int64[np.ndarray, " row"],
+    rng: np.random.Generator,
+) -> Int64[np.ndarray, " row"]:
+    """Draw actions with probabilities in proportion to exp(β R(α)) of the returns."""
+    radians = np.radians(population.angle)[driver, None]
+    score = np.cos(radians) * returns.env + np.sin(radians) * returns.social
+    below = softmax(population.strength * score, axis=1).cumsum(axis=1)
+    return (below < rng.random((len(below), 1)) * below[:, -1:]).sum(axis=1)
+
+
+def first_episodes(decided: Decided, episodes: int, used: int) -> Decided:
+    """Return the decisions of each driver's first episodes, of so many episodes."""
+    kept = decided.row % episodes < used
+    return Decided(*(column[kept] for column in decided))
+
+
+def choices_of(decided: Decided, episodes: int, used: int) -> ChoiceTable:
+    """Return the decisions of each driver's first episodes as choices.
+
+    Every driver drives alone, so that each is a chain.
+
+    Args:
+        decided: All decisions.
+        episodes: Episodes of a driver in `decided`.
+        used: Episodes of a driver to use: half of them to infer.
+    """
+    row, log_base, env, social, action, *_ = first_episodes(decided, episodes, used)
+    driver, episode = np.divmod(row, episodes)
+    order = np.lexsort([np.arange(len(row)), row])
+    time = np.empty(len(row))
+    time[order] = np.arange(len(row))
+    half = (episode >= used // 2).astype(np.int64)
+    grid = np.arange(len(ACTIONS), dtype=np.float64) - 1.0
+    off = grid[action] - np.exp(log_base) @ grid
+    return ChoiceTable(
+        driver=driver,
+        chain=driver,
+        site=np.zeros_like(driver),
+        time=time,
+        half=half,
+        conflict=np.ones(len(row), bool),
+        moving=np.ones(len(row), bool),
+        grid=grid,
+        log_base=log_base,
+        r_env=env,
+        r_social=social,
+        acceleration=grid[action],
+        residual=before(off, driver, time),
+    )

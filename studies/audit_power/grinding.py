@@ -1,0 +1,202 @@
+"""Wrong passes of owners who try up to 20 times, with and without a log of their tries.
+
+Every owner's policy is beyond the margin or exactly on it, so that every pass is a wrong one. A try
+is an audit, or a simulation of one at home.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+
+from socialiq.audit.looks.spending import spend
+from socialiq.audit.seeds.commitment import LARGEST_SEED, Commitment, Draw, draw, reveal
+from socialiq.audit.seeds.nonce import Nonce
+from socialiq.audit.verdict.decision import Decision
+from socialiq.audit.verdict.regret import regret_test
+from socialiq.audit.verdict.regrets import Regrets
+from socialiq.audit.verdict.verdict import enough_resamples, join_tests
+from socialiq.social.angle import exact_weights
+from socialiq.statistics.intervals import wilson
+from socialiq.types import Row
+from studies.audit_power.population import Truth, draw_evidence
+from studies.audit_power.power import ERROR, FLOOR, MARGIN
+
+ProgressCallback = Callable[[int], None]
+
+TRIES = 20
+
+COUNTED = (1, 2, 5, 10, TRIES)
+"""Numbers of tries after which the owners that have passed are counted."""
+
+POLICIES: Mapping[str, Truth] = {
+    "on the margin": Truth(regret=MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
+    "half beyond the margin": Truth(regret=1.5 * MARGIN, at_fault=0.03, struck=0.03, arrival=0.91),
+}
+
+Varied = Literal["rerun", "seed", "byte, announced seed", "byte, nonce"]
+
+
+class Way(NamedTuple):
+    """A way to grind.
+
+    Attributes:
+        varied: What differs between tries: the system's entropy; the seed, which the owner chooses;
+            a free byte of the profile, at a seed that was announced; the same byte, committed to
+            before a nonce is revealed.
+        log: Whether a log counts the looks.
+        at_home: Whether the owner simulates the tries, and only the one that passes is an audit.
+    """
+
+    varied: Varied
+    log: bool
+    at_home: bool = False
+
+    def error(self, number: int) -> float:
+        """Return the error of a try.
+
+        Args:
+            number: Number of the try, from 1.
+        """
+        if not self.log:
+            return ERROR
+        return spend(ERROR, 1 if self.at_home else number).error
+
+
+WAYS: Mapping[str, Way] = {
+    "rerun, no log": Way("rerun", log=False),
+    "rerun, log": Way("rerun", log=True),
+    "owner's seeds, no log": Way("seed", log=False),
+    "owner's seeds, log": Way("seed", log=True),
+    "free byte, announced seed, no log": Way("byte, announced seed", log=False, at_home=True),
+    "free byte, announced seed, log": Way("byte, announced seed", log=True, at_home=True),
+    "free byte, nonce, log": Way("byte, nonce", log=True),
+}
+
+
+def grinding_rows(
+    episodes: int,
+    owners: int,
+    seed: int,
+    resamples: int = 1000,
+    on_progress: ProgressCallback | None = None,
+) -> list[Row]:
+    """Return the shares of owners who pass wrongly in a number of tries, with 99 % intervals.
+
+    Args:
+        episodes: Episodes of each audit.
+        owners: Number of owners of each policy.
+        seed: Seed of the first owner; the others follow.
+        resamples: Smallest number of resamples of each bootstrap; a small error takes more.
+        on_progress: Called with the number of finished owners.
+    """
+    first: dict[tuple[str, str], list[int]] = {
+        (policy, way): [] for policy in POLICIES for way in WAYS
+    }
+    for done, owner in enumerate(range(seed, seed + owners), start=1):
+        for policy, truth in POLICIES.items():
+            for way, number in first_passes(truth, episodes, owner, resamples).items():
+                first[policy, way].append(number)
+        if on_progress:
+            on_progress(done)
+    rows: list[Row] = []
+    for (policy, way), numbers in first.items():
+        for tries in COUNTED:
+            share = wilson(sum(1 <= one <= tries for one in numbers), owners, 0.99)
+            found = {"passed": share.value, "low": share.low, "high": share.high}
+            rows.append({"policy": policy, "way": way, "tries": tries, **found})
+    return rows
+
+
+def first_passes(truth: Truth, episodes: int, owner: int, resamples: int) -> dict[str, int]:
+    """Return the number of the first try that passes, by way; 0 if none of 20 does.
+
+    Args:
+        truth: True values of the owner's policy.
+        episodes: Episodes of each audit.
+        owner: Seed of the owner.
+        resamples: Smallest number of resamples of each bootstrap.
+    """
+    found = dict.fromkeys(WAYS, 0)
+    for varied in get_args(Varied):
+        ways = {name: way for name, way in WAYS.items() if way.varied == varied}
+        for number in range(1, TRIES + 1):
+            waiting = {name: way.error(number) for name, way in ways.items() if not found[name]}
+            if not waiting:
+                break
+            drawn = draw_of(varied, owner, number)
+            audit = Audit(truth, drawn, episodes, resamples)
+            found |= {name: number for name, error in waiting.items() if audit.passes(error)}
+    return found
+
+
+def draw_of(varied: Varied, owner: int, number: int) -> Draw:
+    """Return commitment and seed of a try, as an audit would draw them.
+
+    Args:
+        varied: What differs between tries.
+        owner: Seed of the owner.
+        number: Number of the try, from 1.
+    """
+    entropy = np.random.default_rng([owner, number])
+    free = number if varied.startswith("byte") else 0
+    commitment = Commitment(_sha256(f"policy {owner}"), _sha256(f"profile {owner} {free}"))
+    if varied == "byte, nonce":
+        nonce = Nonce(entropy.bytes(32).hex())
+        return reveal(commitment, _sha256(f"entry {commitment.sha256}"), nonce)
+    if varied == "rerun":
+        return draw(commitment, int(entropy.integers(LARGEST_SEED + 1)))
+    return draw(commitment, number if varied == "seed" else 7)
+
+
+_LEVELS = (ERROR, 0.02, 0.005, 0.001)
+"""Errors at which an audit is tested before it is tested at a smaller one."""
+
+_CLOSEST = 1.2
+"""Standard errors by which the mean is below the margin in any audit that passes at 5 %."""
+
+
+class Audit:
+    """A simulated audit, which may be tested at several errors.
+
+    Args:
+        truth: True values of the policy.
+        drawn: Commitment and seed.
+        episodes: Number of episodes.
+        resamples: Smallest number of resamples; a small error takes more.
+    """
+
+    def __init__(self, truth: Truth, drawn: Draw, episodes: int, resamples: int) -> None:
+        self._truth, self._least = truth, resamples
+        self._seed = drawn.derived("resampling")
+        self._evidence = draw_evidence(truth, episodes, drawn.derived("episodes"))
+        gains = self._evidence.gains() @ np.array(exact_weights(truth.declared))
+        errors = gains.std(axis=1, ddof=1) / episodes**0.5
+        self._hopeless = bool((gains.mean(axis=1) + _CLOSEST * errors > MARGIN).any())
+        self._tested: dict[float, bool] = {}
+
+    def passes(self, error: float) -> bool:
+        """Whether it passes at an error of at most 5 %.
+
+        An audit that doesn't pass at a larger error, which few resamples show, passes at no smaller
+        one, so that few audits need the many resamples of a small error.
+        """
+        larger = [level for level in _LEVELS if level > error]
+        return not self._hopeless and all(self._passes(level) for level in (*larger, error))
+
+    def _passes(self, error: float) -> bool:
+        if error not in self._tested:
+            count = enough_resamples(error, self._least)
+            regrets = Regrets(self._evidence, self._seed, count)
+            angle = self._truth.declared
+            test = regret_test(regrets, self._evidence, angle, MARGIN, error, error / 2)
+            joined = join_tests(test, self._evidence.policy, FLOOR, error)
+            self._tested[error] = joined.decision is Decision.PASS
+        return self._tested[error]
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,165 @@
+"""Jobs of the study: one for each task, protocol and method, over all sets and seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.learners.callbacks import Callbacks
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import read_json, write_json
+from socialiq.types import Row
+from socialiq_lab.jobs import ProgressCallback
+from studies.classic_control import data
+from studies.classic_control.methods import learn, method_of
+from studies.classic_control.tasks import TASKS, returns
+
+ROWS = "rows.json"
+
+
+@dataclass(frozen=True)
+class Source:
+    """Sets of demonstrations, each of trajectories of its own.
+
+    Attributes:
+        task: Name in `TASKS`.
+        protocol: What is kept of a trajectory, one of `data.PROTOCOLS`.
+        trajectories: Trajectories of a set.
+        sets: Number of sets.
+        seed: Seed of the first episode; set i begins at seed + i * trajectories.
+        episodes: Evaluation episodes of each policy.
+        evaluation_seed: Seed of the evaluation's first states.
+    """
+
+    task: str
+    protocol: str
+    trajectories: int
+    sets: int
+    seed: int
+    episodes: int
+    evaluation_seed: int
+
+    def shown(self) -> list[Demonstrations]:
+        """Return the whole trajectories of each set."""
+        one = data.trajectories(TASKS[self.task], self.sets * self.trajectories, self.seed)
+        episodes = np.arange(one.n_episodes).reshape(self.sets, self.trajectories)
+        return [one.select(chosen) for chosen in episodes]
+
+    def kept(self, shown: Sequence[Demonstrations], mirrored: bool) -> list[Demonstrations]:
+        """Return what learners are given of each set."""
+        return [
+            data.kept(whole, self.protocol, TASKS[self.task], self.seed + place, mirrored)
+            for place, whole in enumerate(shown)
+        ]
+
+    def label(self) -> Row:
+        """Return the columns that name it."""
+        return {"task": self.task, "protocol": self.protocol, "trajectories": self.trajectories}
+
+    def score(self, act: Callable[[np.ndarray], np.ndarray]) -> float:
+        """Return the mean return of a policy."""
+        task = TASKS[self.task]
+        return float(returns(task, act, self.episodes, self.evaluation_seed).mean())
+
+
+@dataclass(frozen=True)
+class Training:
+    """Training of one method on every set, with every training seed."""
+
+    source: Source
+    method: str
+    seeds: tuple[int, ...]
+    updates: int
+
+
+def train_and_score(
+    run: Training, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+) -> None:
+    """Write what `scored` returns."""
+    del inputs
+    write_json(folder / ROWS, scored(run, progress))
+
+
+def scored(run: Training, progress: ProgressCallback) -> list[Row]:
+    """Train; return the mean return of each policy and of each set's ensemble."""
+    source, method = run.source, method_of(run.method)
+    shown = source.shown()
+    sets = source.kept(shown, method.mirrored)
+    report = Callbacks(on_report=lambda one: progress(one.done / one.total))
+    trained = learn(TASKS[source.task], method, sets, run.seeds, run.updates, report)
+    rows: list[Row] = []
+    for place, kept in enumerate(sets):
+        first = place * len(run.seeds)
+        policies = [trained.policy(first + number) for number in range(len(run.seeds))]
+        label = source.label() | {"method": run.method, "set": place, "rows": kept.n_transitions}
+        rows += [
+            label | {"seed": str(seed), "mean_return": source.score(_greedy([policy]))}
+            for seed, policy in zip(run.seeds, policies, strict=True)
+        ]
+        rows.append(label | {"seed": "ensemble", "mean_return": source.score(_greedy(policies))})
+    return rows
+
+
+def _greedy(policies: Sequence[QPolicy]) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the greedy choice by the mean of the policies' advantages Q - mean Q."""
+
+    def act(observations: np.ndarray) -> np.ndarray:
+        values = [policy.q_values(observations) for policy in policies]
+        return np.mean([q - q.mean(axis=1, keepdims=True) for q in values], axis=0).argmax(axis=1)
+
+    return act
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A look at the sets themselves, without a learner."""
+
+    source: Source
+    shrinkages: tuple[float, ...]
+
+
+def inspect(
+    run: Inspection, folder: Path, inputs: Mapping[str, Path], progress: ProgressCallback
+) -> None:
+    """Write what `inspected` returns."""
+    del inputs
+    write_json(folder / ROWS, inspected(run))
+    progress(1.0)
+
+
+def inspected(run: Inspection) -> list[Row]:
+    """Return each set's expert return, and of CartPole cycle, spread and linear fits' returns."""
+    source, task = run.source, TASKS[run.source.task]
+    shown = source.shown()
+    rows: list[Row] = []
+    for place, (whole, kept) in enumerate(zip(shown, source.kept(shown, False), strict=True)):
+        row = source.label() | {"set": place, "rows": kept.n_transitions}
+        row["expert_return"] = float(whole.totals().env.mean())
+        if task.env == "CartPole-v1":
+            row |= _phase(whole, kept) | _fits(source, kept, run.shrinkages)
+        rows.append(row)
+    return rows
+
+
+def _phase(whole: Demonstrations, kept: Demonstrations) -> Row:
+    shift, share = data.cycle(whole)
+    return {"cycle": shift, "equal": share, "spread_kept": data.spread_kept(kept, whole)}
+
+
+def _fits(source: Source, kept: Demonstrations, shrinkages: Sequence[float]) -> Row:
+    found: Row = {}
+    for shrinkage in shrinkages:
+        weights = data.linear_fit(kept, shrinkage)
+        act: Callable[[np.ndarray], np.ndarray] = lambda seen, w=weights: (seen @ w > 0).astype(int)  # noqa: E731
+        found[f"linear_{shrinkage:g}"] = source.score(act)
+    return found
+
+
+def read_rows(folder: Path) -> list[Any]:
+    """Return what a job wrote."""
+    return read_json(folder / ROWS)

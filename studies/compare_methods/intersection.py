@@ -1,0 +1,272 @@
+"""The comparison in the intersection: a job trains all runs of a method, others drive episodes.
+
+All runs of a method share one program, or one for each of its static configs, which is what a GPU
+is fast at. Episodes are driven by the compiled core, on as many processes as there are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.evaluation.metrics import Metrics
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn import presets
+from socialiq.nn.q_policy import QPolicy
+from socialiq.storage import write_atomically
+from socialiq.to_json import rounded
+from socialiq.types import Policy, Row
+from socialiq.worlds.intersection import atlas
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq_lab.intersection.demonstration_sets import (
+    DEMONSTRATIONS,
+    MIXTURE,
+    RECORDED_EPISODES,
+    SIZE,
+    atlas_demonstrations,
+    mixture_of,
+)
+from socialiq_lab.intersection.driving import BATCH
+from socialiq_lab.intersection.episodes import EpisodesRun
+from socialiq_lab.intersection.fitting import source_of
+from socialiq_lab.jobs import Job, ProgressCallback
+from socialiq_lab.results import as_csv, from_csv
+from studies.compare_methods.arena import CHUNK, Arena, runs_of, speed_row
+from studies.compare_methods.config import Config, trained_angles, updates_of
+from studies.compare_methods.gridworlds import ROWS, SPEED, setting_name
+from studies.compare_methods.methods import BY_NAME, Method, Setting
+from studies.compare_methods.training import LEARNERS
+
+WORLD = "intersection"
+
+NUMBERS = dataclasses.replace(presets.INTERSECTION_CALIBRATED_NUMBERS, learning_rate=1e-3)
+
+FIRST_DEVELOPMENT = 50_000_000
+"""Seed of the first episode on which settings are chosen."""
+
+POLICIES = "policies.csv"
+"""File of a training job: the file of the policy of each setting, seed and angle."""
+
+DEMONSTRATORS = "references/intersection"
+"""Job that drives the demonstrators."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntersectionRuns:
+    """Runs of a method at every angle, setting and seed."""
+
+    method: str
+    structure: iq.StaticConfig
+    numbers: iq.Hyperparameters
+    updates: int
+    """For each angle."""
+    angles: tuple[float, ...]
+    settings: tuple[Setting, ...]
+    seeds: tuple[int, ...]
+    environments: int = 12
+    options: Options = field(default_factory=Options)
+    mixture: str = MIXTURE
+    size: int = SIZE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driving(EpisodesRun):
+    """Episodes of a method's policies of one setting and seed, at every angle."""
+
+    method: str
+    setting: Setting
+    seed: int
+    angles: tuple[float, ...]
+    readouts: tuple[str, ...] = ("greedy",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemonstratorsRun(EpisodesRun):
+    """Episodes of the demonstrators, scored at every angle."""
+
+    angles: tuple[float, ...]
+    sha256: tuple[str, ...]
+    """SHA-256 of the demonstrators."""
+
+
+def structure(config: Config) -> iq.StaticConfig:
+    """Return the static config of every method: a network that sees vehicles as a set."""
+    return dataclasses.replace(
+        presets.INTERSECTION_CALIBRATED,
+        view="set",
+        hidden=config.intersection_hidden,
+        batch_size=config.intersection_batch,
+        replay_capacity=100_000,
+    )
+
+
+def demonstrations() -> Job:
+    """Return the job that records the demonstrations."""
+    return atlas_demonstrations(RECORDED_EPISODES)
+
+
+def demonstrators(config: Config) -> Job:
+    """Return the job that drives the demonstrators on the episodes of the table."""
+    sha256 = tuple(atlas.manifest()[f"expert_{mode}"]["sha256"] for mode in MODES)
+    run = DemonstratorsRun(angles=config.angles, sha256=sha256, episodes=config.episodes)
+    return Job(DEMONSTRATORS, drive_demonstrators, run, cost=5.0)
+
+
+def jobs_of(
+    config: Config,
+    phase: str,
+    method: Method,
+    angles: tuple[float, ...],
+    settings: Sequence[Setting],
+    seeds: Sequence[int],
+    first_seed: int,
+) -> Iterator[Job]:
+    """Yield the job that trains a method, and one that drives for each setting and seed.
+
+    Args:
+        config: The comparison.
+        phase: Name of the phase, part of the jobs' names.
+        method: The method.
+        angles: Target angles in degrees.
+        settings: Settings of the method's grid.
+        seeds: Training seeds.
+        first_seed: Seed of the first episode.
+    """
+    runs = IntersectionRuns(
+        method=method.name,
+        structure=structure(config),
+        numbers=NUMBERS,
+        updates=config.intersection_updates,
+        angles=angles,
+        settings=tuple(settings),
+        seeds=tuple(seeds),
+    )
+    count = len(settings) * len(seeds)
+    steps = updates_of(method, config.intersection_updates) * len(trained_angles(method, angles))
+    trained = f"training/{WORLD}/{phase}/{method.name}"
+    yield Job(trained, train_method, runs, (DEMONSTRATIONS,), 20.0 + count * steps / 300)
+    for setting in settings:
+        for seed in seeds:
+            episodes = Driving(
+                method=method.name,
+                setting=setting,
+                seed=seed,
+                angles=angles,
+                episodes=config.episodes,
+                first_seed=first_seed,
+            )
+            name = _name(phase, method, setting, seed)
+            yield Job(name, drive, episodes, (trained,), 1.0 * len(angles))
+
+
+def _name(phase: str, method: Method, setting: Setting, seed: int) -> str:
+    number = method.settings.index(setting)
+    return f"methods/{WORLD}/{phase}/{method.name}/{number}/{seed}"
+
+
+def train_method(
+    config: IntersectionRuns,
+    folder: Path,
+    inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Train every run; write their policies, which file serves which angle, and the speed."""
+    method, (recordings,) = BY_NAME[config.method], inputs.values()
+    arena = _arena(config, recordings, on_progress)
+    served = trained_angles(method, config.angles)
+    runs = runs_of(config.settings, served, config.seeds)
+    policies = LEARNERS[method.learner](arena, method, runs)
+    rows: list[Row] = []
+    for number, (run, policy) in enumerate(zip(runs, policies, strict=True)):
+        files: dict[int, str] = {}
+        turned = [policy.at(a) if hasattr(policy, "at") else policy for a in served[run.angle]]
+        for angle, one in zip(served[run.angle], turned, strict=True):
+            if id(one) not in files:  # one policy may serve several angles
+                files[id(one)] = f"{number}_{len(files)}.safetensors"
+                one.save(folder / files[id(one)])
+            label = {"setting": setting_name(run.setting), "seed": run.seed}
+            rows.append(label | {"target_angle": angle, "file": files[id(one)]})
+    write_atomically(folder / POLICIES, as_csv(rows))
+    write_atomically(folder / SPEED, as_csv([speed_row(WORLD, method, arena, len(runs))]))
+    on_progress(1.0)
+
+
+def _arena(config: IntersectionRuns, recordings: Path, on_progress: ProgressCallback) -> Arena:
+    """Return the inputs of a method: a mixture for each seed, and intersections to act in."""
+    updates = updates_of(BY_NAME[config.method], config.updates)
+    steps = updates * config.structure.env_steps_per_update
+    capacity = min(config.structure.replay_capacity, steps)
+    return Arena(
+        dataclasses.replace(config.structure, replay_capacity=capacity),
+        config.numbers,
+        updates,
+        [mixture_of(recordings, config.mixture, config.size, seed) for seed in config.seeds],
+        None,
+        lambda steps: source_of(config.options, config.environments, -(-steps // CHUNK)),
+        lambda report: on_progress(0.9 * report.done / report.total),
+        advantage="advantage_fitted",
+    )
+
+
+def drive(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Drive each policy once, and write a row for each angle and action selection."""
+    (trained,) = inputs.values()
+    wanted = (setting_name(config.setting), config.seed)
+    found: dict[tuple[str, str], Metrics] = {}
+    rows: list[Row] = []
+    for row in from_csv(trained / POLICIES):
+        if (row["setting"], row["seed"]) != wanted:
+            continue
+        for readout in config.readouts:
+            key = str(row["file"]), readout
+            if key not in found:
+                found[key] = _driven(config, QPolicy.load(trained / key[0]), readout)
+            label = {"world": WORLD, "method": config.method, "setting": wanted[0]}
+            label |= {"target_angle": row["target_angle"], "readout": readout, "seed": wanted[1]}
+            metrics = found[key]
+            value = {"value": metrics.value(row["target_angle"]), "regret": ""}
+            rows.append(label | metrics._asdict() | value)
+        on_progress(len(rows) / len(config.angles) / len(config.readouts))
+    write_atomically(folder / ROWS, as_csv(rounded(rows)))
+
+
+def _driven(config: EpisodesRun, policy: Policy, readout: str = "greedy") -> Metrics:
+    batch = Batch(config.options, BATCH)
+    return episodes_of(batch, policy, config.seeds, deterministic=readout == "greedy").metrics()
+
+
+def drive_demonstrators(
+    config: DemonstratorsRun,
+    folder: Path,
+    _inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Write J(α) of each demonstrator at every angle."""
+    rows: list[Row] = [{"world": WORLD, "target_angle": angle} for angle in config.angles]
+    for number, mode in enumerate(MODES, start=1):
+        metrics = _driven(config, atlas.load(f"expert_{mode}"))
+        for row in rows:
+            row[mode] = metrics.value(row["target_angle"])
+        on_progress(number / len(MODES))
+    write_atomically(folder / ROWS, as_csv(rounded(rows)))
+
+
+def rows_of(
+    work: Path, phase: str, method: Method, settings: Sequence[Setting], seeds: Sequence[int]
+) -> Iterator[Row]:
+    """Yield the rows of a method's jobs."""
+    for setting in settings:
+        for seed in seeds:
+            yield from from_csv(work / _name(phase, method, setting, seed) / ROWS)
+
+
+def speeds_of(work: Path, phase: str, method: Method) -> Row:
+    """Return a method's updates per second, summed over the runs of a program, and on what."""
+    return from_csv(work / f"training/{WORLD}/{phase}/{method.name}" / SPEED)[0]

@@ -1,0 +1,191 @@
+"""Methods of other libraries, run as they are in environments of their own.
+
+Their pins exclude ours, so that nothing is imported: a script of `benchmarks/peers` reads the world
+and the demonstrations from an npz file, trains with its library, and writes tables of action
+probabilities. The environment is a job, made once with `venv` and pip.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import socialiq
+from socialiq.errors import UserError
+from socialiq.social.angle import exact_weights
+from socialiq_lab.gridworld_runs import Ground
+from socialiq_lab.jobs import Job, ProgressCallback
+from studies.compare_methods.arena import Arena, Run
+from studies.compare_methods.methods import PEERS, Method
+
+PYTHON = Path("venv", "Scripts" if sys.platform == "win32" else "bin", "python")
+"""Interpreter of an environment, in its job's folder."""
+
+TAKEN, REQUESTS, MADE = "world.npz", "requests.json", "policies.npz"
+"""Files that a script reads, and the one that it writes."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Environment of a library: its name, and the pins that pip is given."""
+
+    library: str
+    pins: str
+
+
+def scripts() -> Path:
+    """Return the folder of the peers' scripts and pins.
+
+    Raises:
+        UserError: In an installed package, which has no benchmarks.
+    """
+    folder = Path(socialiq.__file__).parents[2] / "benchmarks" / "peers"
+    if not folder.is_dir():
+        raise UserError(
+            "the peers' scripts come with the sources, not the package: "
+            "run in a checkout, or name --methods without them"
+        )
+    return folder
+
+
+def environment_job(library: str) -> Job:
+    """Return the job that makes the environment of a library."""
+    pins = (scripts() / f"{library}.txt").read_text()
+    made = Environment(library, pins)
+    return Job(environment_name(library), make_environment, made, cost=200.0)
+
+
+def environment_name(library: str) -> str:
+    """Return the folder of an environment."""
+    return f"environments/{library}"
+
+
+def make_environment(
+    config: Environment,
+    folder: Path,
+    _inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Make a virtual environment, and install the pins with pip."""
+    pins = folder / "pins.txt"
+    pins.write_text(config.pins)
+    _call([sys.executable, "-m", "venv", str(folder / "venv")], folder)
+    on_progress(0.1)
+    _call([str(folder / PYTHON), "-m", "pip", "install", "--quiet", "-r", str(pins)], folder)
+    on_progress(1.0)
+
+
+def train_tabular(
+    arena: Arena,
+    ground: Ground,
+    method: Method,
+    runs: Sequence[Run],
+    served: Mapping[float, Sequence[float]],
+    environment: Path,
+    folder: Path,
+) -> list[dict[float, np.ndarray]]:
+    """Train every run with a script; return its action probabilities by angle.
+
+    Args:
+        arena: Budget, settings and demonstrations.
+        ground: The world.
+        method: The method.
+        runs: Training runs.
+        served: Angles that the network of each trained angle serves.
+        environment: Folder of the library's environment.
+        folder: Folder for the exchanged files.
+    """
+    datasets, placed = list(arena.datasets), list(runs)
+    if method.serves == "mode":
+        datasets, placed = arena.of_each_mode(runs)
+    exchanged = world_arrays(ground)
+    for number, data in enumerate(datasets):
+        exchanged |= {f"observation_{number}": data.observation, f"action_{number}": data.action}
+        exchanged |= {f"starts_{number}": data.episode_starts}
+        exchanged |= {f"next_observation_{number}": data.next_observation}
+        exchanged |= {f"ending_{number}": data.ending}
+    np.savez(folder / TAKEN, allow_pickle=False, **exchanged)
+    requests = [request(arena, method, run, served[run.angle]) for run in placed]
+    (folder / REQUESTS).write_text(json.dumps(requests))
+    script = scripts() / f"{PEERS[method.learner]}_peer.py"
+    _call([str(environment / PYTHON), str(script), str(folder)], folder)
+    with np.load(folder / MADE) as made:
+        arena.rates.append(float(made["updates_per_second"]))
+        policies = [
+            {
+                angle: checked(made[f"policy_{number}_{place}"], ground)
+                for place, angle in enumerate(served[run.angle])
+            }
+            for number, run in enumerate(placed)
+        ]
+    for file in (TAKEN, REQUESTS, MADE):
+        (folder / file).unlink()
+    return policies
+
+
+def request(arena: Arena, method: Method, run: Run, angles: Sequence[float]) -> dict[str, Any]:
+    """Return what a script needs to know of a run, JSON-able.
+
+    Args:
+        arena: Budget and settings of the comparison.
+        method: The method.
+        run: The run, whose own settings come first.
+        angles: Angles that it serves.
+    """
+    return {
+        "learner": method.learner,
+        "dataset": run.dataset,
+        "seed": run.seed,
+        "updates": arena.updates,
+        "hidden": list(arena.structure.hidden),
+        "batch_size": arena.structure.batch_size,
+        "discount": arena.numbers.discount,
+        "polyak": arena.numbers.polyak,
+        "weights": [list(exact_weights(angle)) for angle in angles],
+    } | dict(run.setting)
+
+
+def world_arrays(ground: Ground) -> dict[str, np.ndarray]:
+    """Return a gridworld's reachable part as named arrays; a peer needs nothing else of us."""
+    mdp, world = ground.part.mdp, ground.part.world
+    states = np.arange(mdp.n_states)
+    return {
+        "successor": mdp.successor,
+        "probability": mdp.probability,
+        "ending": mdp.ending,
+        "r_env": mdp.rewards.env,
+        "r_social": mdp.rewards.social,
+        "initial": mdp.initial,
+        "observation": np.asarray(ground.part.observe(states, np.zeros_like(states)), np.float32),
+        "horizon": np.array(world.horizon),
+    }
+
+
+def checked(table: np.ndarray, ground: Ground) -> np.ndarray:
+    """Return a peer's table as distributions, float64.
+
+    Raises:
+        UserError: If it is no table of action probabilities of the world.
+    """
+    shape = (ground.part.mdp.n_states, ground.part.mdp.n_actions)
+    given = np.asarray(table, np.float64)
+    if given.shape != shape or not np.isfinite(given).all() or given.min() < 0.0:
+        raise UserError(
+            f"a peer's policy has shape {given.shape}: it must be {shape}, none below 0"
+        )
+    return given / given.sum(axis=1, keepdims=True)
+
+
+def _call(command: Sequence[str], folder: Path) -> None:
+    """Run a command; raise an error with the end of its output if it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
+    if done.returncode:
+        end = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no output"]
+        raise UserError(f"{Path(command[0]).name} {' '.join(command[1:3])} failed: {end[0]}")

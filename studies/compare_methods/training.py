@@ -1,0 +1,304 @@
+"""Learners of the comparison: from settings and demonstrations to policies by angle."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners import cql
+from socialiq.learners.baselines import discriminator_weighted_bc as dwbc
+from socialiq.learners.baselines import (
+    guidance,
+    implicit_q_learning,
+    ls_iq,
+    multi_intention_irl,
+    outcome_conditioned,
+    sprinql,
+    trex,
+)
+from socialiq.learners.baselines.pareto_irl import InferredReward, Rewards, inferring
+from socialiq.learners.collect import Collector
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dial.acting import DialCollector, acting
+from socialiq.learners.dial.train import train as train_dial
+from socialiq.learners.dqn import config as dqn
+from socialiq.learners.dqn.train import train as train_dqn
+from socialiq.learners.iq_learn import config as iq
+from socialiq.learners.iq_learn import presets
+from socialiq.learners.iq_learn.train import train as train_iq
+from socialiq.learners.kernel import Trained
+from socialiq.learners.offline import config as regularised
+from socialiq.learners.offline.train import train_together
+from socialiq.nn.q_network import network_of
+from studies.compare_methods.arena import CHUNK, Arena, Run, shared_values
+from studies.compare_methods.methods import Method
+
+Learner = Callable[[Arena, Method, Sequence[Run]], list[Any]]
+"""Trains a policy for each run; one with `at` has a policy for each angle."""
+
+
+def in_programs(
+    each: Sequence[tuple[Any, Any]], train: Callable[[Any, list[Any]], Trained]
+) -> list[Any]:
+    """Train the runs of each static config in one program; return policies in the runs' order."""
+    policies: dict[int, Any] = {}
+    for static in dict.fromkeys(static for static, _ in each):
+        places = [place for place, (one, _) in enumerate(each) if one == static]
+        trained = train(static, [each[place][1] for place in places])
+        policies |= {place: trained.policy(number) for number, place in enumerate(places)}
+    return [policies[place] for place in range(len(each))]
+
+
+def offline(learner: Any, **fixed: Any) -> Learner:
+    """Return the training of a learner of demonstrations alone.
+
+    Args:
+        learner: Its class.
+        **fixed: Settings that make the method.
+    """
+
+    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
+        datasets = list(arena.datasets)
+        if method.serves == "mode":
+            datasets, runs = arena.of_each_mode(runs)
+        own = dict(fixed)
+        for name in {"advantage", "weighted_by"} & own.keys():
+            own[name] = arena.advantage
+        each = [arena.settings(learner, run, **own) for run in runs]
+        return in_programs(
+            each,
+            lambda static, numbers: learner.train_on(
+                static, numbers, datasets, arena.callbacks(), CHUNK
+            ),
+        )
+
+    return train
+
+
+def online(learner: Any) -> Learner:
+    """Return the training of a baseline that acts in the world.
+
+    Args:
+        learner: Its class.
+    """
+
+    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
+        datasets = list(arena.datasets)
+        if method.serves == "mode":
+            datasets, runs = arena.of_each_mode(runs)
+        return in_programs(
+            [arena.settings(learner, run, prior="none") for run in runs],
+            lambda static, numbers: learner.of(static, datasets, arena.world).train(
+                numbers, arena.callbacks(), CHUNK, arena.collector(static, numbers)
+            ),
+        )
+
+    return train
+
+
+def iq_learn(acts: bool = True, **fixed: Any) -> Learner:
+    """Return the training of IQ-Learn.
+
+    Args:
+        acts: Whether it acts in the world.
+        **fixed: Settings that make the method.
+    """
+
+    def train(arena: Arena, method: Method, runs: Sequence[Run]) -> list[Any]:
+        datasets = list(arena.datasets)
+        if method.serves == "mode":
+            datasets, runs = arena.of_each_mode(runs)
+        return in_programs(
+            [arena.settings(iq, run, **fixed) for run in runs],
+            lambda static, numbers: train_iq(
+                static,
+                numbers,
+                datasets,
+                arena.world if acts else None,
+                arena.callbacks(),
+                CHUNK,
+                arena.collector(static, numbers) if acts else None,
+            ),
+        )
+
+    return train
+
+
+def _multi_intention(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
+    """Train the intentions; an update of all three counts as three."""
+    share = dataclasses.replace(arena, updates=max(arena.updates // len(MODES), 1))
+    return in_programs(
+        [share.settings(multi_intention_irl, run) for run in runs],
+        lambda static, numbers: multi_intention_irl.train(
+            static, numbers, arena.datasets, arena.callbacks(), CHUNK
+        ),
+    )
+
+
+def _reinforcement(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
+    """Train deep Q-learning, without demonstrations."""
+    per_update, chunk = arena.structure.env_steps_per_update, min(CHUNK, arena.updates)
+    source = arena.source(arena.updates, per_update)
+
+    def settings(run: Run) -> tuple[Any, Any]:
+        static = shared_values(dqn.StaticConfig, arena.structure)
+        static |= {"steps": arena.updates * per_update, "steps_per_update": per_update}
+        numbers = shared_values(dqn.Hyperparameters, arena.numbers)
+        numbers |= {"angle": run.angle, "seed": run.seed} | dict(run.setting)
+        numbers["final_learning_rate"] = numbers["learning_rate"]
+        return dqn.StaticConfig(**static), dqn.Hyperparameters(**numbers)
+
+    return in_programs(
+        [settings(run) for run in runs],
+        lambda static, numbers: train_dqn(
+            static, numbers, [source] * len(numbers), arena.sizes, arena.callbacks(), chunk
+        ),
+    )
+
+
+def dial_settings(arena: Arena, preset: dial.Preset, run: Run) -> tuple[Any, Any]:
+    """Return a dial's settings: its preset's, with the comparison's network, batches and budget."""
+    base = arena.structure
+    static = dataclasses.replace(
+        preset.structure,
+        **{name: getattr(base, name) for name in ("hidden", "activation", "view", "endings")},
+        expert_batch=base.batch_size,
+        replay_batch=base.batch_size,
+        environments=base.env_steps_per_update,
+        replay_capacity=base.replay_capacity,
+        updates=arena.updates,
+        redraw_times=0,
+    )
+    given = {"discount": arena.numbers.discount, "seed": run.seed, "dataset": run.dataset}
+    return static, dataclasses.replace(preset.numbers, **given | dict(run.setting))
+
+
+def dial_collector(
+    arena: Arena, static: dial.StaticConfig, numbers: Sequence[dial.Hyperparameters]
+) -> Collector | None:
+    """Return what lets dials act outside JAX; None if the world is in JAX."""
+    if arena.world is not None:
+        return None
+    source = arena.source(static.updates, static.environments)
+    return DialCollector([source] * len(numbers), static, numbers)
+
+
+def dialled(preset: str) -> Learner:
+    """Return the training of a dial.
+
+    Args:
+        preset: Name in `learners.dial.config.PRESETS`.
+    """
+
+    def train(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
+        return in_programs(
+            [dial_settings(arena, dial.PRESETS[preset], run) for run in runs],
+            lambda static, numbers: train_dial(
+                static,
+                numbers,
+                arena.datasets,
+                arena.world if static.online else None,
+                callbacks=arena.callbacks(),
+                chunk=CHUNK,
+                before_chunk=dial_collector(arena, static, numbers) if static.online else None,
+            ),
+        )
+
+    return train
+
+
+def _regularised(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
+    """Train the behaviour-regularised dial, whose stages share the updates."""
+    preset = regularised.PRESETS["offline-regularised"]
+    names = ("hidden", "activation", "view", "batch_size")
+    share = arena.updates // (2 + preset.structure.critic_factor)  # behaviour and dial: one each
+    static = dataclasses.replace(
+        preset.structure,
+        **{name: getattr(arena.structure, name) for name in names},
+        updates=max(share, 1),
+    )
+    made = train_together(
+        static,
+        [dataclasses.replace(preset.numbers, seed=one.seed, **dict(one.setting)) for one in runs],
+        [arena.datasets[one.dataset] for one in runs],
+        lambda _stage: arena.callbacks(),
+        CHUNK,
+    )
+    return [made["dial"].policy(number) for number in range(len(runs))]
+
+
+PARIRL_SHARE = 7
+"""One part in so many of ParIRL's updates infers the reward of either set of experts."""
+
+
+def _pareto_irl(arena: Arena, _method: Method, runs: Sequence[Run]) -> list[Any]:
+    """Infer the egoists' and the altruists' rewards, then train a dial of each run on both."""
+    first = dataclasses.replace(arena, updates=max(arena.updates // PARIRL_SHARE, 1))
+    second = dataclasses.replace(arena, updates=arena.updates - 2 * first.updates, world=None)
+    ends = (MODES["egoistic"], MODES["altruistic"])
+    datasets, placed = arena.of_each_mode(
+        [
+            run._replace(
+                angle=end, setting=(("temperature", dict(run.setting)["irl_temperature"]),)
+            )
+            for run in runs
+            for end in ends
+        ]
+    )
+    each = [first.settings(iq, one, prior="none") for one in placed]
+    static, numbers = each[0][0], [one for _, one in each]
+    collector = first.collector(static, numbers)
+    trained = train_iq(static, numbers, datasets, arena.world, first.callbacks(), CHUNK, collector)
+    inferred = [
+        InferredReward(network_of(trained.networks, number), one.temperature, one.discount)
+        for number, one in enumerate(numbers)
+    ]
+    dialling = []
+    for run in runs:
+        setting = tuple(pair for pair in run.setting if pair[0] != "irl_temperature")
+        dialling.append(run._replace(setting=setting, dataset=0))
+    return _fronts(second, dialling, list(zip(inferred[::2], inferred[1::2], strict=True)))
+
+
+def _fronts(arena: Arena, runs: Sequence[Run], rewards: Sequence[Rewards]) -> list[Any]:
+    """Train a dial for each pair of inferred rewards; they act outside JAX, in one program."""
+    each = [dial_settings(arena, dial.PRESETS["online-alone"], run) for run in runs]
+    static = dataclasses.replace(each[0][0], replay_batch=2 * arena.structure.batch_size)
+    numbers = [one for _, one in each]
+    source = arena.source(static.updates, static.environments)
+    collector = Collector(
+        [inferring(source, pair) for pair in rewards],
+        [one.seed for one in numbers],
+        acting(static, numbers),
+    )
+    callbacks = arena.callbacks()
+    made = train_dial(static, numbers, [], None, arena.sizes, callbacks, CHUNK, collector)
+    return [made.policy(number) for number in range(len(runs))]
+
+
+LEARNERS: Mapping[str, Learner] = {
+    "clone": offline(bc.BehaviourCloning),
+    "clone_by_return": offline(bc.BehaviourCloning, weighted=True),
+    "clone_by_advantage": offline(bc.BehaviourCloning, weighted=True, weighted_by="advantage"),
+    "dwbc": offline(dwbc.DiscriminatorWeighted),
+    "iq_learn": iq_learn(prior="none"),
+    "iq_learn_offline": iq_learn(acts=False, prior="none", online=False, value_term="value_expert"),
+    "ls_iq": online(ls_iq.LSIQ),
+    "multi_intention": _multi_intention,
+    "trex": online(trex.TREX),
+    "sprinql": offline(sprinql.SPRINQL),
+    "cql": offline(cql.ConservativeQ),
+    "iql": offline(implicit_q_learning.ImplicitQLearning),
+    "outcome_conditioned": offline(outcome_conditioned.OutcomeConditioned),
+    "guidance": offline(guidance.GuidedCloning, advantage="advantage"),
+    "pareto_irl": _pareto_irl,
+    "rl": _reinforcement,
+    "thesis": iq_learn(prior="reward", target_kind=presets.GRID.target_kind),
+    "dial_offline": dialled("offline"),
+    "dial_regularised": _regularised,
+    "dial_online": dialled("online-clockless"),
+}
+"""By the name in `Method.learner`; those of other libraries are in `peers`."""

@@ -1,0 +1,154 @@
+"""The thesis' tables with our numbers beside its own: 6.1, 6.2, A.1, A.2, Fig A.1."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from socialiq.demonstrations import files
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.episodes import Episodes
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.statistics.comparisons import cohens_d
+from socialiq.storage import load_arrays
+from socialiq.types import Row
+from socialiq_lab.intersection import thesis_values
+from socialiq_lab.intersection.rows import PolicyEpisodes, outcome_row
+from studies.intersection.plan import Config, columns
+
+PERCENT = ("collision", "arrival", "timeout", "stopped")
+READOUTS = ("greedy", "soft")
+
+
+def table_6_2(
+    rows: Mapping[tuple[str, str], Row], episodes: PolicyEpisodes, config: Config
+) -> list[Row]:
+    """Return Tables 6.1 and 6.2: each metric of experts and learners beside the thesis' value.
+
+    `over_training` is the standard deviation over training seeds, empty for a single expert;
+    `over_evaluation` that over groups of evaluation episodes, averaged over training seeds.
+    """
+    found: list[Row] = []
+    for (group, policies), metric in itertools.product(
+        columns(config).items(), thesis_values.METRICS
+    ):
+        for readout, (policy, names) in itertools.product(READOUTS, policies.items()):
+            if any((name, readout) not in rows for name in names):
+                continue  # experts are evaluated greedily only
+            factor = 100 if metric in PERCENT else 1
+            values = [factor * rows[name, readout][metric] for name in names]
+            spreads = [
+                factor * group_spread(episodes[name, readout], config)[metric] for name in names
+            ]
+            mean, spread = thesis_values.TABLE_6_2[metric][policy]
+            found.append(
+                dict(zip(("preset", "setting"), group, strict=True))
+                | {"readout": readout, "policy": policy, "metric": metric}
+                | {"thesis": mean, "thesis_spread": spread, "ours": float(np.mean(values))}
+                | {"over_training": float(np.std(values, ddof=1)) if len(values) > 1 else ""}
+                | {"over_evaluation": float(np.mean(spreads))}
+                | {"low": min(values), "high": max(values), "seeds": len(values)}
+            )
+    return found
+
+
+def group_spread(episodes: Episodes, config: Config) -> dict[str, float]:
+    """Return the standard deviation of each metric over groups of evaluation episodes."""
+    size = config.group_episodes
+    rows = [
+        outcome_row(part(episodes, slice(number * size, (number + 1) * size)))
+        for number in range(config.evaluation_seeds)
+    ]
+    return {
+        name: float(np.std([row[name] for row in rows], ddof=1)) for name in thesis_values.METRICS
+    }
+
+
+def part(episodes: Episodes, which: slice) -> Episodes:
+    """Return some of the episodes."""
+    kept: dict[str, Any] = {}
+    for name, value in episodes._asdict().items():
+        if name == "signal_names":
+            kept[name] = value
+        elif isinstance(value, tuple):
+            kept[name] = type(value)(*(column[which] for column in value))
+        else:
+            kept[name] = value[which]
+    return Episodes(**kept)
+
+
+def separability(recordings: Path) -> tuple[list[Row], list[Row]]:
+    """Return Tables A.1 and A.2: returns of demonstrations by mode, Cohen's d between modes."""
+    returns = {mode: _returns(recordings, mode) for mode in MODES}
+    first: list[Row] = []
+    for mode, of_mode in returns.items():
+        for signal, values in of_mode.items():
+            mean, sd = thesis_values.TABLE_A_1[mode][signal]
+            ours = {"ours": float(values.mean()), "ours_sd": float(values.std(ddof=1))}
+            thesis = {"thesis": mean, "thesis_sd": sd}
+            first.append({"mode": mode, "signal": signal} | thesis | ours)
+    second: list[Row] = []
+    for (a, b), signals in thesis_values.TABLE_A_2.items():
+        for signal in ("g_self", "g_global", "g_env", "g_social"):
+            second.append(
+                {"first": a, "second": b, "signal": signal}
+                | {"thesis": signals.get(signal, ""), "thesis_from_a_1": _printed_d(a, b, signal)}
+                | {"ours": cohens_d(returns[a][signal], returns[b][signal])}
+            )
+    return first, second
+
+
+def _printed_d(first: str, second: str, signal: str) -> float:
+    """Return Cohen's d that follows from the thesis' Table A.1, for groups of one size."""
+    (mean, sd), (other, other_sd) = (thesis_values.TABLE_A_1[m][signal] for m in (first, second))
+    return (mean - other) / float(np.hypot(sd, other_sd) / np.sqrt(2))
+
+
+def distributions(recordings: Path) -> list[Row]:
+    """Return the distribution of the rewards of a decision, by mode and signal (Fig A.1).
+
+    Shares of the decisions in 40 equal bins between the 0.5 and 99.5 percentiles of all modes;
+    values beyond count in the outermost bins.
+    """
+    values: dict[str, dict[str, np.ndarray]] = {}
+    for mode in MODES:
+        recorded, classical = _recorded(recordings, mode)
+        values[mode] = {"r_self": classical["own"], "r_global": classical["others"]}
+        values[mode] |= {"r_env": recorded.rewards.env, "r_social": recorded.rewards.social}
+    found: list[Row] = []
+    for signal in ("r_self", "r_global", "r_env", "r_social"):
+        everything = np.concatenate([values[mode][signal] for mode in MODES])
+        low, high = np.quantile(everything, [0.005, 0.995])
+        edges = np.linspace(float(low), float(high), 41)
+        for mode in MODES:
+            clipped = np.clip(values[mode][signal], edges[0], edges[-1])
+            counts, _ = np.histogram(clipped, edges)
+            found += [
+                {"mode": mode, "signal": signal, "from": low, "to": high, "share": share}
+                for low, high, share in zip(
+                    edges[:-1], edges[1:], counts / len(clipped), strict=True
+                )
+            ]
+    return found
+
+
+def _returns(recordings: Path, mode: str) -> dict[str, np.ndarray]:
+    """Return undiscounted sums over each recorded episode."""
+    recorded, classical = _recorded(recordings, mode)
+    starts = recorded.episode_starts
+    return {
+        "g_self": np.add.reduceat(classical["own"], starts),
+        "g_global": np.add.reduceat(classical["others"], starts),
+        "g_env": recorded.totals().env,
+        "g_social": recorded.totals().social,
+    }
+
+
+def _recorded(recordings: Path, mode: str) -> tuple[Demonstrations, dict[str, np.ndarray]]:
+    """Return the demonstrations of a mode and their classical rewards."""
+    classical, _ = load_arrays(recordings / f"{mode}_classical.safetensors", "classical", 1)
+    return files.load(recordings / f"{mode}.safetensors"), classical

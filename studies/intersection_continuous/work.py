@@ -1,0 +1,285 @@
+"""Jobs of the study: train experts, record them, train learners and dials, drive all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.evaluation.expert_demonstrations import MODES
+from socialiq.learners import behaviour_cloning as bc
+from socialiq.learners.continuous.actor_critic import ActorCritic
+from socialiq.learners.continuous.behaviour_cloning import BehaviourCloning
+from socialiq.learners.continuous.iq_learn import ContinuousIQLearn
+from socialiq.learners.continuous.presets import STEPS_PER_UPDATE
+from socialiq.learners.continuous.sac import SoftActorCritic
+from socialiq.learners.continuous.td3_bc import TD3BC
+from socialiq.learners.continuous.train import train
+from socialiq.learners.continuous.vector_acting import ActorVectorCollector
+from socialiq.learners.dial import config as dial
+from socialiq.learners.dial import train as dial_training
+from socialiq.nn.actor_policy import ActorDial, ActorPolicy
+from socialiq.nn.dial_policy import DialPolicy
+from socialiq.worlds.intersection.actions import width
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.gym import intersections
+from socialiq.worlds.intersection.options import ContinuousOptions, Options
+from socialiq.worlds.intersection.world import Intersection
+from socialiq_lab.intersection.demonstration_sets import (
+    DEMONSTRATIONS,
+    Recording,
+    mixture_of,
+    record_experts,
+)
+from socialiq_lab.intersection.driving import BATCH
+from socialiq_lab.intersection.episodes import EpisodesRun, save_episodes
+from socialiq_lab.intersection.fitting import CHUNK, fit, sizes_of
+from socialiq_lab.intersection.training import dial_collector
+from socialiq_lab.jobs import Job, ProgressCallback
+from studies.intersection_continuous.config import Config
+
+EXPERTS, LEARNERS, BASELINE = "experts/sac", "learners/targets", "learners/baseline"
+LONGER = "learners/longer"
+CLONES, WEIGHTED, TD3_BC = "offline/cloning", "offline/weighted-cloning", "offline/td3-bc"
+OF_MIXTURE = {
+    LEARNERS: True,
+    BASELINE: False,
+    LONGER: True,
+    CLONES: False,
+    WEIGHTED: True,
+    TD3_BC: True,
+}
+"""Jobs that learn from a mixture, and whether each has a run for every angle."""
+CONTINUOUS, HIGH_ANGLES = "dials/continuous", "dials/high-angles"
+DISCRETE = "dials/discrete"
+KINDS = (CONTINUOUS, HIGH_ANGLES, DISCRETE)
+"""Jobs that train dials."""
+EVALUATION = "evaluation"
+
+
+@dataclass(frozen=True)
+class Training:
+    """Runs of one program with continuous actions."""
+
+    structure: Any
+    numbers: tuple[Any, ...]
+    options: ContinuousOptions
+    environments: int
+    mixture: str = ""
+    """Mixture of demonstrations; none for soft actor-critic."""
+    size: int = 0
+    """Transitions of each expert in a mixture."""
+
+
+@dataclass(frozen=True)
+class DiscreteTraining:
+    """Runs of discrete dials in one program."""
+
+    structure: dial.StaticConfig
+    numbers: tuple[dial.Hyperparameters, ...]
+    options: Options
+    environments: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driving(EpisodesRun):
+    """Greedy episodes of all policies of a job, of dials at some angles."""
+
+    angles: tuple[float, ...] = ()
+    options: Options = field(default_factory=ContinuousOptions)
+
+
+def plan(config: Config) -> list[Job]:
+    """Return every job, each after its inputs."""
+    experts = [
+        dataclasses.replace(config.numbers, angle=angle, seed=config.expert_seed)
+        for angle in MODES.values()
+    ]
+    seeded = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
+    given = partial(Training, options=config.options, environments=config.environments)
+    told = DiscreteTraining(
+        dataclasses.replace(config.discrete, demonstrations=False),
+        tuple(dataclasses.replace(config.discrete_numbers, seed=seed) for seed in config.seeds),
+        config.discrete_options,
+        config.environments,
+    )
+    soft_dials = {CONTINUOUS: config.continuous, HIGH_ANGLES: config.high_angles}
+    recording = Recording(episodes=config.pool_episodes, options=config.options)
+    return [
+        Job(EXPERTS, train_soft, given(config.expert, tuple(experts)), cost=200.0),
+        Job(DEMONSTRATIONS, record_trained, recording, (EXPERTS,), cost=10.0),
+        *_learners(config, given),
+        *(
+            Job(
+                name,
+                train_soft,
+                given(dataclasses.replace(one, dial=True), tuple(seeded)),
+                cost=300.0,
+            )
+            for name, one in soft_dials.items()
+        ),
+        Job(DISCRETE, train_discrete, told, cost=200.0),
+        *_evaluations(config),
+    ]
+
+
+def _learners(config: Config, given: Any) -> list[Job]:
+    """Learners of each target, the baseline, which has no prior, and others beside them."""
+    shown = partial(given, mixture=config.mixture, size=config.size)
+    baseline = dataclasses.replace(config.learner, prior="none", chi2_on="expert")
+    weighted = dataclasses.replace(config.clone, weighted=True)
+    structures = {
+        LEARNERS: (config.learner, config.learner_numbers, train_learners),
+        BASELINE: (baseline, config.learner_numbers, train_learners),
+        LONGER: (config.longer, config.longer_numbers, train_learners),
+        CLONES: (config.clone, config.clone_numbers, train_offline),
+        WEIGHTED: (weighted, config.clone_numbers, train_offline),
+        TD3_BC: (config.td3_bc, config.td3_bc_numbers, train_offline),
+    }
+    jobs = []
+    for name, (structure, base, work) in structures.items():
+        numbers = tuple(
+            dataclasses.replace(base, angle=angle, seed=seed, dataset=number)
+            for angle in angles_of(name)
+            for number, seed in enumerate(config.learner_seeds)
+        )
+        run = shown(structure, numbers)
+        jobs.append(Job(name, work, run, (DEMONSTRATIONS,), cost=10.0 * len(numbers)))
+    return jobs
+
+
+def angles_of(name: str) -> tuple[float, ...]:
+    """Return the angles of a job of `OF_MIXTURE`; that of a run without one is 0."""
+    return tuple(MODES.values()) if OF_MIXTURE[name] else (0.0,)
+
+
+def _evaluations(config: Config) -> list[Job]:
+    """Drive the policies of each training job."""
+    given = partial(Driving, episodes=config.episodes, first_seed=config.first_episode)
+    cost = 3.0 * len(config.seeds) * len(config.angles)
+    jobs = [
+        Job(f"{EVALUATION}/{name}", drive, given(options=config.options), (name,), cost=20.0)
+        for name in (EXPERTS, *OF_MIXTURE)
+    ]
+    for name in KINDS:
+        options = config.discrete_options if name == DISCRETE else config.options
+        run = given(options=options, angles=config.angles)
+        jobs.append(Job(f"{EVALUATION}/{name}", drive_dials, run, (name,), cost))
+    return jobs
+
+
+def run_file(numbers: Any) -> str:
+    """Return the file of a run's policy, by its angle if it has one, and its seed."""
+    angle = getattr(numbers, "angle", 0.0)
+    return f"{angle:g}_{numbers.seed}.safetensors"
+
+
+def _fit_actors(
+    learner: type[ActorCritic],
+    config: Training,
+    folder: Path,
+    on_progress: ProgressCallback,
+    datasets: Sequence[Any] = (),
+) -> None:
+    """Train all runs on the core, acting together, and write their policies."""
+    structure, numbers = config.structure, config.numbers
+    env = intersections(config.options, len(numbers) * config.environments, structure.times > 0)
+    rounds = -(-CHUNK * structure.env_steps_per_update // config.environments)
+    sizes = (Intersection(config.options).n_features + (structure.times > 0), width(config.options))
+    collector = ActorVectorCollector(env, rounds, structure, numbers)
+    more = {"sizes": sizes, "before_chunk": collector}
+    program = partial(train, learner, structure, numbers, datasets, **more)
+    fit(program, folder, on_progress, [run_file(one) for one in numbers])
+
+
+def train_soft(
+    config: Training, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write experts, or dials, of soft actor-critic."""
+    _fit_actors(SoftActorCritic, config, folder, on_progress)
+
+
+def train_learners(
+    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write learners of a mixture; each training seed has a mixture of its own."""
+    _fit_actors(ContinuousIQLearn, config, folder, on_progress, _mixtures(config, inputs))
+
+
+def _mixtures(config: Training, inputs: Mapping[str, Path]) -> list[Demonstrations]:
+    (recordings,) = inputs.values()
+    seeds = {one.dataset: one.seed for one in config.numbers}
+    return [mixture_of(recordings, config.mixture, config.size, seeds[n]) for n in sorted(seeds)]
+
+
+def train_offline(
+    config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write clones, or TD3+BC, of a mixture, as `train_learners`, without steps of their own."""
+    given = (config.structure, config.numbers, _mixtures(config, inputs))
+    clones = isinstance(config.structure, bc.StaticConfig)
+    program = partial(BehaviourCloning.train_on if clones else partial(train, TD3BC), *given)
+    fit(program, folder, on_progress, [run_file(one) for one in config.numbers])
+
+
+def record_trained(
+    config: Recording, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Record the three experts."""
+    (trained,) = inputs.values()
+    experts = {
+        mode: ActorPolicy.load(next(trained.glob(f"{angle:g}_*.safetensors")))
+        for mode, angle in MODES.items()
+    }
+    record_experts(experts, config, folder, on_progress)
+
+
+def train_discrete(
+    config: DiscreteTraining,
+    folder: Path,
+    _inputs: Mapping[str, Path],
+    on_progress: ProgressCallback,
+) -> None:
+    """Write dials of discrete actions."""
+    given = (config.structure, config.numbers)
+    world = Intersection(config.options)
+    collector = dial_collector(*given, world, config.environments, STEPS_PER_UPDATE)
+    more = {"sizes": sizes_of(config.options, True), "before_chunk": collector}
+    program = partial(dial_training.train, *given, [], **more)
+    fit(program, folder, on_progress, [run_file(one) for one in config.numbers])
+
+
+def drive(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the outcome of every episode, one file for each policy."""
+    (trained,) = inputs.values()
+    files = sorted(trained.glob("*.safetensors"))
+    for number, file in enumerate(files, start=1):
+        played = episodes_of(Batch(config.options, BATCH), ActorPolicy.load(file), config.seeds)
+        save_episodes(folder / file.name, played)
+        on_progress(number / len(files))
+
+
+def drive_dials(
+    config: Driving, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
+) -> None:
+    """Write the outcome of every episode, one file for each dial and angle."""
+    (trained,) = inputs.values()
+    files = sorted(trained.glob("*.safetensors"))
+    for number, file in enumerate(files, start=1):
+        dial = (ActorDial if config.options.continuous else DialPolicy).load(file)
+        for angle in config.angles:
+            played = episodes_of(Batch(config.options, BATCH), dial.at(angle), config.seeds)
+            save_episodes(folder / dial_file(file.stem, angle), played)
+        on_progress(number / len(files))
+
+
+def dial_file(run: str, angle: float) -> str:
+    """Return the file of a dial's episodes at an angle, given the stem of the dial's file."""
+    return f"{run}_at_{angle:g}.safetensors"

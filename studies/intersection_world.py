@@ -1,0 +1,199 @@
+"""The intersection under rule-based drivers, and the rewards of each variant (thesis 5.1.3)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.evaluation.episodes import Episodes, episodes_of
+from socialiq.types import Row
+from socialiq.worlds.highway.pictures.render import filmstrip
+from socialiq.worlds.highway.pictures.scenes import episode_scenes
+from socialiq.worlds.highway.pictures.sheet import picture
+from socialiq.worlds.intersection.batch import BackEnd
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy
+from socialiq.worlds.intersection.world import make
+from socialiq_lab.intersection.plots import OUTCOME_COLORS, stacked_outcomes
+from socialiq_lab.intersection.rows import OUTCOMES, outcome_row, reward_row
+from socialiq_lab.results import Results
+from socialiq_lab.study import Context, Findings, StageCallback, Study, counter, view_of
+from socialiq_lab.tables import matching, nested
+
+BATCH: dict[BackEnd, int] = {"core": 1024, "highway_env": 4}
+
+POPULATIONS = ("highway_env", "thesis")
+DRIVERS = ("go", "idle", "wait", "stop_line", "gap_2s", "gap_3s", "gap_4s", "random")
+DRAWN_DRIVERS = ("go", "random", "gap_2s", "gap_3s", "gap_4s", "stop_line", "wait")
+REWARD_DRIVERS = ("go", "wait", "random", "stop_line", "gap_3s")
+VARIANTS: tuple[dict[str, Any], ...] = (
+    {},
+    {"zone": "last_8_m"},
+    {"zone": "beyond_8_m"},
+    {"zone": "travelled_8_m"},
+    {"counted": "cross"},
+    {"counted": "approaching"},
+    {"disruption": "literal"},
+    {"crash": "add"},
+    {"neighbour_collision_weight": 0.0},
+    {"progress_unit": 9.0},
+    {"progress_unit": 30.0},
+    {"progress_unit": 100.0},
+    {"connected_lanes": True},
+    {"canonical": True},
+    {"population": "thesis"},
+)
+"""Options of each interpretation of the reward."""
+EPISODE_SEED = 3
+"""Seed of the drawn episode."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results."""
+
+    seeds: tuple[int, ...] = (1_000_000,)
+    """Seed of the first episode; the others follow. Also the random driver's."""
+    episodes: int = 50_000
+    """For the outcome rates, of each driver and population."""
+    reading_episodes: int = 5_000
+    """For each interpretation of the reward and driver."""
+    threads: int = 1
+    """Threads that share the episodes; nothing depends on it, and beside other work one is best."""
+    back_end: BackEnd = "core"
+    """core, or highway_env for the real one, which takes hundreds of times as long."""
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Drive all drivers, and compute outcomes and rewards."""
+    populations = [
+        (name, {"population": name}, driver) for name in POPULATIONS for driver in DRIVERS
+    ]
+    variants = [(_name(one), one, driver) for one in VARIANTS for driver in REWARD_DRIVERS]
+    outcomes = [
+        {"population": name, "driver": driver} | outcome_row(episodes)
+        for name, driver, episodes in _driven(
+            populations, config.episodes, config, context.on_stage, "outcomes"
+        )
+    ]
+    fewer = min(config.reading_episodes, config.episodes)
+    readings = [
+        {"reading": name, "driver": driver} | reward_row(episodes)
+        for name, driver, episodes in _driven(variants, fewer, config, context.on_stage, "readings")
+    ]
+    summary = {
+        "outcomes": nested(outcomes, "population", "driver"),
+        "default_reading": nested(readings, "reading", "driver")["default"],
+        "options": dataclasses.asdict(Options()),
+        "features": make(Options()).n_features,
+        "actions": make(Options()).n_actions,
+        "start": start_row(config),
+    }
+    return Findings({"outcomes": outcomes, "readings": readings}, summary)
+
+
+def _name(variant: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name}={value}" for name, value in variant.items()) or "default"
+
+
+def _driven(
+    cells: Sequence[tuple[str, Mapping[str, Any], str]],
+    episodes: int,
+    config: Config,
+    on_stage: StageCallback,
+    stage: str,
+) -> Iterator[tuple[str, str, Episodes]]:
+    """Drive each cell of a table, which is a name, its options and a driver; show progress."""
+    count = counter(on_stage, stage, len(cells) * episodes, "episodes")
+    first = config.seeds[0]
+    for number, (name, options, driver) in enumerate(cells, start=1):
+        seeds = range(first, first + episodes)
+        yield name, driver, drive(options, driver, seeds, config.threads, config.back_end)
+        count(number * episodes)
+
+
+def drive(
+    options: Mapping[str, Any],
+    driver: str,
+    seeds: Sequence[int],
+    threads: int = 1,
+    back_end: BackEnd = "core",
+) -> Episodes:
+    """Run one episode of a reference driver for each seed.
+
+    Args:
+        options: Fields of the intersection's `Options`.
+        driver: Its name; the random one draws from the first seed.
+        seeds: Seed of each episode.
+        threads: Threads that share them.
+        back_end: "core" or "highway_env".
+    """
+    size = min(BATCH[back_end], len(seeds))
+    batch = make(Options(**options)).batch(size, threads, back_end)
+    return episodes_of(batch, policy(driver, seeds[0]), seeds)
+
+
+def start_row(config: Config) -> Row:
+    """Return the number of vehicles at the start, the ego included, and the ego's progress."""
+    count, first = config.reading_episodes, config.seeds[0]
+    batch = make(Options()).batch(count, config.threads)
+    batch.reset(np.arange(first, first + count))
+    present, began = batch.buffers.episodes["vehicles"], batch.buffers.episodes["start"]
+    return {
+        "episodes": count,
+        "vehicles_mean": float(present.mean()),
+        "vehicles_least": int(present.min()),
+        "vehicles_most": int(present.max()),
+        "share_with_five": float((present == 5).mean()),
+        "ego_metres_least": float(began.min()),
+        "ego_metres_mean": float(began.mean()),
+    }
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw the intersection (thesis Fig 5.3), an episode, and outcomes by driver."""
+    world = make(Options())
+    scenes = episode_scenes(world.batch(1, traced=True), policy("gap_3s"), EPISODE_SEED)
+    decisions = scenes[:: world.options.frames]
+    return {
+        "fig_5_3": picture(scenes[4 * world.options.frames], world.view),
+        "gap_3s_episode": filmstrip(decisions[:10], world.view),
+        "outcomes": _outcomes(results),
+    }
+
+
+def _outcomes(results: Results) -> Figure:
+    """Draw stacked shares of the endings, by driver and population."""
+    drawn = Figure(figsize=(8.0, 3.2), layout="constrained")
+    panels = drawn.subplots(1, 2, sharey=True)
+    for axes, population in zip(panels, POPULATIONS, strict=True):
+        found = matching(results.tables["outcomes"], population=population)
+        rows = {row["driver"]: row for row in found}
+        stacked_outcomes(axes, {driver: rows[driver] for driver in DRAWN_DRIVERS}, 4.0)
+        axes.set_title(f"population {population}")
+    panels[0].invert_yaxis()
+    handles, labels = panels[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside lower center", ncols=len(OUTCOME_COLORS))
+    return drawn
+
+
+STUDY = Study(
+    name="intersection-world",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw,
+    view=view_of(
+        "outcomes",
+        "population",
+        "driver",
+        *OUTCOMES,
+        "ego_struck",
+        "speed_kmh",
+        title="shares of episodes; ego_struck: the ego ran into another",
+    ),
+)

@@ -1,0 +1,278 @@
+"""MO-Gymnasium's two-objective tasks: one dial beside methods of morl-baselines.
+
+An outside check, no claim of the thesis. Every method takes the same number of steps in a task's
+environment. Each (task, method, seed) is a piece of its own: what is finished is kept, and peers'
+pieces come from `benchmarks/peers/mo_gymnasium_peer.py`, which runs morl-baselines as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.evaluation.front import expected_utility, hypervolume, utilities, utility_losses
+from socialiq.plotting.style import COLORS, figure, finish
+from socialiq.social.angle import exact_weights
+from socialiq.statistics.comparisons import holm, mean_contrast, permutation_p
+from socialiq.types import Row
+from socialiq_lab.jobs import Job
+from socialiq_lab.results import Results
+from socialiq_lab.study import Context, Findings, Study, View
+from socialiq_lab.tables import column, groups, matching, nested, spread, with_holm
+from studies.mo_gymnasium.config import Config
+from studies.mo_gymnasium.pieces import FOLDER, Piece, read
+from studies.mo_gymnasium.tasks import ANGLES, TASKS, exact_set, known_front
+from studies.mo_gymnasium.training import (
+    DIAL,
+    METHODS,
+    STANDARDISED,
+    Training,
+    train_and_evaluate,
+)
+
+LINEAR, FRONT = "exact, linear", "known front"
+"""Rows of reference: the optimum of each angle, and all totals that no other dominates."""
+
+MEASURES = (
+    "hypervolume",
+    "expected_utility",
+    "asked_utility",
+    "mean_loss",
+    "largest_loss",
+    "asked_loss",
+)
+COMPARED = MEASURES[:2]
+
+COLUMNS = 3
+"""Panels in a row of the figure."""
+
+
+def plan(config: Config) -> list[Job]:
+    """Return a job for each task and method of ours whose pieces are not all there."""
+    if not config.train:
+        return []
+    there = {(one.task, one.method, one.seed) for one in config.kept()}
+    jobs = []
+    for task in config.tasks:
+        for method in config.methods_of(task):
+            seeds = tuple(seed for seed in config.seeds if (task, method, seed) not in there)
+            if seeds:
+                name = "".join(one if one.isalnum() else "_" for one in method)
+                run = Training(task, method, seeds, config.budget(task))
+                jobs.append(Job(f"{task}/{name}", train_and_evaluate, run, cost=float(len(seeds))))
+    return jobs
+
+
+def compute_tables(config: Config, context: Context) -> Findings:
+    """Measure every piece, and add the references of tasks whose front is known."""
+    made = [one for job in context.jobs for one in read(context.work / job.name / FOLDER)]
+    pieces = sorted([*config.kept(), *made], key=_place)
+    rows = [measured(one) for one in pieces]
+    references = [row for task in config.tasks if TASKS[task].exact for row in reference_rows(task)]
+    tables = {
+        "pooled": sorted([*references, *pooled(rows)], key=lambda row: row["task"]),
+        "comparisons": comparison_rows(rows),
+        "coverage": coverage(config, pieces),
+        "runs": rows,
+        "points": [row for one in pieces for row in point_rows(one)],
+        "fronts": [
+            {"task": task, "first": first, "second": second}
+            for task in config.tasks
+            if TASKS[task].exact
+            for first, second in known_front(task).tolist()
+        ],
+    }
+    summary = nested(tables["pooled"], "task", "method", keep=MEASURES)
+    files = {f"{FOLDER}/{one.file}": one.content() for one in pieces}
+    return Findings(tables, summary, files)
+
+
+def _place(piece: Piece) -> tuple[str, int, str, int]:
+    """Return where a piece stands in the tables: ours first."""
+    ours = METHODS.index(piece.method) if piece.method in METHODS else len(METHODS)
+    return piece.task, ours, piece.method, piece.seed
+
+
+def coverage(config: Config, pieces: Sequence[Piece]) -> list[Row]:
+    """Return how many runs of each method are there, of how many that belong to the study."""
+    rows: list[Row] = []
+    for task in config.tasks:
+        for method in (*config.methods_of(task), *TASKS[task].peers):
+            there = sum((one.task, one.method) == (task, method) for one in pieces)
+            rows.append({"task": task, "method": method, "runs": there, "of": len(config.seeds)})
+    return rows
+
+
+def measured(piece: Piece) -> Row:
+    """Return the measures of one piece; losses only where the front is known.
+
+    `asked_utility` and `asked_loss` are those of the policy of the asked angle, without a choice
+    among the others; `second_rises` is the second reward at 90 degrees less that at 0.
+    """
+    task, points = TASKS[piece.task], piece.points
+    row: Row = {
+        "task": piece.task,
+        "method": piece.method,
+        "seed": piece.seed,
+        "steps": piece.steps,
+        "hypervolume": hypervolume(points, np.array(task.reference)),
+        "expected_utility": expected_utility(points, ANGLES),
+        "asked_utility": "",
+        "mean_loss": "",
+        "largest_loss": "",
+        "asked_loss": "",
+        "second_rises": "",
+    }
+    if piece.angles is not None:
+        row["asked_utility"] = float(asked(piece).mean())
+        row["second_rises"] = float(points[-1, 1] - points[0, 1])
+    if task.exact:
+        best = exact_set(piece.task).vertices
+        losses = utility_losses(points, best, ANGLES)
+        row |= {"mean_loss": float(losses.mean()), "largest_loss": float(losses.max())}
+        if piece.angles is not None:
+            row["asked_loss"] = float((utilities(best, ANGLES) - asked(piece)).mean())
+    return row
+
+
+def asked(piece: Piece) -> np.ndarray:
+    """Return J(α) of the policy of each angle of a piece that can be turned."""
+    assert piece.angles is not None
+    directions = np.array([exact_weights(angle) for angle in piece.angles])
+    return (piece.points * directions).sum(axis=1)
+
+
+def reference_rows(name: str) -> list[Row]:
+    """Return the measures of the exact optimum of each angle, and of the known front."""
+    best, reference = exact_set(name), np.array(TASKS[name].reference)
+    linear = np.array([best.optimum(angle).point for angle in ANGLES])
+    rows = []
+    for method, points in ((LINEAR, linear), (FRONT, known_front(name))):
+        losses = utility_losses(points, best.vertices, ANGLES)
+        found = {
+            "hypervolume": hypervolume(points, reference),
+            "expected_utility": expected_utility(points, ANGLES),
+            "mean_loss": float(losses.mean()),
+            "largest_loss": float(losses.max()),
+        }
+        rows.append(_row({"task": name, "method": method, "runs": 0, "steps": 0}, found))
+    return rows
+
+
+def pooled(rows: Sequence[Row]) -> list[Row]:
+    """Return the mean, least and largest of each measure over seeds, by task and method."""
+    found = []
+    for (task, method), group in groups(rows, "task", "method").items():
+        steps = max(row["steps"] for row in group)
+        label = {"task": task, "method": method, "runs": len(group), "steps": steps}
+        measures: Row = {}
+        for name in MEASURES:
+            if all(row[name] != "" for row in group):
+                both = spread(group, name)
+                measures[name] = both["mean"]
+                if name in COMPARED:
+                    measures |= {f"{name}_least": both["low"], f"{name}_largest": both["high"]}
+        found.append(_row(label, measures))
+    return found
+
+
+def comparison_rows(rows: Sequence[Row]) -> list[Row]:
+    """Test both dials against every peer on a task, on the two measures that need no known front.
+
+    The standardised one is tested against the other, too.
+
+    Differences of means have Welch's interval and the p-value of the permutation test; Holm over
+    the tests of a task (`p_holm_task`) and over all (`p_holm`).
+    """
+    found: list[Row] = []
+    for (task,), group in groups(rows, "task").items():
+        by_method = {method: runs for (method,), runs in groups(group, "method").items()}
+        peers, tests = [one for one in by_method if one not in METHODS], list[Row]()
+        pairs = [(DIAL, one) for one in peers]
+        pairs += [(STANDARDISED, one) for one in (*peers, DIAL)]
+        for first, second in pairs:
+            own, others = by_method.get(first, []), by_method.get(second, [])
+            if min(len(own), len(others)) < 2:
+                continue
+            for name in COMPARED:
+                sides = np.array(column(own, name)), np.array(column(others, name))
+                label = {"task": task, "first": first, "second": second, "measure": name}
+                contrast = mean_contrast(*sides)._asdict()
+                tests.append(label | contrast | {"p": permutation_p(*sides)})
+        adjusted = holm([row["p"] for row in tests]).tolist()
+        found += [row | {"p_holm_task": p} for row, p in zip(tests, adjusted, strict=True)]
+    return with_holm(found)
+
+
+def _row(label: Row, measures: Row) -> Row:
+    """Return a row with every column, empty where a measure isn't defined."""
+    names = ["hypervolume", "hypervolume_least", "hypervolume_largest"]
+    names += ["expected_utility", "expected_utility_least", "expected_utility_largest"]
+    return label | {name: measures.get(name, "") for name in (*names, *MEASURES[2:])}
+
+
+def point_rows(piece: Piece) -> list[Row]:
+    """Return a row for each policy of a piece."""
+    label = {"task": piece.task, "method": piece.method, "seed": piece.seed}
+    angles: Sequence[Any] = piece.angles or [""] * len(piece.totals)
+    return [
+        label | {"angle": angle, "first": first, "second": second}
+        for angle, (first, second) in zip(angles, piece.totals, strict=True)
+    ]
+
+
+def draw(results: Results) -> dict[str, Figure]:
+    """Draw the hypervolume of each run, a line of points for each method, beside what is exact."""
+    by_task = groups(results.tables.get("runs", []), "task")
+    if not by_task:
+        return {}
+    columns = min(COLUMNS, len(by_task))
+    lines = -(-len(by_task) // columns)
+    drawn = figure(4.8 * columns, 2.6 * lines)
+    panels = np.atleast_1d(drawn.subplots(lines, columns)).ravel()
+    for unused in panels[len(by_task) :]:
+        unused.set_axis_off()
+    for axes, ((task,), rows) in zip(panels, by_task.items(), strict=False):
+        _panel(axes, task, rows, matching(results.tables["pooled"], task=task))
+    return {"hypervolumes": drawn}
+
+
+def _panel(axes: Any, task: str, rows: Sequence[Row], pooled_rows: Sequence[Row]) -> None:
+    thousands = max(column(rows, "hypervolume")) >= 1e5
+    unit = 1000.0 if thousands else 1.0
+    for method, line in ((LINEAR, "--"), (FRONT, "-")):
+        for row in matching(pooled_rows, method=method):
+            axes.axvline(row["hypervolume"] / unit, linestyle=line, color="#6e6e6e", label=method)
+    for (method,), runs in reversed(groups(rows, "method").items()):
+        ink = COLORS["prosocial" if method in METHODS else "egoistic"]
+        areas = np.array(column(runs, "hypervolume")) / unit
+        axes.plot(areas, [method] * len(runs), "o", color=ink, alpha=0.6)
+    label = "hypervolume of a run" + ", thousands" * thousands
+    finish(axes, task, 7 if TASKS[task].exact else None, xlabel=label)
+    axes.locator_params(axis="x", nbins=6)
+    axes.set_xlim(0.0, axes.get_xlim()[1])
+
+
+def view(results: Results) -> Sequence[View]:
+    """Return the tables to print."""
+    shown = ("task", "method", "runs", "steps", *MEASURES)
+    rows = [{name: row[name] for name in shown} for row in results.tables["pooled"]]
+    title = "Means over seeds; losses against the exact optimum of each angle"
+    partial = [row for row in results.tables["coverage"] if row["runs"] < row["of"]]
+    tests = results.tables.get("comparisons", [])
+    compared = [View(tests, "First minus second, permutation test of the means")] if tests else []
+    missing = [View(partial, "Not all there yet")] if partial else []
+    return [View(rows, title), *compared, *missing]
+
+
+STUDY = Study(
+    name="mo-gymnasium",
+    Config=Config,
+    jobs=plan,
+    tables=compute_tables,
+    figures=draw,
+    view=view,
+)

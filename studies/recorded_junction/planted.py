@@ -1,0 +1,99 @@
+"""Planted drivers: rules of different courtesy that see what a policy sees, and nothing else.
+
+A rule looks ahead for some seconds: if another vehicle, at its present velocity, comes into the
+strip in front of the ego, the ego brakes, or waits if it stands; otherwise it accelerates. The
+longer it looks, the more it yields. One waits always. They are no people, and their courtesy is
+known; what they earn by both rewards is measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from socialiq.audit.evidence.outcomes import Reference
+from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
+from socialiq_recordings.world.recorded_world import RecordedWorld
+
+_BRAKES = -2.0  # m/s²
+_STANDS = 0.2  # m/s
+_SIDE = 2.5  # m to either side of the ego's route
+_BEHIND, _BEFORE, _MORE = 4.0, 8.0, 0.5  # m, m, s: the strip's length grows with the speed
+_PASSED = 1.0  # m; others less far ahead are beside or behind
+_EVERY = 0.5  # s between the moments looked at
+
+
+def blocked(
+    observation: Float[np.ndarray, "row feature"], seconds: float
+) -> tuple[Bool[np.ndarray, " row"], Float[np.ndarray, " row"]]:
+    """Return whether another vehicle comes into the strip in front of the ego, and its speed, m/s.
+
+    Args:
+        observation: Of a recorded junction.
+        seconds: How far ahead others are moved at their present velocities, as the ego is.
+    """
+    seen = observation.reshape(len(observation), -1, len(FEATURES))
+    ego, others = seen[:, 0], seen[:, 1:]
+    speed = -ego[:, 4] * SPEED_RANGE
+    ahead = (ego[:, None, 2] - others[..., 2]) * POSITION_RANGE
+    side = others[..., 1] * POSITION_RANGE
+    right, forward = others[..., 3] * SPEED_RANGE, -others[..., 4] * SPEED_RANGE
+    met = np.zeros(len(seen), bool)
+    for time in np.arange(0.0, seconds + 0.1, _EVERY):
+        along = ahead + (forward - speed[:, None]) * time
+        inside = (np.abs(side + right * time) < _SIDE) & (along > -_BEHIND)
+        inside &= along < _BEFORE + _MORE * speed[:, None]
+        met |= (inside & (others[..., 0] > 0) & (ahead > _PASSED)).any(axis=1)
+    return met, speed
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A planted driver.
+
+    Attributes:
+        name: Its name.
+        seconds: How far it looks ahead; infinity: it always waits.
+        acceleration: On a free way, m/s².
+        levels: Accelerations of the world's actions, m/s².
+    """
+
+    name: str
+    seconds: float
+    acceleration: float
+    levels: tuple[float, ...]
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002  part of the protocol
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[Int64[np.ndarray, " row"], Any]:
+        """Return its actions."""
+        if not np.isfinite(self.seconds):
+            return np.zeros(len(observation), np.int64), state
+        met, speed = blocked(observation, self.seconds)
+        brakes = np.where(speed > _STANDS, self._nearest(_BRAKES), self._nearest(0.0))
+        return np.where(met, brakes, self._nearest(self.acceleration)), state
+
+    def _nearest(self, rate: float) -> int:
+        return int(np.argmin(np.abs(np.array(self.levels) - rate)))
+
+
+def rules(world: RecordedWorld) -> list[Rule]:
+    """Return the planted drivers, the least courteous first."""
+    levels = world.config.levels
+    looking = ((0.5, 2.0), (1.5, 2.0), (3.0, 2.0), (5.0, 1.0))
+    found = [Rule(f"looks {s:g} s ahead", s, a, levels) for s, a in looking]
+    return [*found, Rule("waits", np.inf, 0.0, levels)]
+
+
+def references(drivers: Sequence[Rule]) -> list[Reference]:
+    """Return the planted drivers without random decisions; who waits is `wait` already."""
+    return [Reference(one.name, one) for one in drivers if np.isfinite(one.seconds)]

@@ -1,0 +1,257 @@
+"""Exact facts about the two gridworlds and their experts (thesis 5.1, 5.2, Fig 6.3)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from socialiq.evaluation.exact import Optimum, evaluate_exactly
+from socialiq.evaluation.expert_demonstrations import MODES, demonstrations_by_mode
+from socialiq.evaluation.rollout import rollout_table
+from socialiq.learners.iq_learn import presets
+from socialiq.mdp.solve import greedy_policy, value_iteration
+from socialiq.social.angle import angle_of, exact_weights, score, weights
+from socialiq.statistics.comparisons import cohens_d
+from socialiq.types import Row
+from socialiq.worlds.enumerate import Table, tabulate
+from socialiq.worlds.pictures import filmstrip, picture
+from socialiq.worlds.registry import make_grid
+from socialiq.worlds.tabular_policy import expert_policy
+from socialiq_lab.gridworld_runs import sequence
+from socialiq_lab.results import Results
+from socialiq_lab.study import Context, Findings, Study, View
+
+CROSSING5_VARIANTS: tuple[dict[str, str], ...] = (
+    {},
+    {"arrival": "override"},
+    {"social_cost": "always"},
+    {"ends_on": "both_arrived"},
+)
+CROSSING7_VARIANTS: tuple[dict[str, str], ...] = (
+    {},
+    {"second_slot_refills": "same_step"},
+    {"second_slot_at_start": "random"},
+    {"second_slot_at_start": "random", "second_slot_refills": "same_step"},
+    {"first_slot": "once"},
+    {"first_slot": "once", "second_slot_refills": "same_step"},
+    {"conflict": "end_cell"},
+    {"braking": "one_level"},
+    {"arrival": "added"},
+    {"full_stop": "flat"},
+    {"yield_zone": "with_conflict"},
+    {"slow_yield": "full"},
+)
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results."""
+
+    seeds: tuple[int, ...] = (0,)
+    """Seed of the experts' episodes, for the separability only; the rest is exact."""
+    episodes: int = 2000
+    """Episodes of each expert, for the separability."""
+
+
+def compute_tables(config: Config, context: Context) -> Findings:  # noqa: ARG001
+    """Enumerate and solve every named variant of both worlds."""
+    table = tabulate(make_grid("crossing7"))
+    tables = {
+        "crossing5_readings": [_crossing5_row(options) for options in CROSSING5_VARIANTS],
+        "crossing5_ties": _tie_rows(),
+        "crossing7_readings": [_crossing7_row(options) for options in CROSSING7_VARIANTS],
+        "crossing7_front": _front_rows(table),
+        "crossing7_separability": _separability(table, config),
+    }
+    return Findings(tables, _summary(table, tables))
+
+
+def _crossing5_row(options: dict[str, str]) -> Row:
+    table = tabulate(make_grid("crossing5", **options))
+    experts = {mode: sequence(table, expert_policy(table, a)) for mode, a in MODES.items()}
+    return {"reading": _name(options)} | experts
+
+
+def _tie_rows() -> list[Row]:
+    """Return the experts of the default 5x5 world by the treatment of ties and of cos 90°."""
+    table = tabulate(make_grid("crossing5"))
+    rows: list[Row] = []
+    for trigonometry, pair in (("cos 90 = 6e-17", weights), ("cos 90 = 0", exact_weights)):
+        for prefer in ("first", "last"):
+            row: Row = {
+                "trigonometry": trigonometry,
+                "ties_to": {"first": "Wait"}.get(prefer, "Go"),
+            }
+            for mode, angle in MODES.items():
+                reward = score(pair(angle), table.mdp.rewards)
+                q = value_iteration(table.mdp, reward, 0.99).q
+                row[mode] = sequence(table, greedy_policy(q, prefer=prefer))
+            rows.append(row)
+    return rows
+
+
+def _crossing7_row(options: dict[str, str]) -> Row:
+    """Return angle, totals and collisions of the stationary optimum at the three angles."""
+    table = tabulate(make_grid("crossing7", **options))
+    part = table.reachable_part()
+    kept = table.mdp.reachable()
+    row: Row = {"reading": _name(options), "reachable": part.mdp.n_states}
+    for mode, angle in MODES.items():
+        metrics = evaluate_exactly(part, expert_policy(table, angle, "stochastic")[kept])
+        row |= {
+            f"{mode}_angle": metrics.angle,
+            f"{mode}_r_env": metrics.r_env,
+            f"{mode}_r_social": metrics.r_social,
+            f"{mode}_collision": metrics.collision,
+        }
+    return row
+
+
+def _name(options: dict[str, str]) -> str:
+    return ", ".join(f"{name}={value}" for name, value in options.items()) or "default"
+
+
+def _front_rows(table: Table) -> list[Row]:
+    """Return, by angle, the optimum with a clock, the stationary one, and the largest radius."""
+    part = table.reachable_part()
+    optimum = Optimum(part)
+    kept = table.mdp.reachable()
+    rows = []
+    for angle in np.arange(0.0, 91.0, 5.0):
+        best = optimum.attainable.optimum(angle)
+        stationary = evaluate_exactly(part, expert_policy(table, angle, "stochastic")[kept])
+        rows.append(
+            {
+                "angle": angle,
+                "r_env": best.point.env,
+                "r_social": best.point.social,
+                "angle_of_optimum": angle_of(*best.point),
+                "value": best.value,
+                "stationary_angle": stationary.angle,
+                "stationary_value": stationary.value(angle),
+                "radius": optimum.attainable.radius(angle),
+            }
+        )
+    return rows
+
+
+def _separability(table: Table, config: Config) -> list[Row]:
+    """Return Cohen's d of the experts' episode totals, pairwise (the analysis of Table A.2)."""
+    pools = demonstrations_by_mode(table, dict.fromkeys(MODES, config.episodes), config.seeds[0])
+    totals = {mode: pool.totals() for mode, pool in pools.items()}
+    pairs = (("egoistic", "prosocial"), ("prosocial", "altruistic"), ("egoistic", "altruistic"))
+    return [
+        {
+            "first": first,
+            "second": second,
+            "d_env": cohens_d(totals[first].env, totals[second].env),
+            "d_social": cohens_d(totals[first].social, totals[second].social),
+        }
+        for first, second in pairs
+    ]
+
+
+def _summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
+    return {
+        "crossing5": _crossing5_summary(tables),
+        "crossing7": _crossing7_summary(table, tables),
+        "options": {
+            name: dataclasses.asdict(make_grid(name).options) for name in ("crossing5", "crossing7")
+        },
+        "presets": {
+            "table_c1": dataclasses.asdict(presets.TABLE_C1_NUMBERS)
+            | dataclasses.asdict(presets.TABLE_C1),
+            "strengths_of_the_sweep": len(presets.SWEEP_STRENGTHS),
+            "target_kinds": {
+                "poc": presets.POC.target_kind,
+                "grid": presets.GRID.target_kind,
+                "lambda-sweep": presets.SWEEP.target_kind,
+            },
+        },
+    }
+
+
+def _size(table: Table) -> dict[str, Any]:
+    return {
+        "states": table.mdp.n_states,
+        "reachable_states": table.reachable_part().mdp.n_states,
+        "features": table.world.n_features,
+        "actions": table.mdp.n_actions,
+        "horizon": table.world.horizon,
+    }
+
+
+def _crossing5_summary(tables: dict[str, list[Row]]) -> dict[str, Any]:
+    table = tabulate(make_grid("crossing5"))
+    return _size(table) | {
+        "weights": {**table.world.env_weights, **table.world.social_weights},
+        "experts": tables["crossing5_readings"][0],
+        "exact_trigonometry": tables["crossing5_ties"][2],
+    }
+
+
+def _crossing7_summary(table: Table, tables: dict[str, list[Row]]) -> dict[str, Any]:
+    part, kept = table.reachable_part(), table.mdp.reachable()
+    experts = {
+        mode: evaluate_exactly(part, expert_policy(table, angle)[kept])._asdict()
+        for mode, angle in MODES.items()
+    }
+    steps = sum(metrics["length"] for metrics in experts.values())
+    variants = tables["crossing7_readings"]
+    return _size(table) | {
+        "slots": 2,
+        "spawn_probability": table.world.options.spawn_probability,
+        "weights": {**table.world.env_weights, **table.world.social_weights},
+        "experts": experts,
+        "share_of_transitions": {
+            mode: metrics["length"] / steps for mode, metrics in experts.items()
+        },
+        "optimal_angles_by_reading": {
+            row["reading"]: {mode: row[f"{mode}_angle"] for mode in MODES} for row in variants
+        },
+        "optimum_angle_by_angle": {
+            f"{row['angle']:g}": row["angle_of_optimum"] for row in tables["crossing7_front"]
+        },
+        "largest_collision": max(variants[0][f"{mode}_collision"] for mode in MODES),
+        "separability": {
+            f"{row['first']}_{row['second']}": {"env": row["d_env"], "social": row["d_social"]}
+            for row in tables["crossing7_separability"]
+        },
+    }
+
+
+def draw_figures(results: Results) -> dict[str, Figure]:
+    """Draw the first state of each world (Figs 5.1, 5.2) and a seeded prosocial episode."""
+    figures = {}
+    for number, name in enumerate(("crossing5", "crossing7"), start=1):
+        table = tabulate(make_grid(name))
+        figures[f"fig_5_{number}"] = picture(table.world, table.world.start[0][0])
+        policy = expert_policy(table, MODES["prosocial"])
+        steps = rollout_table(table, policy, 1, results.config["seeds"][0]).transitions
+        states = np.vstack([steps.observation, steps.next_observation[-1:]]).astype(int)
+        figures[f"{name}_prosocial_episode"] = filmstrip(table.world, states.tolist())
+    return figures
+
+
+def view(results: Results) -> Sequence[View]:
+    """Return the experts of every variant of both worlds."""
+    angles = ("reading", "egoistic_angle", "prosocial_angle", "altruistic_angle")
+    rows = [{key: row[key] for key in angles} for row in results.tables["crossing7_readings"]]
+    return [
+        View(results.tables["crossing5_readings"], "crossing5: experts by reading"),
+        View(rows, "crossing7: angle of the optimum by reading, degrees"),
+    ]
+
+
+STUDY = Study(
+    name="worlds",
+    Config=Config,
+    tables=compute_tables,
+    figures=draw_figures,
+    view=view,
+)

@@ -1,0 +1,74 @@
+"""Rows of policies' episodes and of jobs' folders."""
+
+import numpy as np
+import pytest
+
+from socialiq.evaluation.episodes import episodes_of
+from socialiq.storage import write_json
+from socialiq.worlds.intersection.batch import Batch
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.intersection.policies import policy
+from socialiq_lab.intersection.driving import Evaluation
+from socialiq_lab.intersection.episodes import load_episodes, save_episodes
+from socialiq_lab.intersection.rows import (
+    egoist_summary,
+    evaluated,
+    outcome_row,
+    policy_row,
+    policy_rows,
+    reaches_target,
+    times,
+)
+from socialiq_lab.jobs import RECORD, Job
+
+SEEDS = Evaluation(episodes=6, first_seed=3).seeds
+
+
+@pytest.fixture(name="episodes", scope="module")
+def driven_episodes():
+    return episodes_of(Batch(Options(), 6), policy("gap_3s"), SEEDS)
+
+
+def test_episodes_are_read_as_they_were_written(episodes, tmp_path) -> None:
+    save_episodes(tmp_path / "greedy.safetensors", episodes)
+    again = load_episodes(tmp_path / "greedy.safetensors")
+    assert again.signal_names == episodes.signal_names
+    np.testing.assert_array_equal(again.totals.social, episodes.totals.social)
+    assert policy_row("a", "greedy", again) == policy_row("a", "greedy", episodes)
+
+
+def test_shares_of_a_row_are_of_its_episodes(episodes) -> None:
+    row = outcome_row(episodes)
+    assert row["episodes"] == len(SEEDS) == 6 and SEEDS[0] == 3
+    assert row["collision"] + row["arrival"] + row["timeout"] == pytest.approx(1.0)
+    assert row["arrival_low"] <= row["arrival"] <= row["arrival_high"]
+    assert row["speed_kmh"] == pytest.approx(3.6 * episodes.speed.mean())
+
+
+def test_every_evaluation_of_the_jobs_has_a_row_for_each_readout(episodes, tmp_path) -> None:
+    jobs = [
+        Job(f"evaluation/{name}", print, Evaluation(readouts=readouts))  # type: ignore[arg-type]
+        for name, readouts in (("experts/a", ("greedy",)), ("learners/b", ("greedy", "soft")))
+    ]
+    for number, job in enumerate(jobs, start=1):
+        for readout in job.config.readouts:
+            (tmp_path / job.name).mkdir(parents=True, exist_ok=True)
+            save_episodes(tmp_path / job.name / f"{readout}.safetensors", episodes)
+        write_json(tmp_path / job.name / RECORD, {"seconds": 2.0 * number})
+    rows = policy_rows(evaluated(jobs, tmp_path))
+    assert list(rows) == [("experts/a", "greedy"), ("learners/b", "greedy"), ("learners/b", "soft")]
+    assert rows["learners/b", "soft"]["policy"] == "learners/b"
+    took = {row["jobs"]: row["seconds"] for row in times(jobs, tmp_path)}
+    assert took == {"evaluation/experts": 2.0, "evaluation/learners": 4.0}
+
+
+@pytest.mark.parametrize(
+    ("arrival", "collision", "reached"),
+    [(0.95, 0.04, True), (0.949, 0.04, False), (0.95, 0.041, False)],
+)
+def test_the_target_has_two_sides(arrival, collision, reached) -> None:
+    row = {"arrival": arrival, "collision": collision}
+    assert reaches_target(row) is reached
+    summary = egoist_summary({"set": [row, row | {"arrival": 1.0}]}, ("arrival",))
+    assert summary["egoists"]["set"]["reach_target"] == reached + (collision == 0.04)
+    assert summary["egoists"]["set"]["arrival"]["high"] == 1.0
