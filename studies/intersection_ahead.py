@@ -20,8 +20,7 @@ from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.evaluation.online_planning import RolloutPolicy
 from socialiq.learners.config import check_counts
-from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.q_policy import QPolicy, ValuePolicy
 from socialiq.plotting.style import head
 from socialiq.types import Row
 from socialiq.worlds.intersection import atlas

@@ -23,8 +23,7 @@ from socialiq.evaluation.play import record
 from socialiq.learners.collect import Act, Source
 from socialiq.learners.expert_table import Batch as Rows
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.value_policy import ValuePolicy
+from socialiq.nn.q_policy import QPolicy, ValuePolicy
 from socialiq.social.angle import exact_weights
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.types import Policy, RewardPair

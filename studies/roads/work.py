@@ -23,11 +23,10 @@ from socialiq.learners.dqn import config as dqn
 from socialiq.learners.dqn import train as dqn_training
 from socialiq.learners.iq_learn import config as iq
 from socialiq.learners.iq_learn.train import train as train_iq
-from socialiq.nn.dial_network import DialNetwork
+from socialiq.nn.dial_network import DialNetwork, transferred
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_network import network_of
 from socialiq.nn.q_policy import QPolicy
-from socialiq.nn.transfer import transferred
 from socialiq.social.angle import exact_weights
 from socialiq.storage import packaged_results, write_json
 from socialiq.types import Ending, Policy, Row

@@ -20,7 +20,6 @@ from socialiq.audit.profile.template import declare
 from socialiq.audit.seeds.commitment import Commitment, draw
 from socialiq.cli.main import main
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
-from socialiq.policies.native import save_table
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.registry import make_grid
 from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
@@ -41,7 +40,7 @@ class Owner:
             for angle in (60.0, 0.0)
         )
         self.folder, self.file = folder, folder / "policy.safetensors"
-        save_table(self.file, self.policy)
+        self.policy.save(self.file)
         self.sha256 = hashlib.sha256(self.file.read_bytes()).hexdigest()
         exact = evaluate_exactly(whole, self.policy.probabilities)
         self.margin = 0.99 * Optimum(whole).regret(exact, 0.0)

@@ -31,8 +31,8 @@ from socialiq.errors import UserError
 from socialiq.learners import checkpoint
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
+from socialiq.policies import process
 from socialiq.policies.load import load_policy
-from socialiq.policies.process import load as process
 from socialiq.social.angle_rule import AngleRule, load_rule
 from socialiq.storage import load_arrays, read_json
 from socialiq.worlds.registry import make_grid

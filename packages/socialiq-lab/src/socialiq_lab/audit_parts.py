@@ -19,8 +19,8 @@ from socialiq.audit.request import Request
 from socialiq.audit.resolve_policy import Trust, resolve_policy
 from socialiq.audit.verdict.shift import other_traffic
 from socialiq.errors import UserError
-from socialiq.policies.process.isolation import IsolationMode
-from socialiq.policies.process.load import Limits
+from socialiq.policies.isolation import IsolationMode
+from socialiq.policies.process import Limits
 from socialiq.storage import load_arrays, save_arrays
 from socialiq.to_json import to_json
 from socialiq.types import RewardPair

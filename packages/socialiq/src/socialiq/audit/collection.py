@@ -26,7 +26,7 @@ from socialiq.audit.resolve_policy import (
 )
 from socialiq.errors import UserError
 from socialiq.evaluation.simulate import SoftPolicy
-from socialiq.policies.record import Loaded
+from socialiq.policies.interface import Loaded
 from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.grid_world import GridWorld
 from socialiq.worlds.intersection.world import Intersection

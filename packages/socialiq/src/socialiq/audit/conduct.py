@@ -30,8 +30,8 @@ from socialiq.audit.verdict.dependence import dependence
 from socialiq.audit.verdict.judged import judged
 from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
-from socialiq.policies.process.isolation import IsolationMode
-from socialiq.policies.record import Record
+from socialiq.policies.interface import Record
+from socialiq.policies.isolation import IsolationMode
 
 
 @dataclasses.dataclass(frozen=True)

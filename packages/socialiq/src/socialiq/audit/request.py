@@ -12,7 +12,7 @@ from socialiq.audit.seeds.beacon import Round, read_round
 from socialiq.audit.seeds.commitment import check_seed
 from socialiq.audit.seeds.nonce import Nonce, read_nonce
 from socialiq.errors import UserError
-from socialiq.policies.process.load import GIB, Limits
+from socialiq.policies.process import GIB, Limits
 
 
 @dataclasses.dataclass(frozen=True)

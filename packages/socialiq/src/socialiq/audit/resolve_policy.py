@@ -18,13 +18,12 @@ from socialiq.audit.profile.scenario import World, interface_of
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.foreign import one_line
-from socialiq.nn.actor_policy import DIAL_KIND, ActorDial
+from socialiq.nn.actor_policy import ActorDial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.policies.interface import Interface
+from socialiq.policies.interface import Interface, Loaded, Record
+from socialiq.policies.isolation import IsolationMode, isolation_of
 from socialiq.policies.load import KINDS, load_policy
-from socialiq.policies.process.isolation import IsolationMode, isolation_of
-from socialiq.policies.process.load import Limits
-from socialiq.policies.record import Loaded, Record
+from socialiq.policies.process import Limits
 from socialiq.provenance import package_sha256
 from socialiq.storage import kind_of
 from socialiq.worlds.grid_world import GridWorld
@@ -210,8 +209,8 @@ def _fits(name: str, world: World) -> bool:
 
 
 _DIALS: dict[str, Callable[[Path], DialPolicy | ActorDial]] = {
-    "dial": DialPolicy.load,
-    DIAL_KIND: ActorDial.load,
+    DialPolicy.KIND: DialPolicy.load,
+    ActorDial.KIND: ActorDial.load,
 }
 """Readers of dials by the kind of file."""
 

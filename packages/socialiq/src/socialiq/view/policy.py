@@ -13,7 +13,7 @@ from socialiq.audit.resolve_policy import Trust, resolve_policy
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.policies.record import Loaded
+from socialiq.policies.interface import Loaded
 from socialiq.types import Policy
 from socialiq.view.shown import Shown
 from socialiq.worlds.intersection.options import Options

@@ -19,7 +19,7 @@ from socialiq.evaluation.simulate import Actor, Step, simulate
 from socialiq.evaluation.simulators import FixedChance, TableSimulator
 from socialiq.mdp.front import AttainableSet, attainable_set
 from socialiq.mdp.horizon import horizon_evaluation, horizon_optimum
-from socialiq.policies.interface import checked_actions
+from socialiq.policies.interface import Interface
 from socialiq.social.angle import exact_weights, score
 from socialiq.social.angle_rule import AngleRule
 from socialiq.types import Ending, Policy, RewardPair
@@ -135,7 +135,7 @@ class GridActor:
             deterministic=self._deterministic,
         )
         self._time += 1
-        return checked_actions(answer, rows, self._table.mdp.n_actions, self._name)
+        return Interface(0, self._table.mdp.n_actions).checked(answer, rows, self._name)
 
 
 def drive_actions(

@@ -9,7 +9,7 @@ from socialiq.audit.evidence.drive import outcomes_of
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.evidence.trivial import RANDOM, ConstantPolicy, UniformPolicy
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, simulate
-from socialiq.policies.interface import checked_actions
+from socialiq.policies.interface import Interface
 from socialiq.types import Policy
 from socialiq_recordings.world.batch import JunctionBatch, JunctionSimulator
 from socialiq_recordings.world.state import AS_DRIVER
@@ -40,7 +40,7 @@ class JunctionActor:
         if isinstance(policy, ConstantPolicy):
             return np.full(rows, policy.action, np.int64)
         answer, _ = policy.predict(self._batch.seen_by(policy), deterministic=self._deterministic)
-        return checked_actions(answer, rows, self._batch.world.n_actions, self._driver.name)
+        return Interface(0, self._batch.world.n_actions).checked(answer, rows, self._driver.name)
 
 
 class _SoftActor:

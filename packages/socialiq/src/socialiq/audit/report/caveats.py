@@ -12,7 +12,7 @@ from socialiq.audit.seeds.worth import worth
 from socialiq.audit.verdict.decision import Decision
 from socialiq.audit.verdict.discrimination import Discrimination
 from socialiq.audit.verdict.regret import RegretTest
-from socialiq.policies.process.isolation import NONE
+from socialiq.policies.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
 
 About = Literal["rule", "loss", "margin", "look", "seed", "code", "episodes"]

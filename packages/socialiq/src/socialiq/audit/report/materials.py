@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from socialiq.policies.bill_of_materials import Metric, bill_of_materials
+from socialiq.policies.card import Metric, bill_of_materials
 from socialiq.policies.interface import Interface
 
 _CODE = ("process", "python", "rule")

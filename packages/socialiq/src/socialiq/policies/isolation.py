@@ -20,7 +20,6 @@ from typing import Literal, NamedTuple, get_args
 
 from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
-from socialiq.policies.process.code_hash import CodeHash
 
 IsolationMode = Literal["auto", "required", "none"]
 """Isolation that is asked for: where it is possible, always, or never."""
@@ -34,7 +33,7 @@ DISK = 256 * 1024 * 1024
 NONE = "none"
 
 _PROGRAM = "bwrap"
-_ENTER = Path(__file__).with_name("enter.py")
+_LAUNCHERS = Path(__file__).with_name("launchers.py")
 _SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
 _SETTINGS = ("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime")
 _WRITABLE = ("/tmp", "/dev/shm")
@@ -69,20 +68,39 @@ NOT_ASKED = Isolation(NONE, "it was not asked for")
 NOT_NEEDED = Isolation("not needed", "no code of its author runs")
 
 
-def isolation_of(asked: str) -> Isolation:
+def isolation_of(mode: str) -> Isolation:
     """Return the isolation that this system has, if it is asked for.
 
     Raises:
-        UserError: If it is required and not possible, or `asked` is not one of `IsolationMode`.
+        UserError: If it is required and not possible, or `mode` is not one of `IsolationMode`.
     """
-    one_of("isolation", asked, get_args(IsolationMode))
-    if asked == NONE:
+    one_of("isolation", mode, get_args(IsolationMode))
+    if mode == NONE:
         return NOT_ASKED
     program = shutil.which(_PROGRAM)
-    found = _tried(program) if program else Isolation(NONE, "bubblewrap is not installed")
-    if asked == "required" and not found.works:
-        raise UserError(f"isolation is required, but {found.why}: install bubblewrap (Linux)")
-    return found
+    isolation = _tried(program) if program else Isolation(NONE, "bubblewrap is not installed")
+    if mode == "required" and not isolation.works:
+        raise UserError(f"isolation is required, but {isolation.why}: install bubblewrap (Linux)")
+    return isolation
+
+
+class CodeHash(NamedTuple):
+    """Hash of a policy's code, and what it covers.
+
+    Attributes:
+        sha256: SHA-256 over words, paths and contents.
+        covers: Description for people.
+        paths: The named files and folders, absolute.
+        caches: Folders below them that are not covered.
+    """
+
+    sha256: str
+    covers: str
+    paths: tuple[Path, ...]
+    caches: tuple[Path, ...]
+
+
+NO_FILES = CodeHash("", "", (), ())
 
 
 @functools.cache
@@ -95,12 +113,9 @@ def _tried(program: str) -> Isolation:
     except (OSError, subprocess.TimeoutExpired) as error:
         return Isolation(NONE, f"bubblewrap does not start: {one_line(str(error))}")
     if trial.returncode:
-        said = one_line(trial.stderr.strip().rsplit(b"\n", 1)[-1])
-        return Isolation(NONE, f"bubblewrap makes no sandbox here: {said}")
+        message = one_line(trial.stderr.strip().rsplit(b"\n", 1)[-1])
+        return Isolation(NONE, f"bubblewrap makes no sandbox here: {message}")
     return Isolation(one_line(version.stdout.strip()))
-
-
-NO_FILES = CodeHash("", "", (), ())
 
 
 def sandboxed(
@@ -133,9 +148,14 @@ def sandboxed(
         )
     here = Path.cwd()
     root = os.geteuid() == 0
-    if root:
-        _check_readable(covered.paths)
-    seen = [*_interpreters(first), *_interpreters(Path(sys.executable)), *folders, *covered.paths]
+    for path in covered.paths if root else ():
+        mode, needed = path.stat().st_mode, 0o5 if path.is_dir() else 0o4
+        if mode & needed != needed:
+            raise UserError(
+                f"{one_line(str(path))} is closed to other users, and root runs a policy as one: "
+                "open it with chmod a+rX"
+            )
+    interpreters = (*_interpreters(first), *_interpreters(Path(sys.executable)))
     user = 2_000_000_000 + secrets.randbelow(100_000_000) if root else -1
     return [
         program,
@@ -144,12 +164,12 @@ def sandboxed(
         *(word for pair in _ENVIRONMENT.items() for word in ("--setenv", *pair)),
         *_system(),
         *("--proc", "/proc", "--dev", "/dev"),
-        *(word for place in _WRITABLE for word in _memory(place)),
-        *_seen(seen, here),
+        *(word for path in _WRITABLE for word in _memory(path)),
+        *_bound((*interpreters, *folders, *covered.paths), here),
         *(word for cache in covered.caches for word in _memory(str(cache))),
-        *("--ro-bind", str(_ENTER), "/enter.py", "--chdir", str(here)),
+        *("--ro-bind", str(_LAUNCHERS), "/launchers.py", "--chdir", str(here)),
         *("--remount-ro", "/dev", "--remount-ro", "/"),
-        *(os.path.realpath(sys.executable), "-I", "-S", "/enter.py"),
+        *(os.path.realpath(sys.executable), "-I", "-S", "/launchers.py", "enter"),
         *(str(user), str(PROCESSES), str(DISK), str(first), *command[1:]),
     ]
 
@@ -161,29 +181,19 @@ _AS_ROOT = (
 )
 
 
-def _check_readable(paths: Sequence[Path]) -> None:
-    for path in paths:
-        mode, needed = path.stat().st_mode, 0o5 if path.is_dir() else 0o4
-        if mode & needed != needed:
-            raise UserError(
-                f"{one_line(str(path))} is closed to other users, and root runs a policy as one: "
-                "open it with chmod a+rX"
-            )
-
-
 def _system() -> Iterator[str]:
     """Return the arguments for the system's programs and libraries."""
-    for place in map(Path, _SYSTEM):
-        if place.is_symlink():
-            yield from ("--symlink", str(place.readlink()), str(place))
-        elif place.is_dir():
-            yield from ("--ro-bind", str(place), str(place))
-    for place in _SETTINGS:
-        yield from ("--ro-bind-try", place, place)
+    for path in map(Path, _SYSTEM):
+        if path.is_symlink():
+            yield from ("--symlink", str(path.readlink()), str(path))
+        elif path.is_dir():
+            yield from ("--ro-bind", str(path), str(path))
+    for name in _SETTINGS:
+        yield from ("--ro-bind-try", name, name)
 
 
-def _memory(place: str) -> tuple[str, ...]:
-    return ("--perms", "1777", "--size", str(DISK), "--tmpfs", place)
+def _memory(path: str) -> tuple[str, ...]:
+    return ("--perms", "1777", "--size", str(DISK), "--tmpfs", path)
 
 
 def _interpreters(program: Path) -> Iterator[Path]:
@@ -196,22 +206,17 @@ def _interpreters(program: Path) -> Iterator[Path]:
             yield folder
 
 
-def _seen(paths: Iterable[Path], here: Path) -> Iterator[str]:
+def _bound(paths: Iterable[Path], here: Path) -> Iterator[str]:
     """Return the arguments for files and folders at their paths, outer ones first."""
-    shown = [Path(place) for place in _SYSTEM]
-    folders = {here: None}
-    bound = []
+    visible = [Path(name) for name in _SYSTEM]
+    folders, arguments = {here, *here.parents}, []
     for path in sorted(set(paths)):
-        if not any(path.is_relative_to(one) for one in shown):
-            shown.append(path)
-            folders |= dict.fromkeys(reversed(path.parents))
-            bound += ["--ro-bind", os.path.realpath(path), str(path)]
-    folders |= dict.fromkeys(here.parents)
-    for folder in sorted(folders):
-        # The folders in memory have their mode already; what is read-only has its folders.
-        if not any(folder.is_relative_to(one) for one in shown) and str(folder) not in _GIVEN:
+        if not any(path.is_relative_to(outer) for outer in visible):
+            visible.append(path)
+            folders.update(path.parents)
+            arguments += ["--ro-bind", os.path.realpath(path), str(path)]
+    # The folders in memory have their mode already; what is read-only has its folders.
+    for folder in sorted(folders - set(map(Path, ("/", "/dev", "/proc", *_WRITABLE)))):
+        if not any(folder.is_relative_to(outer) for outer in visible):
             yield from ("--perms", "0755", "--dir", str(folder))
-    yield from bound
-
-
-_GIVEN = ("/", "/dev", "/proc", *_WRITABLE)
+    yield from arguments

@@ -26,14 +26,7 @@ _MODULES = {
 }
 """Modules of the policies' classes; PPO and A2C share theirs, and TD3 and DDPG."""
 
-_CONTINUOUS = ("actor-critic", "SAC", "TD3")
-
-_DEFAULT_ACTIVATIONS = {
-    "DQN": "relu",
-    "actor-critic": "tanh",
-    "SAC": "relu",
-    "TD3": "relu",
-}  # of `DQNPolicy`, `ActorCriticPolicy`
+_DEFAULT_ACTIVATIONS = {"DQN": "relu", "actor-critic": "tanh", "SAC": "relu", "TD3": "relu"}
 _ACTIVATIONS = {
     "<class 'torch.nn.modules.activation.ReLU'>": "relu",
     "<class 'torch.nn.modules.activation.Tanh'>": "tanh",
@@ -52,8 +45,6 @@ _HARMLESS = {
     "log_std_init",  # of continuous actions
     "n_critics",
 }
-_EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
-_LIBRARIES = ("gymnasium", "gym")
 _FLOATS = ("float32", "float64")
 MOST_NUMBERS = 1000
 """Numbers of a continuous action."""
@@ -94,13 +85,17 @@ def read_config(content: bytes, source: str) -> Sb3Config:
         raise _refusal(source, "its member data is not JSON") from error
     if not isinstance(data, dict):
         raise _refusal(source, "its member data is not a JSON object")
-    module = _part(data, "policy_class").get("__module__")
+    module = _object(data, "policy_class").get("__module__")
     if not isinstance(module, str) or module not in _MODULES:
         raise _refusal(source, f"its policy class is of {one_line(str(module), 60)}")
     algorithm = _MODULES[module]
-    space, bounds = _part(data, "action_space"), None
-    if algorithm in _CONTINUOUS and _is_space(space, "Box"):
-        size = _action_size(space, source)
+    space, bounds = _object(data, "action_space"), None
+    if algorithm != "DQN" and _is_space(space, "Box"):
+        shape = space.get("_shape")
+        size = shape[0] if isinstance(shape, list) and len(shape) == 1 else 0
+        known = type(size) is int and 1 <= size <= MOST_NUMBERS
+        if not known or space.get("dtype") not in _FLOATS:
+            raise _refusal(source, "its actions are not one vector of floats")
         interface = Interface(_features(data, source), 0, size)
         if algorithm == "actor-critic":
             bounds = (_bound(space, "low", size, source), _bound(space, "high", size, source))
@@ -109,9 +104,19 @@ def read_config(content: bytes, source: str) -> Sb3Config:
     elif algorithm in ("SAC", "TD3"):
         raise _refusal(source, "its actions are not a Box")
     else:
-        interface = Interface(_features(data, source), _actions(data, source))
+        count, start = str(space.get("n")), str(space.get("start", 0))
+        features = _features(data, source)
+        if not _is_space(space, "Discrete") or start != "0":
+            raise _refusal(source, "its actions are not Discrete from 0")
+        if not (count.isascii() and count.isdigit() and len(count) < 6):
+            raise _refusal(source, "its actions have no number")
+        interface = Interface(features, int(count))
     activation = _activation(data, algorithm, source)
-    return Sb3Config(algorithm, activation, interface, _epsilon(data, source), bounds)
+    epsilon = data.get("exploration_rate", 0.0)
+    number = isinstance(epsilon, int | float) and not isinstance(epsilon, bool)
+    if not number or not 0.0 <= epsilon <= 1.0:
+        raise _refusal(source, "its exploration_rate is not a share")
+    return Sb3Config(algorithm, activation, interface, float(epsilon), bounds)
 
 
 def _refusal(source: str, fault: str) -> UserError:
@@ -121,14 +126,15 @@ def _refusal(source: str, fault: str) -> UserError:
     )
 
 
-def _part(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    part = data.get(name)
-    return part if isinstance(part, dict) else {}
+def _object(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    value = data.get(name)
+    return value if isinstance(value, dict) else {}
 
 
-def _is_space(part: Mapping[str, Any], kind: str) -> bool:
-    known = {f"<class '{one}.spaces.{kind.lower()}.{kind}'>" for one in _LIBRARIES}
-    return part.get(":type:") in known
+def _is_space(space: Mapping[str, Any], kind: str) -> bool:
+    libraries = ("gymnasium", "gym")
+    names = [f"<class '{library}.spaces.{kind.lower()}.{kind}'>" for library in libraries]
+    return space.get(":type:") in names
 
 
 def _features(data: Mapping[str, Any], source: str) -> int:
@@ -137,44 +143,25 @@ def _features(data: Mapping[str, Any], source: str) -> int:
     Images are bytes, and Stable-Baselines3 divides those by 255; so only floats are certain to
     reach the network as they are.
     """
-    space = _part(data, "observation_space")
+    space = _object(data, "observation_space")
     shape = space.get("_shape")
     if not _is_space(space, "Box") or space.get("dtype") not in _FLOATS:
         raise _refusal(source, "its observations are not a Box of float32 or float64")
-    if not isinstance(shape, list) or any(type(one) is not int or one < 1 for one in shape):
+    if not isinstance(shape, list) or any(type(size) is not int or size < 1 for size in shape):
         raise _refusal(source, "its observations have no shape")
     return math.prod(shape)
-
-
-def _actions(data: Mapping[str, Any], source: str) -> int:
-    space = _part(data, "action_space")
-    count, start = str(space.get("n")), str(space.get("start", 0))
-    if not _is_space(space, "Discrete") or start != "0":
-        raise _refusal(source, "its actions are not Discrete from 0")
-    if not (count.isascii() and count.isdigit() and len(count) < 6):
-        raise _refusal(source, "its actions have no number")
-    return int(count)
-
-
-def _action_size(space: Mapping[str, Any], source: str) -> int:
-    shape = space.get("_shape")
-    size = shape[0] if isinstance(shape, list) and len(shape) == 1 else None
-    known = type(size) is int and 1 <= size <= MOST_NUMBERS and space.get("dtype") in _FLOATS
-    if not known or size is None:
-        raise _refusal(source, "its actions are not one vector of floats")
-    return size
 
 
 def _bound(space: Mapping[str, Any], name: str, size: int, source: str) -> tuple[float, ...]:
     """Return the bounds of an action, of the plain text of an array: long ones are cut short."""
     text = str(space.get(name)).strip("[]").split()
     try:
-        found = tuple(float(one) for one in text)
+        numbers = tuple(map(float, text))
     except ValueError:
-        found = ()
-    if len(found) != size or not all(map(math.isfinite, found)):
+        numbers = ()
+    if len(numbers) != size or not all(map(math.isfinite, numbers)):
         raise _refusal(source, f"the bounds of its actions ({name}) can't be read")
-    return found
+    return numbers
 
 
 def _activation(data: Mapping[str, Any], algorithm: str, source: str) -> str:
@@ -189,20 +176,15 @@ def _activation(data: Mapping[str, Any], algorithm: str, source: str) -> str:
             or (name == "use_sde" and value is False)
             or name in (":type:", ":serialized:")
         )
-        flat = name == "features_extractor_class" and value == _EXTRACTOR
+        flat = name == "features_extractor_class" and value == (
+            "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
+        )
         bare = name == "features_extractor_kwargs" and value in ({}, None)
         if not (plain or flat or bare):
             raise _refusal(source, f"its policy_kwargs have the unknown entry {one_line(name, 60)}")
     if "activation_fn" not in options:
         return _DEFAULT_ACTIVATIONS[algorithm]
-    named = options["activation_fn"]
-    if not isinstance(named, str) or named not in _ACTIVATIONS:
-        raise _refusal(source, f"its activation is {one_line(str(named), 60)}")
-    return _ACTIVATIONS[named]
-
-
-def _epsilon(data: Mapping[str, Any], source: str) -> float:
-    share = data.get("exploration_rate", 0.0)
-    if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 <= share <= 1.0:
-        raise _refusal(source, "its exploration_rate is not a share")
-    return float(share)
+    name = options["activation_fn"]
+    if not isinstance(name, str) or name not in _ACTIVATIONS:
+        raise _refusal(source, f"its activation is {one_line(str(name), 60)}")
+    return _ACTIVATIONS[name]

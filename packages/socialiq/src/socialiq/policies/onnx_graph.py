@@ -91,7 +91,7 @@ class Values:
     def add_row(self, name: str, shape: Shape) -> None:
         """Define a value by its shape for one observation."""
         self.rows[self.name(name)] = shape
-        if sum(math.prod(one) for one in self.rows.values()) > MOST_PER_ROW:
+        if sum(map(math.prod, self.rows.values())) > MOST_PER_ROW:
             raise GraphFault(f"makes more than {MOST_PER_ROW:,} numbers of one observation")
 
 
@@ -138,23 +138,22 @@ def _arg_max(values: Values, inputs: Sequence[str], attributes: Attributes) -> S
 
 
 def _elementwise(values: Values, inputs: Sequence[str], _attributes: Attributes) -> Shape:
-    varying = [values.rows[name] for name in inputs if name in values.rows]
-    if not varying:
+    shapes = [values.rows[name] for name in inputs if name in values.rows]
+    if not shapes:
         raise GraphFault("computes with constants alone: let the exporter fold them")
-    shape = varying[0]
-    if any(one != shape for one in varying):
-        raise GraphFault(f"combines values of shapes {varying[0]} and {varying[1]}")
+    if shapes[1:] not in ([], shapes[:1]):
+        raise GraphFault(f"combines values of shapes {shapes[0]} and {shapes[1]}")
     for name in inputs:
         if name not in values.rows:
-            _check_broadcast(values.constant(name).shape, shape)
-    return shape
+            _check_broadcast(values.constant(name).shape, shapes[0])
+    return shapes[0]
 
 
 def _check_broadcast(constant: Shape, row: Shape) -> None:
     """Refuse a constant that changes the shape; along the batch it may only repeat."""
     padded = (1,) * (len(row) + 1 - len(constant)) + constant
     fits = len(padded) == len(row) + 1 and padded[0] == 1
-    if not fits or any(one not in (1, length) for one, length in zip(padded[1:], row, strict=True)):
+    if not fits or any(a not in (1, b) for a, b in zip(padded[1:], row, strict=True)):
         raise GraphFault(f"combines a constant of shape {constant} with values of {row}")
 
 
@@ -166,12 +165,11 @@ def _gemm(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shap
     if attributes.get("transA", 0):
         raise GraphFault("transposes the batch")
     weight = values.constant(inputs[1])
-    made = _product(
-        values, values.vector(inputs[0]), weight.T if attributes.get("transB", 0) else weight
-    )
+    weight = weight.T if attributes.get("transB", 0) else weight
+    shape = _product(values, values.vector(inputs[0]), weight)
     if len(inputs) == 3:
-        _check_broadcast(values.constant(inputs[2]).shape, made)
-    return made
+        _check_broadcast(values.constant(inputs[2]).shape, shape)
+    return shape
 
 
 def _product(values: Values, length: int, weight: np.ndarray) -> Shape:
@@ -208,16 +206,16 @@ def _flatten(values: Values, inputs: Sequence[str], attributes: Attributes) -> S
 
 def _reshape(values: Values, inputs: Sequence[str], attributes: Attributes) -> Shape:
     row, target = values.row(inputs[0]), values.constant(inputs[1])
-    rest = tuple(target.ravel().tolist()[1:])
+    shape = tuple(target.ravel().tolist()[1:])
     # A 0 stands for the batch only where zeros aren't meant as such; -1 always does, since the
     # other dimensions are checked to hold one observation.
-    known = (-1,) if attributes.get("allowzero", 0) else (-1, 0)
-    free = target.ndim == 1 and len(target) > 0 and target[0] in known
-    if not free or any(one < 1 for one in rest):
+    batch = (-1,) if attributes.get("allowzero", 0) else (-1, 0)
+    free = target.ndim == 1 and len(target) > 0 and target[0] in batch
+    if not free or any(size < 1 for size in shape):
         raise GraphFault("reshapes the batch: its first new dimension must be -1 or 0")
-    if len(rest) > 3 or math.prod(rest) != math.prod(row):
-        raise GraphFault(f"reshapes {row} to {rest}")
-    return rest
+    if len(shape) > 3 or math.prod(shape) != math.prod(row):
+        raise GraphFault(f"reshapes {row} to {shape}")
+    return shape
 
 
 OPERATORS: Mapping[str, tuple[Rule, int, int]] = {

@@ -16,8 +16,7 @@ from socialiq.errors import UserError
 from socialiq.foreign import one_line
 
 _CHUNK = 65_536
-_KEPT = 4_096  # bytes of the child's standard error
-_GUARD = Path(__file__).with_name("guard.py")
+_LAUNCHERS = Path(__file__).with_name("launchers.py")
 
 
 class Child:
@@ -38,15 +37,16 @@ class Child:
             raise UserError(
                 "a policy in a separate process needs Linux or macOS: export it to ONNX"
             )
-        if memory and not _can_limit_memory():
+        if memory and not _has_memory_limits():
             raise UserError("this system sets no memory limit for a process: pass --memory-gib 0")
         self.source = source
         self._ended = ""
         self._complaint = b""
         watched, self._lifeline = os.pipe()
+        guard = (sys.executable, "-I", "-S", _LAUNCHERS, "guard", str(watched), str(memory))
         # A new process group, so that all processes that it starts can be ended with it.
         self._process = subprocess.Popen(
-            [*_guard(watched, memory), *command],
+            [*guard, *command],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -85,7 +85,7 @@ class Child:
                     raise self.failure(f"did not answer within {seconds:g} s and was ended")
                 for key, _ in ready:
                     if key.fd == self._in:
-                        line = self._write(line)
+                        line = line[self._write(line[:_CHUNK]) :]
                         if not line:
                             waiting.unregister(self._in)
                     elif key.fd == self._err:
@@ -100,7 +100,12 @@ class Child:
 
     def failure(self, fault: str) -> UserError:
         """End the child and return the error, with the last line that the child wrote."""
-        self._read_errors()
+        with selectors.DefaultSelector() as waiting:
+            waiting.register(self._err, selectors.EVENT_READ)
+            until = time.monotonic() + 0.2  # for a child that is ending
+            while waiting.get_map() and time.monotonic() <= until:
+                if waiting.select(max(until - time.monotonic(), 0.0)):
+                    self._read_error(waiting)
         last = one_line(self._complaint.strip().rsplit(b"\n", 1)[-1])
         self._ended = f"{fault}; last error line: {last}" if last else fault
         self.close()
@@ -119,54 +124,39 @@ class Child:
             if stream:
                 stream.close()
 
-    def _write(self, line: bytes) -> bytes:
-        """Write what fits into the pipe; return the rest."""
+    def _write(self, piece: bytes) -> int:
+        """Write what fits into the pipe; return the number of bytes."""
         try:
-            return line[os.write(self._in, line[:_CHUNK]) :]
+            return os.write(self._in, piece)
         except BlockingIOError:
-            return line
+            return 0
         except BrokenPipeError:
             raise self.failure("ended before it answered") from None
 
     def _read(self) -> bytes:
         try:
-            found = os.read(self._out, _CHUNK)
+            piece = os.read(self._out, _CHUNK)
         except BlockingIOError:
             return b""
-        if not found:
+        if not piece:
             raise self.failure("ended before it answered")
-        return found
+        return piece
 
     def _read_error(self, waiting: selectors.BaseSelector) -> None:
         """Read the child's standard error and keep its end, so that the pipe never fills."""
         try:
-            found = os.read(self._err, _CHUNK)
+            piece = os.read(self._err, _CHUNK)
         except BlockingIOError:
             return
-        if not found:
+        if not piece:
             waiting.unregister(self._err)
-        self._complaint = (self._complaint + found)[-_KEPT:]
-
-    def _read_errors(self) -> None:
-        """Read the rest of the standard error; wait 0.2 s for a child that is ending."""
-        with selectors.DefaultSelector() as waiting:
-            waiting.register(self._err, selectors.EVENT_READ)
-            until = time.monotonic() + 0.2
-            while waiting.get_map() and waiting.select(max(until - time.monotonic(), 0.0)):
-                self._read_error(waiting)
-                if time.monotonic() > until:
-                    return
+        self._complaint = (self._complaint + piece)[-4_096:]
 
 
-def _can_limit_memory() -> bool:
-    """Whether the system has limits of address space; some have them and set none (`guard`)."""
+def _has_memory_limits() -> bool:
+    """Whether the system has limits of address space; some have them and set none (`launchers`)."""
     try:
         import resource
     except ImportError:
         return False
     return hasattr(resource, "RLIMIT_AS")
-
-
-def _guard(lifeline: int, memory: int) -> list[str]:
-    """Return the command that starts the guard, which is a program and never imported."""
-    return [sys.executable, "-I", "-S", str(_GUARD), str(lifeline), str(memory)]

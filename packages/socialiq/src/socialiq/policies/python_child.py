@@ -16,7 +16,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 MOST = 400  # characters of an error
 
@@ -40,17 +40,18 @@ def main(place: str, attribute: str, paths: list[str]) -> int:
             answer = {"error": f"raised {type(error).__name__}: {error}; correct its code"[:MOST]}
         if isinstance(policy, str):
             answer = {"error": policy}
-        _say(answers, answer)
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
     return 0
 
 
 def _loaded(place: str, attribute: str) -> Any:
     """Return the policy, or a text that says why it is none."""
-    found = getattr(_module(place), attribute)
-    found = found() if inspect.isclass(found) else found
-    if not callable(getattr(found, "predict", found)):
+    policy = getattr(_module(place), attribute)
+    policy = policy() if inspect.isclass(policy) else policy
+    if not callable(getattr(policy, "predict", policy)):
         return "is not a policy: it must be a function or have `predict`"
-    return found
+    return policy
 
 
 def _module(place: str) -> Any:
@@ -86,20 +87,15 @@ def _decided(policy: Any, message: dict[str, Any], size: int) -> dict[str, Any]:
         actions = np.asarray(answer)
     except (ValueError, TypeError):  # rows of several lengths
         return {"error": "must answer one action for each observation"}
-    wanted, kinds, what = (len(batch),), "iu", "one integer"
+    shape, kinds, what = (len(batch),), "iu", "one integer"
     if size:
-        wanted, kinds, what = (len(batch), size), "iuf", f"{size} number(s)"
-    if actions.shape != wanted or actions.dtype.kind not in kinds:
+        shape, kinds, what = (len(batch), size), "iuf", f"{size} number(s)"
+    if actions.shape != shape or actions.dtype.kind not in kinds:
         return {
             "error": f"answered {actions.dtype} of shape {actions.shape}: it must be {what} "
             f"for each of {len(batch)} observations"
         }
     return {"actions": actions.tolist()}
-
-
-def _say(answers: TextIO, answer: dict[str, Any]) -> None:
-    answers.write(json.dumps(answer) + "\n")
-    answers.flush()
 
 
 if __name__ == "__main__":

@@ -19,9 +19,8 @@ from socialiq.foreign import one_line
 from socialiq.nn.actor_policy import ActorPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.policies.interface import Interface
-from socialiq.policies.sb3.archive import Archive
-from socialiq.policies.sb3.config import Sb3Config, read_config
-from socialiq.policies.sb3.state_dict import read_state_dict
+from socialiq.policies.sb3_config import Sb3Config, read_config
+from socialiq.policies.sb3_tensors import Archive, read_state_dict
 
 MOST_WORDS = 8 * 1024 * 1024
 MOST_NETWORK = 32 * 1024 * 1024
@@ -92,7 +91,7 @@ def _layers(tensors: Mapping[str, np.ndarray], config: Sb3Config, source: str) -
     count = sum(name.startswith(f"{hidden}.") for name in used) // 2
     layers = [f"{hidden}.{2 * number}" for number in range(count)]
     layers += [_LAST[config.algorithm]] if config.algorithm in _LAST else []
-    expected = {f"{layer}.{part}" for layer in layers for part in ("weight", "bias")}
+    expected = {f"{layer}.{kind}" for layer in layers for kind in ("weight", "bias")}
     for name in sorted(used ^ expected):
         fault = "holds" if name in used else "lacks"
         raise UserError(
@@ -120,10 +119,12 @@ def _check_sizes(
                 "training was stable"
             )
         inputs = len(bias)
-    wanted = interface.action_size or interface.n_actions
-    if inputs != wanted:
+    outputs = interface.action_size or interface.n_actions
+    if inputs != outputs:
         what = "numbers of an action" if interface.action_size else "actions"
-        raise UserError(f"{source} has {inputs} outputs for {wanted} {what}: save the policy again")
+        raise UserError(
+            f"{source} has {inputs} outputs for {outputs} {what}: save the policy again"
+        )
 
 
 def _take_deviations(
@@ -139,13 +140,13 @@ def _take_deviations(
     names = ["log_std"]
     if config.algorithm == "SAC":
         names = ["actor.log_std.weight", "actor.log_std.bias"]
-    parts = [tensors.pop(name, np.zeros(0)) for name in names]
-    if parts[-1].shape != (size,) or not all(np.isfinite(part).all() for part in parts):
+    *weights, bias = (tensors.pop(name, np.zeros(0)) for name in names)
+    if bias.shape != (size,) or not all(np.isfinite(array).all() for array in (*weights, bias)):
         raise UserError(f"{source} has no sound deviations of its actions: save the policy again")
-    if len(parts) == 1:
-        last = tensors.get("action_net.weight", np.zeros((size, 0)))
-        parts = [np.zeros((size, *last.shape[1:]), np.float32), *parts]
-    return parts[0], parts[1]
+    if weights:
+        return weights[0], bias
+    last = tensors.get("action_net.weight", np.zeros((size, 0)))
+    return np.zeros((size, *last.shape[1:]), np.float32), bias
 
 
 def _actor(
@@ -157,7 +158,7 @@ def _actor(
     """Return the policy of continuous actions; PPO's, in other units and clipped, are scaled."""
     mean, bias = weights[-1], biases[-1]
     if config.bounds is not None and deviations is not None:
-        low, high = (np.array(one, np.float32) for one in config.bounds)
+        low, high = np.array(config.bounds, np.float32)
         half = (high - low) / 2.0
         mean, bias = mean / half[:, None], (bias - (high + low) / 2.0) / half
         deviations = deviations[0], deviations[1] - np.log(half)
@@ -214,5 +215,5 @@ class EpsilonGreedy:
         if deterministic:
             return best, state
         explores = self.rng.random(best.shape) < self.epsilon
-        drawn = self.rng.integers(self.greedy.n_actions, size=best.shape)
-        return np.where(explores, drawn, best), state
+        random = self.rng.integers(self.greedy.n_actions, size=best.shape)
+        return np.where(explores, random, best), state

@@ -14,8 +14,8 @@ from jaxtyping import Float32
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
+from socialiq.policies.child import Child
 from socialiq.policies.interface import BatchPolicy, Interface
-from socialiq.policies.process.child import Child
 
 PROTOCOL = "socialiq-policy"
 VERSION = 1
@@ -26,6 +26,8 @@ _LONGEST = 3_600.0  # seconds
 _MOST_MEMORY = 2**20 * 1024**3  # bytes
 _ANSWER, _PER_ROW = 4_096, 32  # bytes of any other: for all, and for each observation
 
+_ACTIONS, _SIZE = "actions", "action_size"
+"""Field of a greeting with the number of discrete actions, or the length of a continuous one."""
 
 GIB = 1024**3
 LEAST_MEMORY = GIB // 4
@@ -52,7 +54,7 @@ class Limits(NamedTuple):
         Raises:
             UserError: If a number is out of range.
         """
-        if not all(_SHORTEST <= one <= _LONGEST for one in (self.start, self.step)):
+        if not all(_SHORTEST <= seconds <= _LONGEST for seconds in (self.start, self.step)):
             raise UserError(
                 f"seconds for an answer must be at least {_SHORTEST:g} and at most {_LONGEST:g}"
             )
@@ -71,9 +73,9 @@ def limits_of(step_seconds: float, memory_gib: float) -> Limits:
     """
     if not 0.0 <= memory_gib <= _MOST_MEMORY / GIB:
         raise UserError(f"memory in GiB must be at least 0, got {memory_gib:g}")
-    found = Limits(step=step_seconds, memory=round(memory_gib * GIB))
-    found.check()
-    return found
+    limits = Limits(step=step_seconds, memory=round(memory_gib * GIB))
+    limits.check()
+    return limits
 
 
 def start_process(
@@ -95,11 +97,18 @@ def start_process(
     """
     limits.check()
     child = Child(command, source, limits.memory)
-    greeting = {"protocol": PROTOCOL, "version": VERSION, **_sizes(world)}
+    kind = {_SIZE: world.action_size} if world.action_size else {_ACTIONS: world.n_actions}
+    greeting = {"protocol": PROTOCOL, "version": VERSION, "features": world.n_features, **kind}
     answer = _request(child, greeting, limits.start, _GREETING)
     if (answer.get("protocol"), answer.get("version")) != (PROTOCOL, VERSION):
         raise child.failure(f"does not speak {PROTOCOL} version {VERSION}")
-    interface = _interface(child, answer)
+    features, sizes = answer.get("features"), [answer.get(name) for name in (_ACTIONS, _SIZE)]
+    if type(features) is not int or [type(size) for size in sizes if size is not None] != [int]:
+        raise child.failure(
+            f"does not give its numbers of features and {_ACTIONS}, or {_SIZE} if they are "
+            "continuous"
+        )
+    interface = Interface(features, sizes[0] or 0, sizes[1] or 0)
     try:
         interface.check(source, world)
     except UserError:
@@ -124,30 +133,6 @@ def command_of(command_line: str) -> list[str]:
         name = one_line(command[0]) if command else ""
         raise UserError(f"no such program: '{name}'; name one after 'process:'")
     return command
-
-
-_ACTIONS, _SIZE = "actions", "action_size"
-"""Field of a greeting with the number of discrete actions, or the length of a continuous one."""
-
-
-def _sizes(world: Interface) -> dict[str, int]:
-    kind = {_SIZE: world.action_size} if world.action_size else {_ACTIONS: world.n_actions}
-    return {"features": world.n_features, **kind}
-
-
-def _interface(child: Child, answer: dict[str, Any]) -> Interface:
-    """Return the sizes that a program names, of one kind of actions.
-
-    Raises:
-        UserError: If it names none or both; it is killed then.
-    """
-    features, sizes = answer.get("features"), [answer.get(one) for one in (_ACTIONS, _SIZE)]
-    if type(features) is not int or [type(one) for one in sizes if one is not None] != [int]:
-        raise child.failure(
-            f"does not give its numbers of features and {_ACTIONS}, or {_SIZE} if they are "
-            "continuous"
-        )
-    return Interface(features, sizes[0] or 0, sizes[1] or 0)
 
 
 def _request(child: Child, message: dict[str, Any], seconds: float, most: int) -> dict[str, Any]:
@@ -188,7 +173,7 @@ class _Conversation:
 
         Raises:
             UserError: If the process fails, or answers anything but a list of integers, or of
-                lists of numbers if actions are continuous.
+                lists of numbers if actions are continuous; the process is killed then.
         """
         self._number += 1
         request = {
@@ -198,36 +183,33 @@ class _Conversation:
         }
         most = _ANSWER + _PER_ROW * len(batch) * max(self._size, 1)
         answer = _request(self._child, request, self._seconds, most)
-        actions = answer.get("actions")
         if answer.get("id") != self._number:
             raise self._child.failure(f"did not name the request {self._number} that it answers")
+        actions = answer.get("actions")
         if self._size:
-            return self._vectors(actions)
-        if not isinstance(actions, list) or any(type(one) is not int for one in actions):
+            self._check_vectors(actions)
+            return np.array(actions, np.float64).reshape(-1, self._size)
+        if not isinstance(actions, list) or any(type(action) is not int for action in actions):
             raise self._child.failure("answered actions that are not a list of integers")
-        if any(abs(one) >= 2**31 for one in actions):
+        if any(abs(action) >= 2**31 for action in actions):
             raise self._child.failure("answered an action of more than 32 bits")
         return np.array(actions, np.int64)
 
-    def _vectors(self, actions: Any) -> np.ndarray:
-        """Return continuous actions; their number is checked with those of other policies.
-
-        Raises:
-            UserError: If they are not lists of finite numbers; the process is killed then.
-        """
-        lists = isinstance(actions, list) and all(isinstance(one, list) for one in actions)
-        if not lists or any(len(one) != self._size for one in actions):
+    def _check_vectors(self, actions: Any) -> None:
+        """Refuse all but lists of finite numbers; `Interface.checked` counts the lists."""
+        lists = isinstance(actions, list) and all(isinstance(row, list) for row in actions)
+        if not lists or any(len(row) != self._size for row in actions):
             raise self._child.failure(
                 f"answered actions that are no list of {self._size} number(s) for each observation"
             )
-        for one in itertools.chain.from_iterable(actions):
-            if type(one) not in (int, float):
+        for number in itertools.chain.from_iterable(actions):
+            if type(number) not in (int, float):
                 raise self._child.failure(
-                    f"answered {one_line(json.dumps(one), 40)} in an action: each must be a number"
+                    f"answered {one_line(json.dumps(number), 40)} in an action: each must be a "
+                    "number"
                 )
-            if not abs(one) <= 1.0:  # NaN too
+            if not abs(number) <= 1.0:  # NaN too
                 raise self._child.failure(
-                    f"answered {one_line(str(one), 40)} in an action: continuous ones must be in "
-                    "[-1, 1], the ends being the bounds of the action space"
+                    f"answered {one_line(str(number), 40)} in an action: continuous ones must be "
+                    "in [-1, 1], the ends being the bounds of the action space"
                 )
-        return np.array(actions, np.float64).reshape(len(actions), self._size)
