@@ -33,7 +33,7 @@ def call(*words: object) -> int:
 
 def collected(folder: Path, world: str, *more: object, episodes: int = 4) -> Path:
     """Collect demonstrations of a world; return their file."""
-    path = folder / f"{world}{'-'.join(map(str, more))}.safetensors"
+    path = folder / f"{world}.safetensors"
     call("collect", world, "--episodes", episodes, *more, "--out", path)
     return path
 
@@ -53,7 +53,10 @@ def of_csv(path: Path, leave_out: tuple[str, ...] = ()) -> str:
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     return of_plain(
-        [{name: number(cell) for name, cell in row.items() if name not in leave_out} for row in rows]
+        [
+            {name: number(cell) for name, cell in row.items() if name not in leave_out}
+            for row in rows
+        ]
     )
 
 

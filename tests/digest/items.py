@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tests.digest import learners, studies, traces
+from tests.digest import audits, learners, readers, saved, studies, traces
 from tests.digest.digest import Item
 
-ITEMS: list[Item] = [*traces.ITEMS, *learners.ITEMS, *studies.ITEMS]
+ITEMS: list[Item] = [
+    *traces.ITEMS,
+    *readers.ITEMS,
+    *saved.ITEMS,
+    *audits.ITEMS,
+    *learners.ITEMS,
+    *studies.ITEMS,
+]
 
 
 def chosen(names: Sequence[str] = (), quick: bool = False) -> list[Item]:

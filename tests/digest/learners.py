@@ -57,17 +57,25 @@ OTHERS: dict[str, tuple[object, ...]] = {
 }
 
 CONTINUOUS: dict[str, tuple[object, ...]] = {
-    "iq_learn": SMALL,
+    "iq_learn": OFFLINE,
     "iq_learn-online": (*SMALL, "--world", "intersection-continuous"),
     "td3-bc": (*SMALL, "--learner", "td3-bc"),
     "behaviour-cloning": (*SMALL, "--learner", "behaviour-cloning"),
-    "standardised": (*SMALL, "--standardise"),
+    "standardised": (*OFFLINE, "--standardise"),
 }
 """The same with demonstrations of continuous actions."""
 
 WITHOUT_DATA: dict[str, tuple[object, ...]] = {
     "sac": (*SMALL, "--learner", "sac", "--world", "intersection-continuous"),
-    "sac-dial": (*SMALL, "--learner", "sac", "--world", "intersection-continuous", "--dial", "True"),
+    "sac-dial": (
+        *SMALL,
+        "--learner",
+        "sac",
+        "--world",
+        "intersection-continuous",
+        "--dial",
+        "True",
+    ),
 }
 
 DIALS: dict[str, tuple[object, ...]] = {
@@ -77,7 +85,7 @@ DIALS: dict[str, tuple[object, ...]] = {
     "online-clockless": ("--preset", "online-clockless", *DIAL, *ACTS),
     "offline": ("--preset", "offline", *DIAL),
     "offline-redrawn": ("--preset", "offline-redrawn", *DIAL),
-    "offline-regularised": ("--preset", "offline-regularised", *SMALL),
+    "offline-regularised": ("--preset", "offline-regularised", *DIAL[:4]),
     "one-angle": ("--preset", "offline", "--angle", 30, *DIAL),
     "pair": ("--preset", "online", "--heads", "pair", "--backup", "double", *DIAL, *ACTS),
 }
@@ -114,7 +122,8 @@ def grid_sizes(clock: bool = False) -> tuple[int, int]:
 def trained_continuously(words: tuple[object, ...], shown: bool, folder: Path) -> Hashes:
     """Train at the intersection with continuous actions, with or without demonstrations."""
     world = "intersection-continuous"
-    data = [collected(folder, world, episodes=2)] if shown else []
+    drivers = ("--driver", "atlas:expert_prosocial", "--driver", "idm")
+    data = [collected(folder, world, *drivers, episodes=2)] if shown else []
     call("train", *data, *words, "--out", folder / "run")
     return of_networks(folder / "run")
 

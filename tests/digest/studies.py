@@ -119,7 +119,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "intersection-policy-iteration": {
         "seeds": (0, 1),
         "modes": ("egoistic",),
-        "updates": 200,
+        "updates": 20,
         "episodes": 12,
     },
     "intersection-dial": {
@@ -272,7 +272,7 @@ VOLATILE = ("seconds", "longest", "updates_per_second", "device", "rate")
 VOLATILE_TABLES = ("times", "speed", "speeds")
 
 NEEDS = {"mujoco-imitation": ("mujoco",)}
-QUICK = ("audit-power", "worlds", "off-policy", "mo-gymnasium")
+QUICK = ("audit-power", "off-policy", "mo-gymnasium")
 
 
 def tiny(study: Any, options: dict[str, Any]) -> Any:

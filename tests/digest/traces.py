@@ -31,6 +31,7 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
 def trace(identity: str, options: dict[str, Any], _folder: Path) -> Hashes:
     """Drive by random actions; hash observations, rewards, reward pairs, signals and endings."""
     import gymnasium
+
     import socialiq
 
     assert socialiq.__all__  # importing it registers the environments
@@ -76,4 +77,4 @@ def trace_at_junction(folder: Path) -> Hashes:
 ITEMS = [
     Item(f"trace/{name}", functools.partial(trace, *environment), quick=True)
     for name, environment in ENVIRONMENTS.items()
-] + [Item("trace/recorded-junction", trace_at_junction, ("shapely",), quick=True)]
+] + [Item("trace/recorded-junction", trace_at_junction, ("shapely",))]
