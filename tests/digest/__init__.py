@@ -1,4 +1,4 @@
-"""Digest of results: a SHA-256 for each table, so that a change of the code shows if a number changes.
+"""Digest of results: a SHA-256 for each table, which shows whether a number has changed.
 
 `python -m tests.digest --make` writes `digest.json`, `--compare` computes it again.
 """
