@@ -17,7 +17,7 @@ COMMITTED = {
     "intersection-networks/atlas/set_prosocial": 70,
     "intersection-policy-iteration/atlas/iterated_prosocial": 70,
     "intersection-dial/dial": 70,
-    "intersection-offline/dial": 71,
+    "intersection-offline/dial": 70,
     "intersection-dial-clock/iterated": 71,
 }
 """Number of features by name of a committed policy of the intersection."""
