@@ -119,7 +119,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "intersection-policy-iteration": {
         "seeds": (0, 1),
         "modes": ("egoistic",),
-        "updates": 20,
+        "updates": 200,
         "episodes": 12,
     },
     "intersection-dial": {
