@@ -289,9 +289,9 @@ def tiny(study: Any, options: dict[str, Any]) -> Any:
 
 def tables_of(name: str, options: dict[str, Any], folder: Path) -> Hashes:
     """Run a study; hash each table, the summary and the names of its other files."""
-    from socialiq.experiments.engine import Engine
-    from socialiq.experiments.study import run
-    from socialiq.studies import find
+    from socialiq_lab.engine import Engine
+    from socialiq_lab.registry import find
+    from socialiq_lab.study import run
 
     study = find(name)
     results = run(study, tiny(study, options), work=folder / "work", engine=Engine(processes=1))
