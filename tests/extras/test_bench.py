@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from socialiq.cli import bench
+from socialiq_lab.cli import bench
 from socialiq.cli.main import main
 
 

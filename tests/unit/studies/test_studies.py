@@ -269,7 +269,7 @@ def test_a_study_is_imported_when_it_is_asked_for():
         "print(*(m for m in sys.modules if m.startswith('studies.')))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert {name.split(".")[2] for name in done.stdout.split()} == {"poc"}
+    assert {name.split(".")[1] for name in done.stdout.split()} == {"poc"}
 
 
 def test_an_unknown_study_and_code_that_may_not_run_are_refused(tmp_path):
