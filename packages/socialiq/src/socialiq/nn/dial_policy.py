@@ -6,14 +6,14 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from socialiq.errors import UserError
 from socialiq.nn.q_policy import QPolicy, checked_batch, layers_of_network
-from socialiq.nn.saved import Arrays, Header, Network, Saved, refusal
+from socialiq.nn.saved import Arrays, Header, Saved, SavedNetwork, refusal
 from socialiq.social.angle import exact_weights
 from socialiq.types import RewardPair
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Settings = tuple[tuple[float, float], ...]
 """Rows (first angle asked for, angle of the network), both in degrees, the first one rising."""
+
+Network = TypeVar("Network", bound=SavedNetwork)
 
 
 @dataclass(frozen=True)
