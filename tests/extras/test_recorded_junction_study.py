@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
 from studies.recorded_junction import ahead, practice
 from studies.recorded_junction.config import Config

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
 pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 
 DOCS = Path(__file__).parents[2] / "docs"
