@@ -8,7 +8,7 @@ from socialiq.audit.profile.template import declare
 from socialiq.cli.main import main
 from socialiq.demonstrations import files
 from socialiq.errors import UserError
-from socialiq_recordings.recording import refuse_recording
+from socialiq.worlds.registry import refuse_file
 
 REASON = "its neighbours do not react"
 
@@ -16,12 +16,12 @@ REASON = "its neighbours do not react"
 @pytest.mark.parametrize("world", ["junction.safetensors", "a/b.XML", "07_tracks.csv"])
 def test_a_recording_is_no_world(world):
     with pytest.raises(UserError, match=REASON):
-        refuse_recording(world)
+        refuse_file(world)
 
 
 def test_worlds_are_worlds():
     for world in ("crossing7", "intersection", "socialiq/Intersection-v1", "CartPole-v1"):
-        assert refuse_recording(world) is None
+        assert refuse_file(world) is None
 
 
 @pytest.mark.parametrize(

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
-from socialiq.errors import UserError
-from socialiq.storage import kind_of
-from socialiq.worlds import WORLD_FILE
 from socialiq_recordings.road.network import RoadNetwork
 from socialiq_recordings.tracks import Tracks
 
@@ -71,25 +67,3 @@ def order_fault(frames: Int[np.ndarray, " state"] | Sequence[int]) -> str:
     if after < before:
         return f"time goes back: frame {after} follows frame {before}"
     return f"frame {after} follows frame {before}: a gap of {after - before - 1}"
-
-
-_SUFFIXES = (".safetensors", ".xml", ".csv")
-
-
-def refuse_recording(world: str) -> None:
-    """Raise an error for a file in place of a world.
-
-    Args:
-        world: Name given by the user.
-
-    Raises:
-        UserError: If it is a file's name, and not that of a world of `socialiq data world`.
-    """
-    if kind_of(Path(world)) == WORLD_FILE:
-        return
-    if world.lower().endswith(_SUFFIXES):
-        raise UserError(
-            "a recording can't be driven in: its neighbours do not react, so their losses of speed "
-            "are fixed whatever the policy does, and the angle would be biased; name a world that "
-            "reacts (intersection, or one that `socialiq data world` makes of it)"
-        )

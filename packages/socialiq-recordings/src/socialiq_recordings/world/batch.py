@@ -2,38 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int8, Int64
+from jaxtyping import Float32
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.settings import SIGNALS
 from socialiq.worlds.intersection.settings import settings_of
+from socialiq.worlds.world import Decisions, observed_with_time
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.state import AS_DRIVER, Made, Traffic
 
 
-class Decisions(NamedTuple):
-    """Results of one decision of every episode.
+class State(NamedTuple):
+    """Complete state of some episodes.
 
     Attributes:
-        observation: Of the state reached, (row, feature).
-        rewards: The reward pair.
-        ending: Values of `Ending`; OTHER: the ego drove over a closed line.
-        signals: Every named signal, unweighted.
-        speed: The ego's, m/s.
-        contact: Values of `Contact`: which vehicle struck, if the ego collided.
+        traffic: Vehicles and drivers.
+        observation: Present observations.
+        waiting: Whether the episodes have ended and need a reset.
+        begun: Whether their random streams have begun.
     """
 
-    observation: Float32[np.ndarray, "row feature"]
-    rewards: RewardPair
-    ending: Int8[np.ndarray, " row"]
-    signals: Mapping[str, Float[np.ndarray, " row"]]
-    speed: Float[np.ndarray, " row"]
-    contact: Int8[np.ndarray, " row"]
+    traffic: Traffic
+    observation: np.ndarray
+    waiting: np.ndarray
+    begun: np.ndarray
+
+    def rows(self, chosen: Any) -> State:
+        """Return the state of the chosen episodes; indices may repeat."""
+        rows = np.asarray(chosen)
+        traffic = Traffic(*(column[rows] for column in self.traffic))
+        return State(traffic, *(column[rows] for column in self[1:]))
 
 
 class JunctionBatch:
@@ -84,10 +86,7 @@ class JunctionBatch:
 
     def seen_by(self, policy: Any) -> Float32[np.ndarray, "row feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
-        seen = self.observation
-        if getattr(policy, "n_features", None) != seen.shape[1] + 1:
-            return seen
-        return np.column_stack([seen, self.time])
+        return observed_with_time(self.observation, self.time, policy)
 
     def reset(self, seeds: Any = None, rows: Any = None) -> Float32[np.ndarray, "row feature"]:
         """Start new episodes.
@@ -117,23 +116,35 @@ class JunctionBatch:
         self._waiting[chosen], self.begun[chosen] = False, True
         return self.observation
 
-    def take(self, other: JunctionBatch, rows: Int64[np.ndarray, " row"]) -> None:
-        """Take the states of another batch's episodes, which go on there undisturbed.
+    def save(self) -> State:
+        """Return a copy of the state of every episode."""
+        traffic = Traffic(*(column.copy() for column in self.traffic))
+        columns = (self._made.observation, self._waiting, self.begun)
+        return State(traffic, *(column.copy() for column in columns))
 
-        Args:
-            other: Batch of the same world.
-            rows: Its episode for each row here.
-        """
-        for mine, theirs in zip(self.traffic, other.traffic, strict=True):
-            mine[:] = theirs[rows]
-        self._made.observation[:] = other._made.observation[rows]
-        self._waiting[:], self.begun[:] = other._waiting[rows], other.begun[rows]
+    def restore(self, state: State) -> None:
+        """Restore a saved state with as many rows; episodes go on from it undisturbed."""
+        for column, saved in zip(self.traffic, state.traffic, strict=True):
+            column[:] = saved
+        self._made.observation[:] = state.observation
+        self._waiting[:], self.begun[:] = state.waiting, state.begun
 
-    def step(self, actions: Any, rows: Any = None) -> Decisions:
+    def like(self, size: int) -> JunctionBatch:
+        """Return a batch of so many episodes of the same world."""
+        return JunctionBatch(self.world, size, self._threads)
+
+    def branch(self, rows: Any) -> JunctionBatch:
+        """Return a batch of copies of some episodes, which may repeat; this one is not changed."""
+        copies = self.like(len(rows))
+        copies.restore(self.save().rows(rows))
+        return copies
+
+    def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> Decisions:
         """Take one decision in every episode, or in some.
 
         Args:
             actions: A level for each episode; `AS_DRIVER`: as a driver of the population.
+            auto_reset: Start a new episode where one ended.
             rows: Episodes to advance, as an index or a mask; all by default.
 
         Raises:
@@ -156,7 +167,7 @@ class JunctionBatch:
         self._run(commands, unseeded, np.zeros(self.size, np.uint64), levels)
         self._waiting |= deciding & (self._made.ending != int(Ending.NONE))
         made = self._made
-        return Decisions(
+        decisions = Decisions(
             self.observation,
             RewardPair(*made.pair.T.copy()),
             made.ending.copy(),
@@ -164,6 +175,9 @@ class JunctionBatch:
             made.speed.copy(),
             made.contact.copy(),
         )
+        if auto_reset and (ended := self._waiting & deciding).any():
+            self.reset(rows=ended)
+        return decisions
 
     def _run(self, commands: Any, seeded: Any, seeds: Any, levels: Any) -> None:
         from socialiq.worlds.highway.core.compile import run_in_parts

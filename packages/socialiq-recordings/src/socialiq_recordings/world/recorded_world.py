@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
+from gymnasium import spaces
 
 from socialiq import storage
-from socialiq.errors import UserError
+from socialiq.errors import UserError, one_of
 from socialiq.worlds import WORLD_FILE
+from socialiq.worlds.highway.settings import SIGNALS, reward_definition
 from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.intersection.options import Options
+from socialiq.worlds.world import ConstantPolicy, World
 from socialiq_recordings.world.config import WorldConfig
+
+if TYPE_CHECKING:
+    from socialiq_recordings.world.batch import JunctionBatch
 
 KIND = WORLD_FILE
 SCHEMA_VERSION = 1
@@ -104,8 +112,11 @@ class Road(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedWorld:
+class RecordedWorld(World):
     """World of recorded junctions.
+
+    Its rule-based drivers are a driver of the calibrated population, which knows the ways of the
+    others and the closed lines that policies see in part; always faster; and always slower.
 
     Attributes:
         road: Its arrays.
@@ -113,6 +124,7 @@ class RecordedWorld:
         max_speed: v_max of Eq 4.1 and 4.2, and the ego's largest speed, m/s.
         provenance: Recordings, calibration and counts, as JSON.
         sha256: Of the file's content; "" if it was not read from a file.
+        name: Name in hashes, the same for every file.
     """
 
     road: Road
@@ -120,11 +132,55 @@ class RecordedWorld:
     max_speed: float
     provenance: dict[str, Any]
     sha256: str = ""
+    name: str = "recorded-junction"
+
+    draws_by_seed: ClassVar[bool] = True
+    drivers: ClassVar[tuple[str, ...]] = ("driver", "go", "wait")
+    references: ClassVar[tuple[str, ...]] = drivers
 
     @property
-    def n_actions(self) -> int:
-        """Number of actions."""
-        return len(self.config.levels)
+    def description(self) -> str:
+        """Format and SHA-256 of the file's content as JSON with sorted keys."""
+        described = {"content": self.sha256, "format": SCHEMA_VERSION, "name": self.name}
+        return json.dumps(described, sort_keys=True, separators=(",", ":"))
+
+    @property
+    def options(self) -> Options:
+        """Options of the reward pair."""
+        return self.config.options(self.max_speed)
+
+    @property
+    def reward(self) -> dict[str, Any]:
+        """Definition of the reward pair: weights of the signals, and the options that matter."""
+        return reward_definition(self.options)
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of all signals, those of r_env first."""
+        return SIGNALS
+
+    @property
+    def action_space(self) -> spaces.Discrete:
+        """Space of one action: the number of an acceleration, the strongest braking first."""
+        return spaces.Discrete(len(self.config.levels))
+
+    def driver(self, name: str, seed: int = 0) -> ConstantPolicy:  # noqa: ARG002  none is random
+        """Return a driver of `drivers`.
+
+        Raises:
+            UserError: If the name is unknown.
+        """
+        from socialiq_recordings.world.state import AS_DRIVER
+
+        one_of("driver of a recorded junction", name, self.drivers)
+        actions = {"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}
+        return ConstantPolicy(actions[name])
+
+    def batch(self, size: int, threads: int = 1) -> JunctionBatch:
+        """Return episodes side by side."""
+        from socialiq_recordings.world.batch import JunctionBatch
+
+        return JunctionBatch(self, size, threads)
 
     @property
     def n_features(self) -> int:

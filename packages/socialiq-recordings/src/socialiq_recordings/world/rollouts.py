@@ -56,8 +56,7 @@ def branch(batch: JunctionBatch, rows: Int64[np.ndarray, " state"], policy: Act)
         policy: Followed after the first action.
     """
     count = batch.world.n_actions
-    copies = JunctionBatch(batch.world, count * len(rows))
-    copies.take(batch, np.repeat(rows, count))
+    copies = batch.branch(np.repeat(rows, count))
     action = np.tile(np.arange(count), len(rows))
     returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
     running = np.ones(copies.size, bool)

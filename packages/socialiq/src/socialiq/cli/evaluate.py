@@ -34,10 +34,9 @@ from socialiq.worlds.enumerate import Table, tabulate
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid
+from socialiq.worlds.registry import GRIDWORLDS, continuous_options, make_grid, refuse_file
 from socialiq_lab.engine import Engine, work_folder
 from socialiq_lab.intersection.rows import policy_row
-from socialiq_recordings.recording import refuse_recording
 
 FOREIGN = (".onnx", ".zip")
 """Suffixes of policies of other programs."""
@@ -158,7 +157,7 @@ class Evaluate:
 
     def measured(self) -> list[dict[str, Any]]:
         """Return a row for each policy."""
-        refuse_recording(self.world)
+        refuse_file(self.world)
         self._check_engine()
         if self.world == "intersection" or self.world in CONTINUOUS:
             return [self.intersection(str(path)) for path in self.policies]

@@ -36,8 +36,7 @@ from socialiq.types import Row
 from socialiq.worlds.enumerate import tabulate
 from socialiq.worlds.environment import environment_maker
 from socialiq.worlds.grid_world import GridWorld
-from socialiq.worlds.registry import GRIDWORLDS, make_grid
-from socialiq_recordings.recording import refuse_recording
+from socialiq.worlds.registry import GRIDWORLDS, make_grid, refuse_file
 
 # Every field of the configs is an option, but for those that a grid or the world decides.
 StaticOptions = tyro.conf.OmitArgPrefixes[optional(StaticConfig, "online")]
@@ -237,7 +236,7 @@ class Train:
         """A gridworld to step in the compiled program, or a collector for a Gymnasium id."""
         if not self.world:
             return None, None
-        refuse_recording(self.world)
+        refuse_file(self.world)
         if self.world in GRIDWORLDS:
             return make_grid(self.world), None
 

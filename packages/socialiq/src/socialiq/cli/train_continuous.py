@@ -21,8 +21,7 @@ from socialiq.worlds.environment import action_size, continuous_maker, sizes
 from socialiq.worlds.intersection.actions import width
 from socialiq.worlds.intersection.gym import intersections
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import continuous_options
-from socialiq_recordings.recording import refuse_recording
+from socialiq.worlds.registry import continuous_options, refuse_file
 
 NO_PRESET = "grid"  # the default of `train`, which is of discrete actions
 SIDE_BY_SIDE = 24
@@ -165,7 +164,7 @@ def _prepared(
         return lambda callbacks: train(
             learner, static, runs, datasets, callbacks=callbacks, chunk=CHUNK
         )
-    refuse_recording(command.world)
+    refuse_file(command.world)
     if command.world in CONTINUOUS:
         more = _at_intersection(command.world, static, runs, data)
         check_fit(learner, static, runs, datasets, None, more["sizes"], True)

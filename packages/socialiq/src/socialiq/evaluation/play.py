@@ -12,9 +12,10 @@ from jaxtyping import Float32
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.evaluation.simulate import Actor, SoftActor, SoftPolicy, Step, simulate
 from socialiq.types import Policy, RewardPair
-from socialiq.worlds.highway.episodes import Decisions, RoadBatch
+from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import Decisions
 
 
 class BatchSimulator:

@@ -143,6 +143,7 @@ def make(options: Options | None = None) -> GridWorld:
         draw=draw,
         places=places,
         size=SIZE,
+        units=("ends_on", "social_cost", "arrival"),
     )
 
 

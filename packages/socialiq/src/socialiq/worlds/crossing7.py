@@ -284,6 +284,7 @@ def make(options: Options | None = None) -> GridWorld:
         draw=draw,
         places=places,
         size=SIZE,
+        units=("arrival", "full_stop", "yield_zone", "slow_yield"),
     )
 
 

@@ -1,20 +1,25 @@
-"""Exact transition table of a gridworld, enumerated from its rules."""
+"""Exact transition table of a gridworld, enumerated from its rules, and episodes in it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32, Int, Int8, Int64
 
+from socialiq.errors import UserError
 from socialiq.mdp.tabular import TabularMDP
-from socialiq.types import Ending
+from socialiq.types import Ending, RewardPair
 from socialiq.worlds.grid_world import GridWorld, Outcome
+from socialiq.worlds.highway.state import Contact
+from socialiq.worlds.world import observed_with_time, rows_of
+
+_CHANCE = 5190  # makes draws of chance independent of other draws from the same seed
 
 
 @dataclass(frozen=True)
@@ -111,3 +116,136 @@ def _all_outcomes(rules: Callable[..., Outcome], states: Any, actions: Any, chan
     each_chance = jax.vmap(rules, in_axes=(None, None, 0))
     each_action = jax.vmap(each_chance, in_axes=(None, 0, None))
     return jax.vmap(each_action, in_axes=(0, None, None))(states, actions, chances)
+
+
+class GridStep(NamedTuple):
+    """Result of a step in a gridworld, of all rows.
+
+    Attributes:
+        state: Index of the state reached.
+        rewards: Rewards of the step.
+        ending: Values of `Ending`; a timeout after the horizon's last step.
+        contact: Values of `Contact`: the ego struck, if it collided.
+    """
+
+    state: Int64[np.ndarray, " row"]
+    rewards: RewardPair
+    ending: Int64[np.ndarray, " row"]
+    contact: Int8[np.ndarray, " row"]
+
+
+class GridState(NamedTuple):
+    """Complete state of some episodes: index, time, chance to come, and whether they have ended."""
+
+    state: Int64[np.ndarray, " row"]
+    time: Int64[np.ndarray, " row"]
+    fate: Float[np.ndarray, "row draw"]
+    waiting: np.ndarray
+
+    def rows(self, chosen: Any) -> GridState:
+        """Return the state of the chosen episodes; indices may repeat."""
+        return GridState(*(column[np.asarray(chosen)] for column in self))
+
+
+class GridBatch:
+    """Episodes of a gridworld side by side (`world.Batch`).
+
+    The seed of an episode determines its first state and every chance outcome; a generator in its
+    place is one source for all of them.
+
+    Args:
+        table: The world, or its reachable part.
+        size: Number of episodes.
+        shared: Generator of all draws; seeds are then ignored.
+    """
+
+    def __init__(self, table: Table, size: int, shared: np.random.Generator | None = None) -> None:
+        self.table, self.size, self._shared = table, size, shared
+        self.state = np.zeros(size, np.int64)
+        self._time = np.zeros(size, np.int64)
+        self._fate = np.zeros((size, table.world.horizon + 1))
+        self._waiting = np.ones(size, bool)
+
+    @property
+    def observation(self) -> Int64[np.ndarray, " row"]:
+        """Index of the present state of each episode; one that is over stays in its last."""
+        return self.state.copy()
+
+    @property
+    def time(self) -> Float32[np.ndarray, " row"]:
+        """Steps since the last reset of every episode."""
+        return self._time.astype(np.float32)
+
+    def seen_by(self, policy: Any) -> Float32[np.ndarray, "row feature"]:
+        """Return the observations, with the time at the end if a policy has one feature more."""
+        return observed_with_time(self.table.observe(self.state, self._time), self.time, policy)
+
+    def reset(self, seeds: Any = None, rows: Any = None) -> Int64[np.ndarray, " row"]:
+        """Draw the first states of some rows.
+
+        Args:
+            seeds: Seed of each of these rows.
+            rows: Index or mask; all by default.
+        """
+        chosen, initial = np.flatnonzero(rows_of(rows, self.size)), self.table.mdp.initial
+        if self._shared is not None:
+            self.state[chosen] = self._shared.choice(len(initial), size=len(chosen), p=initial)
+        else:
+            if seeds is None:
+                raise UserError("every reset of a gridworld needs its seeds")
+            draws = self._fate.shape[1]
+            for row, seed in zip(chosen, np.asarray(seeds).tolist(), strict=True):
+                self._fate[row] = np.random.default_rng([_CHANCE, seed]).random(draws)
+            chances = np.broadcast_to(initial, (len(chosen), len(initial)))
+            self.state[chosen] = _drawn(chances, self._fate[chosen, 0])
+        self._time[chosen], self._waiting[chosen] = 0, False
+        return self.observation
+
+    def step(self, actions: Any, auto_reset: bool = False, rows: Any = None) -> GridStep:
+        """Take a step in some rows, all by default; there is no `auto_reset`, for want of seeds."""
+        assert not auto_reset
+        mdp, chosen = self.table.mdp, np.flatnonzero(rows_of(rows, self.size))
+        state, action = self.state[chosen], np.asarray(actions)[chosen]
+        chances = mdp.probability[state, action]
+        if self._shared is None:
+            outcome = _drawn(chances, self._fate[chosen, self._time[chosen] + 1])
+        else:
+            outcome = _drawn(chances, self._shared.random(len(chosen)))
+        after, ending = mdp.successor[state, action, outcome], mdp.ending[state, action, outcome]
+        self._time[chosen] += 1
+        late = (ending == Ending.NONE) & (self._time[chosen] == self.table.world.horizon)
+        ending = np.where(late, int(Ending.TIMEOUT), ending)
+        self.state[chosen] = np.where(ending == Ending.NONE, after, state)
+        self._waiting[chosen] = ending != Ending.NONE
+        reached, endings = self.observation, np.zeros(self.size, np.int64)
+        reached[chosen], endings[chosen] = after, ending
+        pair = RewardPair(np.zeros(self.size), np.zeros(self.size))
+        for side, reward in zip(pair, mdp.rewards, strict=True):
+            side[chosen] = reward[state, action]
+        struck = np.where(endings == Ending.COLLISION, int(Contact.EGO_STRUCK), int(Contact.NONE))
+        return GridStep(reached, pair, endings, struck.astype(np.int8))
+
+    def save(self) -> GridState:
+        """Return a copy of the state of every episode."""
+        columns = (self.state, self._time, self._fate, self._waiting)
+        return GridState(*(column.copy() for column in columns))
+
+    def restore(self, state: GridState) -> None:
+        """Restore a saved state with as many rows."""
+        columns = (self.state, self._time, self._fate, self._waiting)
+        for column, saved in zip(columns, state, strict=True):
+            column[:] = saved
+
+    def branch(self, rows: Any) -> GridBatch:
+        """Return a batch of copies of some episodes, which may repeat; this one is not changed."""
+        copies = GridBatch(self.table, len(rows), self._shared)
+        copies.restore(self.save().rows(rows))
+        return copies
+
+
+def _drawn(
+    chances: Float[np.ndarray, "row outcome"], uniform: Float[np.ndarray, " row"]
+) -> Int64[np.ndarray, " row"]:
+    """Return the outcome that a uniform number of each row stands for."""
+    outcome = (uniform[:, None] >= chances.cumsum(axis=1)).sum(axis=1)
+    return np.minimum(outcome, chances.shape[1] - 1)

@@ -5,14 +5,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gymnasium import spaces
 from jaxtyping import Array, Float, Int
 
 from socialiq.types import Ending, RewardPair, Step
+from socialiq.worlds.world import World
+
+if TYPE_CHECKING:
+    from socialiq.worlds.enumerate import GridBatch, Table
 
 Signals = Mapping[str, Any]
 
@@ -66,7 +71,7 @@ class Episode(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class GridWorld:
+class GridWorld(World):
     """A finite world given by its rules; also a `types.Simulator`.
 
     The exact transition table (`worlds.enumerate`), the Gymnasium environment (`worlds.gym`) and
@@ -87,6 +92,7 @@ class GridWorld:
         draw: (axes, world, state) -> None; draws one state with matplotlib.
         places: State -> places of the road users that are present.
         size: Number of columns and of rows; the roads cross in the middle.
+        units: Names of the options that define the rewards.
         clock: Whether the time is observed too, as a last feature. The thesis' agents don't see
             it; docs/dial.md gives its effect.
     """
@@ -105,12 +111,20 @@ class GridWorld:
     draw: Callable[[Any, GridWorld, tuple[int, ...]], None]
     places: Callable[[Sequence[int]], list[Place]]
     size: int
+    units: tuple[str, ...] = ()
     clock: bool = False
+
+    is_exact: ClassVar[bool] = True
 
     @property
     def n_actions(self) -> int:
         """Number of actions."""
         return len(self.actions)
+
+    @property
+    def action_space(self) -> spaces.Discrete:
+        """Space of one action."""
+        return spaces.Discrete(self.n_actions)
 
     @property
     def observed(self) -> tuple[Feature, ...]:
@@ -132,6 +146,47 @@ class GridWorld:
     def with_clock(self) -> GridWorld:
         """Return the same world with the time as last feature of its observations."""
         return dataclasses.replace(self, clock=True)
+
+    def table(self) -> Table:
+        """Return the exact transitions of all states."""
+        from socialiq.worlds.enumerate import tabulate
+
+        return tabulate(self)
+
+    def batch(self, size: int, threads: int = 1) -> GridBatch:  # noqa: ARG002  NumPy has one
+        """Return episodes side by side, in the states that some policy can reach."""
+        from socialiq.worlds.enumerate import GridBatch
+
+        return GridBatch(self.table().reachable_part(), size)
+
+    @property
+    def reward(self) -> dict[str, Any]:
+        """Definition of the reward pair: weights of the signals, and the options that matter."""
+        units = {name: getattr(self.options, name) for name in self.units}
+        units |= {"horizon": self.horizon, "max_speed": self.max_speed}
+        return {
+            "env": dict(self.env_weights),
+            "social": dict(self.social_weights),
+            "units": units,
+        }
+
+    def largest_difference(self, weights: tuple[float, float]) -> float:
+        """Return the most by which the weighted rewards of two episodes can differ, exactly."""
+        from socialiq.worlds.enumerate import episode_range
+
+        low, high = episode_range(self, weights)
+        return high - low
+
+    def other_traffic(self) -> dict[str, dict[str, Any]]:
+        """Return twice as many vehicles, or 0.3 a step; none where traffic is not an option.
+
+        0.3 replaces a doubling that would be the same traffic, or more than one vehicle a step.
+        """
+        usual = getattr(self.options, "spawn_probability", None)
+        if usual is None:
+            return {}
+        other = 2 * usual if 0.0 < usual <= 0.5 else 0.3
+        return {f"vehicles spawning at {other:g} a step": {"spawn_probability": other}}
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -1,18 +1,29 @@
-"""Worlds by name, and their options from keyword arguments."""
+"""Worlds by name, their options from keyword arguments, and worlds of other distributions.
+
+Another distribution adds its worlds by an entry point of the group `socialiq.worlds`: its name is a
+kind of file (`storage.kind_of`), its object a function from such a file's path to a `World`.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import typing
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, TypeVar
 
 from socialiq.errors import UserError, one_of
-from socialiq.worlds import CONTINUOUS, crossing5, crossing7, intersection
+from socialiq.foreign import one_line
+from socialiq.storage import kind_of
+from socialiq.worlds import CONTINUOUS, WORLD_FILE, crossing5, crossing7, intersection
 from socialiq.worlds.grid_world import GridWorld
+from socialiq.worlds.highway.scenes import SCENES
+from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.intersection.options import ContinuousOptions
 from socialiq.worlds.intersection.world import Intersection
+from socialiq.worlds.world import World
 
 Kind = TypeVar("Kind")
 WORLDS = {"crossing5": crossing5, "crossing7": crossing7, "intersection": intersection}
@@ -20,6 +31,79 @@ GRIDWORLDS = ("crossing5", "crossing7")
 INTERSECTIONS = ("intersection", *CONTINUOUS)
 NAMES = (*GRIDWORLDS, *INTERSECTIONS)
 """Every world of `make`."""
+
+GROUP = "socialiq.worlds"
+_OF_RECORDINGS = "socialiq_recordings.world.gym:load_world"
+_FILES = (".safetensors", ".xml", ".csv")
+
+
+@cache
+def _loaders() -> dict[str, EntryPoint]:
+    """Return what reads a world from a file, by the kind of the file."""
+    known = {WORLD_FILE: EntryPoint(WORLD_FILE, _OF_RECORDINGS, GROUP)}
+    return known | {entry.name: entry for entry in entry_points(group=GROUP)}
+
+
+def is_world_file(name: str) -> bool:
+    """Whether a name is that of a file that holds a world, as `socialiq data world` makes it."""
+    return kind_of(Path(name)) in _loaders()
+
+
+def load_world(name: str) -> World:
+    """Read a world from a file.
+
+    Raises:
+        UserError: If it is no such file, is damaged, or its distribution is not installed.
+    """
+    loader = _loaders().get(kind_of(Path(name)))
+    if loader is None:
+        refuse_file(name)
+        raise UserError(
+            f"{one_line(name)} is no file of a world: name one of `socialiq data world`"
+        )
+    try:
+        load = loader.load()
+    except ModuleNotFoundError as error:
+        missing = loader.module.partition(".")[0].replace("_", "-")
+        raise UserError(f"{one_line(name)} needs {missing}: pip install {missing}") from error
+    return load(name)
+
+
+def refuse_file(name: str) -> None:
+    """Raise an error for a file in place of a world.
+
+    Args:
+        name: Name given by the user.
+
+    Raises:
+        UserError: If it is a file's name, and the file holds no world.
+    """
+    if name.lower().endswith(_FILES) and not is_world_file(name):
+        raise UserError(
+            "a recording can't be driven in: its neighbours do not react, so their losses of speed "
+            "are fixed whatever the policy does, and the angle would be biased; name a world that "
+            "reacts (intersection, or one that `socialiq data world` makes of it), or judge the "
+            "recorded drivers with `socialiq data audit`"
+        )
+
+
+def open_world(name: str, **options: Any) -> World:
+    """Return any world of this package or another distribution: by name, or from a file.
+
+    Args:
+        name: One of `NAMES`, a scene of highway-env, or a file.
+        options: Of a named world; a file has none.
+
+    Raises:
+        UserError: If the world, an option or a value is unknown, or a file is damaged.
+    """
+    if is_world_file(name) or name.lower().endswith(_FILES):
+        if options:
+            raise UserError(f"the world of a file takes no options, got {', '.join(options)}")
+        return load_world(name)
+    if name in SCENES:
+        return world_of(name, **options)
+    return make(name, **options)
 
 
 def make(name: str, **options: Any) -> GridWorld | Intersection:

@@ -10,7 +10,7 @@ from typing import Any
 
 from socialiq.errors import UserError
 from socialiq.worlds.intersection.options import Options
-from socialiq_recordings.recording import refuse_recording
+from socialiq.worlds.registry import refuse_file
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.gym import load_world
 from socialiq_recordings.world.recorded_world import SCHEMA_VERSION, RecordedWorld
@@ -55,7 +55,7 @@ class Junction:
                 f"no such file: {file}: the declaration names its world by this path, from the "
                 "current folder"
             )
-        refuse_recording(file)
+        refuse_file(file)
         return Junction(load_world(file))
 
     @property

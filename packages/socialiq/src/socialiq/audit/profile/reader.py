@@ -27,9 +27,8 @@ from socialiq.audit.profile.scenario import World, check_options, identity, worl
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule
-from socialiq.worlds.registry import NAMES
+from socialiq.worlds.registry import NAMES, refuse_file
 from socialiq.worlds.situation import check_rule
-from socialiq_recordings.recording import refuse_recording
 
 LARGEST_FILE = 64 * 1024  # bytes; a profile with all its comments has about 3,000
 
@@ -175,7 +174,7 @@ class _Reader:
         if is_junction(world) and not Path(world).exists():
             return
         try:
-            refuse_recording(world)
+            refuse_file(world)
         except UserError as error:
             self.refuse("scenario.world", str(error))
 

@@ -20,8 +20,7 @@ from socialiq.worlds.highway.scenes import SCENES
 from socialiq.worlds.highway.settings import ENV_SIGNALS, SOCIAL_SIGNALS
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.world import Intersection
-from socialiq.worlds.registry import NAMES, default_options, make
-from socialiq_recordings.recording import refuse_recording
+from socialiq.worlds.registry import NAMES, default_options, make, refuse_file
 
 World = GridWorld | Intersection | Environment | Junction
 
@@ -64,7 +63,7 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     """
     if is_junction(name):
         return Junction.of(name, options)
-    refuse_recording(name)
+    refuse_file(name)
     if is_environment(name) and name not in NAMED.values():
         check_options(options)
         return Environment.of(name, options, allow_code)

@@ -51,6 +51,10 @@ class Batch(RoadBatch):
         given = commands, seeds, seeded, actions, self._settings, self.scene.road
         run_in_parts(step.run, self._threads, self.size, self.buffers, *given)
 
+    def like(self, size: int) -> Batch:
+        """Return a batch of so many episodes of the same scene."""
+        return type(self)(self.scene, self.options, size, self._threads)
+
     @property
     def lanes(self) -> np.ndarray:
         """Records of the scene's lanes."""

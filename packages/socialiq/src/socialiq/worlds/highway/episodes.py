@@ -3,43 +3,18 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, Int64
+from jaxtyping import Bool, Float32, Int64
 
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.options import RoadOptions
 from socialiq.worlds.highway.settings import SIGNALS
 from socialiq.worlds.highway.state import DECIDE, DECIDE_AND_RESET, RESET, SKIP, Buffers
-
-
-class Decisions(NamedTuple):
-    """Results of one decision in every episode.
-
-    Attributes:
-        observation: Of the state reached, before any reset, (batch, features).
-        rewards: The reward pair, each (batch,).
-        ending: Values of `types.Ending`, (batch,).
-        signals: Every named signal, unweighted, each (batch,).
-        speed: The ego's speed, m/s, (batch,).
-        contact: Values of `Contact`: which vehicle struck, if the ego collided, (batch,).
-        neighbours_collided: Number of other vehicles that collided with each other, (batch,).
-        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
-        off_road: Whether the ego's centre is beyond the edges of its closest lane, (batch,).
-    """
-
-    observation: Float32[np.ndarray, "batch feature"]
-    rewards: RewardPair
-    ending: Int8[np.ndarray, " batch"]
-    signals: Mapping[str, Float[np.ndarray, " batch"]]
-    speed: Float[np.ndarray, " batch"]
-    contact: Int8[np.ndarray, " batch"]
-    neighbours_collided: Int64[np.ndarray, " batch"]
-    classical: RewardPair
-    off_road: Bool[np.ndarray, " batch"]
+from socialiq.worlds.world import Decisions, observed_with_time
 
 
 class State(NamedTuple):
@@ -100,6 +75,20 @@ class RoadBatch(abc.ABC):
             actions: As `_checked` returned them; int64 zeros for a reset.
         """
 
+    @abc.abstractmethod
+    def like(self, size: int) -> RoadBatch:
+        """Return a batch of so many episodes of the same road."""
+
+    def branch(self, rows: Sequence[int] | np.ndarray) -> RoadBatch:
+        """Return a batch of copies of some episodes, which may repeat; this one is not changed.
+
+        A copy has the hidden state of the episode and its random numbers, so all copies meet the
+        same drivers and the same later traffic.
+        """
+        copies = self.like(len(rows))
+        copies.restore(self.save().rows(rows))
+        return copies
+
     @property
     @abc.abstractmethod
     def lanes(self) -> np.ndarray:
@@ -131,10 +120,7 @@ class RoadBatch(abc.ABC):
 
     def seen_by(self, policy: Any) -> Float32[np.ndarray, "batch feature"]:
         """Return what a policy observes: with the time at the end if it has one feature more."""
-        seen = self.observation
-        if getattr(policy, "n_features", None) != seen.shape[1] + 1:
-            return seen
-        return np.column_stack([seen, self.time])
+        return observed_with_time(self.observation, self.time, policy)
 
     def reset(
         self, seeds: int | Sequence[int] | np.ndarray | None = None, rows: Any = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -13,44 +13,16 @@ from gymnasium.vector.utils import batch_space
 from socialiq.errors import UserError
 from socialiq.social.angle import check_angle, score, weights
 from socialiq.types import Ending
-from socialiq.worlds.highway.episodes import Decisions, RoadBatch
-from socialiq.worlds.highway.options import RoadOptions
+from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.scene import Scene
 from socialiq.worlds.highway.state import Contact
-from socialiq.worlds.highway.world import world_of
-
-if TYPE_CHECKING:
-    from socialiq.worlds.highway.pictures.render import View
+from socialiq.worlds.highway.world import RoadWorld, world_of
+from socialiq.worlds.world import Decisions
 
 TERMINAL = (int(Ending.ARRIVAL), int(Ending.COLLISION), int(Ending.OTHER))
 
 
-@runtime_checkable
-class RoadWorld(Protocol):
-    """World as an environment needs it; `SceneWorld` and `Intersection` have it."""
-
-    @property
-    def options(self) -> RoadOptions:
-        """Options of the road."""
-        ...
-
-    @property
-    def n_features(self) -> int:
-        """Length of an observation."""
-        ...
-
-    @property
-    def action_space(self) -> spaces.Discrete | spaces.Box:
-        """Space of one action."""
-        ...
-
-    @property
-    def view(self) -> View:
-        """The road as pictures show it."""
-        ...
-
-
-def _spaces(world: RoadWorld, clock: bool) -> tuple[spaces.Box, spaces.Discrete | spaces.Box]:
+def _spaces(world: RoadWorld, clock: bool) -> tuple[spaces.Box, gymnasium.Space[Any]]:
     low, high = (np.full(world.n_features + clock, end, np.float32) for end in (-1.0, 1.0))
     if clock:
         low[-1], high[-1] = 0.0, world.options.decisions

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -86,3 +86,28 @@ def settings_of(options: RoadOptions) -> np.ndarray:
 
 
 _NAMED = {"zone": Zone, "counted": Counted, "disruption": Disruption, "crash": Crash}
+
+
+_UNITS = (
+    "policy_frequency",  # rewards come with each decision
+    "duration",
+    "target_speeds",  # the fastest is what speeds are relative to
+    "progress_unit",
+    "zone",
+    "counted",
+    "disruption",
+    "crash",
+    "conflict_distance",
+    "speed_threshold",
+    "speed_cap",
+)
+
+
+def reward_definition(options: RoadOptions) -> dict[str, Any]:
+    """Return the weights and units that define the reward pair of a road, as JSON."""
+    sides = {"env": ENV_SIGNALS, "social": SOCIAL_SIGNALS}
+    weights = {
+        side: {name: getattr(options, f"{name}_weight") for name in signals}
+        for side, signals in sides.items()
+    }
+    return weights | {"units": {name: getattr(options, name) for name in _UNITS}}

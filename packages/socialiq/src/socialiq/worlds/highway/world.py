@@ -1,20 +1,23 @@
-"""Scene as a world of the registry."""
+"""Roads as worlds: what the intersection and the scenes of highway-env share, and the scenes."""
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from gymnasium import spaces
 
 from socialiq.errors import one_of
 from socialiq.worlds.highway.batch import Batch
+from socialiq.worlds.highway.episodes import RoadBatch
 from socialiq.worlds.highway.options import RoadOptions
 from socialiq.worlds.highway.scene import ACTIONS, Scene
 from socialiq.worlds.highway.scenes import scene_of
-from socialiq.worlds.highway.settings import SIGNALS
+from socialiq.worlds.highway.settings import SIGNALS, reward_definition
 from socialiq.worlds.highway.state import FEATURES
+from socialiq.worlds.world import World
 
 if TYPE_CHECKING:
     from socialiq.worlds.highway.pictures.render import View
@@ -22,37 +25,15 @@ if TYPE_CHECKING:
 _CLOCK = {"simulation_frequency": 15, "observed_vehicles": 5}  # highway-env's on these roads
 
 
-@dataclass(frozen=True)
-class SceneWorld:
-    """Road of highway-env with the thesis' reward pair.
+class RoadWorld(World):
+    """Compiled road with the thesis' reward pair.
 
     Attributes:
-        scene: The scene.
         options: Its options.
     """
 
-    scene: Scene
     options: RoadOptions
-
-    @property
-    def name(self) -> str:
-        """Name of the scene."""
-        return self.scene.name
-
-    @property
-    def actions(self) -> tuple[str, ...]:
-        """Names of the actions, in the order of their numbers."""
-        return ACTIONS
-
-    @property
-    def n_actions(self) -> int:
-        """Number of actions."""
-        return len(ACTIONS)
-
-    @property
-    def action_space(self) -> spaces.Discrete:
-        """Space of one action."""
-        return spaces.Discrete(len(ACTIONS))
+    draws_by_seed: ClassVar[bool] = True
 
     @property
     def n_features(self) -> int:
@@ -68,6 +49,48 @@ class SceneWorld:
     def description(self) -> str:
         """Name of the world and its options."""
         return f"{self.name} {self.options}"
+
+    @property
+    def reward(self) -> dict[str, Any]:
+        """Definition of the reward pair: weights of the signals, and the options that matter."""
+        return reward_definition(self.options)
+
+    @property
+    @abc.abstractmethod
+    def view(self) -> View:
+        """The road as pictures show it."""
+
+    @abc.abstractmethod
+    def batch(self, size: int, threads: int = 1, traced: bool = False) -> RoadBatch:
+        """Return episodes side by side, with every sub-step in `buffers.trace` if `traced`."""
+
+
+@dataclass(frozen=True)
+class SceneWorld(RoadWorld):
+    """Scene of highway-env.
+
+    Attributes:
+        scene: The scene.
+        options: Its options.
+    """
+
+    scene: Scene
+    options: RoadOptions
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Name of the scene."""
+        return self.scene.name
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions, in the order of their numbers."""
+        return ACTIONS
+
+    @property
+    def action_space(self) -> spaces.Discrete:
+        """Space of one action."""
+        return spaces.Discrete(len(ACTIONS))
 
     @property
     def view(self) -> View:

@@ -88,6 +88,7 @@ class Batch(RoadBatch):
         one_of("back end", back_end, BACK_ENDS)
         super().__init__(options, buffers_of(options, size, traced))
         self.options: Options = options
+        self._threads = threads
         self._engine = self._engine_of(back_end, threads)
 
     def _engine_of(self, back_end: BackEnd, threads: int) -> Engine:
@@ -99,6 +100,10 @@ class Batch(RoadBatch):
 
     def _run(self, commands: Any, seeds: Any, seeded: Any, actions: Any) -> None:
         self._engine.run(commands, seeds, seeded, actions)
+
+    def like(self, size: int) -> Batch:
+        """Return a batch of so many episodes of the same scenario, on the core."""
+        return type(self)(self.options, size, self._threads)
 
     @property
     def lanes(self) -> np.ndarray:

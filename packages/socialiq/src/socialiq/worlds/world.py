@@ -1,0 +1,269 @@
+"""Protocols of worlds: what training, evaluation, audits and pictures need of any world.
+
+A `World` says what it is and makes a `Batch` of episodes. `evaluation.simulate` runs a `Simulator`
+with an `Actor`; a batch is a simulator whose states can also be saved and copied. Nothing outside
+of the worlds asks for the kind of a world: it asks for one of the capabilities below.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from gymnasium import Space, spaces
+from jaxtyping import Bool, Float, Float32, Int8, Int64
+
+from socialiq.errors import UserError
+from socialiq.types import Policy, RewardPair
+
+if TYPE_CHECKING:
+    from socialiq.worlds.enumerate import Table
+    from socialiq.worlds.highway.pictures.render import View
+
+_NONE = np.zeros(0)
+
+
+class Decisions(NamedTuple):
+    """Results of one decision in every episode of a batch; empty where a world reports nothing.
+
+    Attributes:
+        observation: Of the state reached, before any reset, (batch, features).
+        rewards: The reward pair, each (batch,).
+        ending: Values of `types.Ending`, (batch,).
+        signals: Every named signal, unweighted, each (batch,).
+        speed: The ego's speed, m/s or cells a step, (batch,).
+        contact: Values of `Contact`: which vehicle struck, if the ego collided, (batch,).
+        neighbours_collided: Number of other vehicles that collided with each other, (batch,).
+        classical: The ego's own reward and its neighbours' mean (thesis A.1), each (batch,).
+        off_road: Whether the ego's centre is beyond the edges of its closest lane, (batch,).
+    """
+
+    observation: Float32[np.ndarray, "batch feature"]
+    rewards: RewardPair
+    ending: Int8[np.ndarray, " batch"]
+    signals: Mapping[str, Float[np.ndarray, " batch"]]
+    speed: Float[np.ndarray, " batch"]
+    contact: Int8[np.ndarray, " batch"]
+    neighbours_collided: Int64[np.ndarray, " batch"] = _NONE.astype(np.int64)
+    classical: RewardPair = RewardPair(_NONE, _NONE)
+    off_road: Bool[np.ndarray, " batch"] = _NONE.astype(bool)
+
+
+@runtime_checkable
+class Simulator(Protocol):
+    """Episodes side by side, one in each of `size` rows."""
+
+    size: int
+
+    @property
+    def observation(self) -> Any:
+        """Present observations of all rows."""
+        ...
+
+    def seen_by(self, policy: Any) -> Any:
+        """Return what a policy observes: with the time at the end if it has one feature more."""
+        ...
+
+    def reset(self, seeds: Any = None, rows: Any = None) -> Any:
+        """Begin an episode in each of some rows, by its seed; return all observations."""
+        ...
+
+    def step(self, actions: Any, auto_reset: bool = True, rows: Any = None) -> Any:
+        """Take a step in some rows; return at least `rewards` and `ending` of all rows."""
+        ...
+
+
+@runtime_checkable
+class Batch(Simulator, Protocol):
+    """Simulator whose state can be saved, restored and copied.
+
+    Every episode has its own random stream, so results don't depend on the batch's size.
+    """
+
+    @property
+    def time(self) -> Float32[np.ndarray, " batch"]:
+        """Decisions since the last reset of every episode: the clock's feature."""
+        ...
+
+    def save(self) -> Any:
+        """Return a copy of the state of every episode; its `rows(numbers)` picks or repeats."""
+        ...
+
+    def restore(self, state: Any) -> None:
+        """Restore a state with as many rows; episodes go on from it with identical bits."""
+        ...
+
+    def branch(self, rows: Any) -> Batch:
+        """Return a batch of copies of some episodes, which may repeat; this one is not changed."""
+        ...
+
+
+@runtime_checkable
+class Actor(Protocol):
+    """Chooses the actions of all rows of a simulator."""
+
+    def begin(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        """Note that an episode begins in each of some rows."""
+        ...
+
+    def decide(self, observation: Any, running: np.ndarray) -> np.ndarray:
+        """Return one action for each row; those of rows that don't run are not used."""
+        ...
+
+
+class World(abc.ABC):
+    """World that policies drive in; capabilities that a world lacks have the defaults below.
+
+    Attributes:
+        name: Its name, in hashes and reports too.
+        is_exact: Whether its states can be listed, so that `table` makes optima exact.
+        shows_time: Whether policies may take the time, in decisions, as a further feature.
+        draws_by_seed: Whether a policy's random draws depend on the seed of the episode alone.
+        drivers: Names of its rule-based drivers, for `driver`.
+        references: Those of them that every audit compares a policy with.
+    """
+
+    name: str
+    is_exact: ClassVar[bool] = False
+    shows_time: ClassVar[bool] = True
+    draws_by_seed: ClassVar[bool] = False
+    drivers: ClassVar[tuple[str, ...]] = ()
+    references: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    @abc.abstractmethod
+    def description(self) -> str:
+        """Name and options; worlds with equal descriptions are identical."""
+
+    @property
+    @abc.abstractmethod
+    def n_features(self) -> int:
+        """Length of an observation."""
+
+    @property
+    @abc.abstractmethod
+    def action_space(self) -> Space[Any]:
+        """Space of one action: `Discrete`, or a `Box` of values in [-1, 1]."""
+
+    @property
+    def n_actions(self) -> int:
+        """Number of actions.
+
+        Raises:
+            UserError: If they are continuous.
+        """
+        space = self.action_space
+        if isinstance(space, spaces.Discrete):
+            return int(space.n)
+        raise UserError(
+            f"the actions of this {self.name} are continuous: choose discrete ones, or a "
+            "method for continuous actions"
+        )
+
+    @property
+    def action_size(self) -> int:
+        """Length of a continuous action; 0 if actions are discrete."""
+        space = self.action_space
+        return int(space.shape[0]) if isinstance(space, spaces.Box) else 0
+
+    @property
+    @abc.abstractmethod
+    def reward(self) -> dict[str, Any]:
+        """Definition of the reward pair as JSON: weights and units, or hashes of its code.
+
+        Two worlds with equal definitions give the same rewards for the same event.
+        """
+
+    @property
+    def reward_id(self) -> str:
+        """Name of the reward pair; it changes with the formulas."""
+        return f"socialiq/{self.name}/1"
+
+    def largest_difference(self, weights: tuple[float, float]) -> float | None:  # noqa: ARG002
+        """Return the most by which the weighted rewards of two episodes can differ; None: unknown.
+
+        Args:
+            weights: Weights of r_env and r_social.
+        """
+        return None
+
+    @property
+    def view(self) -> View | None:
+        """The road as pictures show it; None without one."""
+        return None
+
+    def with_clock(self) -> World:
+        """Return the world whose observations end with the time, if it has to be another one."""
+        return self
+
+    def table(self) -> Table:
+        """Return the exact transitions of a world that `is_exact`.
+
+        Raises:
+            UserError: If the states can't be listed.
+        """
+        raise UserError(f"the states of {self.name} can't be listed, so nothing about it is exact")
+
+    def driver(self, name: str, seed: int = 0) -> Policy:
+        """Return a rule-based driver of `drivers`; `seed` is of the random one.
+
+        Raises:
+            UserError: If the world has no such driver.
+        """
+        raise UserError(f"{self.name} has no rule-based driver {name!r} (seed {seed})")
+
+    def other_traffic(self) -> dict[str, dict[str, Any]]:
+        """Return the options of the same world with other traffic, by a name in words."""
+        return {}
+
+    @abc.abstractmethod
+    def batch(self, size: int, threads: int = 1) -> Simulator:
+        """Return episodes side by side.
+
+        Args:
+            size: Number of episodes.
+            threads: Number of threads, where the world is compiled.
+        """
+
+
+class ConstantPolicy:
+    """Policy that always chooses one action.
+
+    Args:
+        action: The action: a number, or a vector.
+    """
+
+    def __init__(self, action: int | np.ndarray) -> None:
+        self.action = action
+
+    def predict(
+        self,
+        observation: Any,  # noqa: ARG002  part of the protocol
+        state: Any = None,
+        episode_start: np.ndarray | None = None,  # noqa: ARG002
+        deterministic: bool = True,  # noqa: ARG002
+    ) -> tuple[np.ndarray, Any]:
+        """Return the action for one observation."""
+        return np.asarray(self.action), state
+
+
+def observed_with_time(
+    observation: Float32[np.ndarray, "batch feature"],
+    time: Float32[np.ndarray, " batch"],
+    policy: Any,
+) -> Float32[np.ndarray, "batch feature"]:
+    """Return what a policy observes: with the time at the end if it has one feature more."""
+    if getattr(policy, "n_features", None) != observation.shape[1] + 1:
+        return observation
+    return np.column_stack([observation, time])
+
+
+def rows_of(rows: Sequence[int] | np.ndarray | None, size: int) -> Bool[np.ndarray, " batch"]:
+    """Return a mask of rows that are given as an index or a mask; None stands for all."""
+    if rows is None:
+        return np.ones(size, bool)
+    chosen = np.zeros(size, bool)
+    chosen[rows] = True
+    return chosen
