@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.types import RewardPair
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
 from socialiq_recordings.tracks import Tracks
@@ -118,3 +120,20 @@ def same_road(one: RoadNetwork, other: RoadNetwork) -> None:
 @pytest.fixture(name="same_road")
 def same_road_fixture() -> Callable[[RoadNetwork, RoadNetwork], None]:
     return same_road
+
+
+@pytest.fixture
+def human_table() -> Demonstrations:
+    """Two episodes of a recorded driver."""
+    observation = np.random.default_rng(0).uniform(-1, 1, (5, 14)).astype(np.float32)
+    return Demonstrations.of(
+        observation=observation[[0, 1, 3]],
+        action=np.array([0, 1, 2], np.int32),
+        next_observation=observation[[1, 2, 4]],
+        ending=np.array([0, 3, 3], np.int8),
+        rewards=RewardPair(np.array([0.1, 0.2, 0.3]), np.zeros(3)),
+        episode=np.array([0, 0, 1]),
+        mode_names=("human",),
+        mode=np.zeros(3, np.int8),
+        n_actions=3,
+    )
