@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int64
 from scipy.special import softmax
 
-from socialiq.evaluation.branching import branched_returns, equivalent_actions, observed
+from socialiq.evaluation.branching import branched_returns, observed
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.types import Ending, RewardPair
@@ -44,7 +44,6 @@ class Decided(NamedTuple):
         social: Return of each action in r_social.
         action: The action taken.
         seen: What the ego observes, and the time.
-        same: For each action the first one that has the same effect.
     """
 
     row: Int64[np.ndarray, " decision"]
@@ -53,7 +52,6 @@ class Decided(NamedTuple):
     social: Float[np.ndarray, "decision action"]
     action: Int64[np.ndarray, " decision"]
     seen: Float32[np.ndarray, "decision feature"]
-    same: Int64[np.ndarray, "decision action"]
 
 
 def drive(population: Population, dial: DialPolicy, episodes: int, first_episode: int) -> Decided:
@@ -89,8 +87,7 @@ def drive(population: Population, dial: DialPolicy, episodes: int, first_episode
         rows = np.flatnonzero(running)
         base = base_of(mixed if policies else [], seen[rows])
         seen = observed(batch, clock=True)[rows]
-        same = equivalent_actions(batch.save(), batch.options)[rows]
-        decided = (base, returns.env[rows], returns.social[rows], action[rows], seen, same)
+        decided = (base, returns.env[rows], returns.social[rows], action[rows], seen)
         found.append((rows, *decided))
         made = batch.step(np.where(running, action, 0), auto_reset=False, rows=running)
         running &= made.ending == int(Ending.NONE)

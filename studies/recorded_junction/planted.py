@@ -2,20 +2,18 @@
 
 A rule looks ahead for some seconds: if another vehicle, at its present velocity, comes into the
 strip in front of the ego, the ego brakes, or waits if it stands; otherwise it accelerates. The
-longer it looks, the more it yields. One waits always. They are no people, and their courtesy is
-known; what they earn by both rewards is measured.
+longer it looks, the more it yields. They are no people, and their courtesy is known; what they earn
+by both rewards is measured.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from socialiq.audit.evidence.outcomes import Reference
 from socialiq.worlds.highway.state import FEATURES
 from socialiq.worlds.intersection.state import POSITION_RANGE, SPEED_RANGE
 from socialiq_recordings.world.recorded_world import RecordedWorld
@@ -58,7 +56,7 @@ class Rule:
 
     Attributes:
         name: Its name.
-        seconds: How far it looks ahead; infinity: it always waits.
+        seconds: How far it looks ahead.
         acceleration: On a free way, m/s².
         levels: Accelerations of the world's actions, m/s².
     """
@@ -76,8 +74,6 @@ class Rule:
         deterministic: bool = True,  # noqa: ARG002
     ) -> tuple[Int64[np.ndarray, " row"], Any]:
         """Return its actions."""
-        if not np.isfinite(self.seconds):
-            return np.zeros(len(observation), np.int64), state
         met, speed = blocked(observation, self.seconds)
         brakes = np.where(speed > _STANDS, self._nearest(_BRAKES), self._nearest(0.0))
         return np.where(met, brakes, self._nearest(self.acceleration)), state
@@ -88,12 +84,5 @@ class Rule:
 
 def rules(world: RecordedWorld) -> list[Rule]:
     """Return the planted drivers, the least courteous first."""
-    levels = world.config.levels
     looking = ((0.5, 2.0), (1.5, 2.0), (3.0, 2.0), (5.0, 1.0))
-    found = [Rule(f"looks {s:g} s ahead", s, a, levels) for s, a in looking]
-    return [*found, Rule("waits", np.inf, 0.0, levels)]
-
-
-def references(drivers: Sequence[Rule]) -> list[Reference]:
-    """Return the planted drivers without random decisions; who waits is `wait` already."""
-    return [Reference(one.name, one) for one in drivers if np.isfinite(one.seconds)]
+    return [Rule(f"looks {s:g} s ahead", s, rate, world.config.levels) for s, rate in looking]

@@ -1,8 +1,9 @@
-"""A dial at a recorded junction, from demonstrations alone: does it turn, and how does it drive?
+"""A dial at a recorded junction from recorded drivers alone, without and with practice.
 
-The world is made of recordings (`recordings.world`). Dials learn offline from the recorded drivers,
-from planted drivers of known courtesy, and from both; they, clones of the same rows, the calibrated
-drivers and the planted ones drive the same episodes.
+The world is made of recordings (`recordings.world`). Recorded drivers show few of the states that
+their dials get into. With practice the dials drive in this world and learn again from what they
+met. The dials, clones of the same rows, the calibrated drivers and rules of known courtesy drive
+the same episodes.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from socialiq.types import Ending, Row
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from studies.recorded_junction.config import CUT, MIXTURES, PRACTISED, RECORDED, Config
 from studies.recorded_junction.work import (
     HUMAN,
+    MIXTURES,
     PRACTICE,
-    ROWS,
+    PRACTISED,
     VALUES,
     WORLD,
+    Config,
     driven,
-    needs_planted,
     plan,
     slug,
 )
 
 _SIDES = ("r_env", "r_social")
-_INKS = ("#a6a6a6", "#1b7837", "#2166ac", "#c23b22", "#b58900", "#762a83")
+_INKS = ("#1b7837", "#762a83")
 _APART = 1.0  # both rewards; the angles of a shorter line are not written
 
 CLONE = "clone: "
@@ -48,45 +49,36 @@ def compute_tables(config: Config, context: Context) -> Findings:
     work = context.work
     angles: list[Row] = []
     turns: list[Row] = []
-    drivers = [_row(name, [one]) for name, one in driven(work / "drivers").items()]
-    for mixture in config.mixtures:
-        found = driven(work / "driven" / slug(mixture))
+    values: list[Row] = []
+    drivers = [_row(name, [runs]) for name, runs in driven(work / "drivers").items()]
+    summary = {}
+    for mixture in MIXTURES:
+        outcomes = driven(work / "driven" / slug(mixture))
         dials = {
-            angle: [found[f"dial {seed} {angle:g}"] for seed in config.seeds]
+            angle: [outcomes[f"dial {seed} {angle:g}"] for seed in config.seeds]
             for angle in config.angles
         }
         for angle, runs in dials.items():
             angles.append({"mixture": mixture, "asked": angle} | _row("dial", runs))
-        if mixture != CUT or RECORDED not in config.mixtures:  # both have the same rows
-            drivers.append(_row(CLONE + mixture, [found[f"clone {s}"] for s in config.seeds]))
-        turns += _turns(mixture, dials)
-    data = []
-    paths = [work / "world" / HUMAN]
-    paths += [work / "planted" / ROWS] if needs_planted(config) else []
-    for path in paths:
-        counts = files.load(path).counts().items()
-        data += [{"driver": name, "episodes": n, "decisions": rows} for name, (n, rows) in counts]
+        clones = [outcomes[f"clone {seed}"] for seed in config.seeds]
+        drivers.append(_row(CLONE + mixture, clones))
+        turned = _turns(mixture, dials)
+        turns += turned
+        summary[mixture] = {row["reward"]: row["difference"] for row in turned}
+        if config.checked:
+            values.append({"mixture": mixture} | read_json(work / "dials" / slug(mixture) / VALUES))
+    counts = files.load(work / "world" / HUMAN).counts().items()
     world = RecordedWorld.load(work / "world" / WORLD)
-    summary = {name: world.provenance[name] for name in ("vehicles", "egos", "closures")}
-    summary |= {
-        row["mixture"]: {
-            name: one["difference"]
-            for name in _SIDES
-            for one in turns
-            if (one["mixture"], one["reward"]) == (row["mixture"], name)
-        }
-        for row in turns
+    about = {name: world.provenance[name] for name in ("vehicles", "egos", "closures")}
+    tables = {
+        "angles": angles,
+        "turns": turns,
+        "drivers": drivers,
+        "data": [{"driver": name, "episodes": n, "decisions": rows} for name, (n, rows) in counts],
+        "values": values,
+        "practice": read_json(work / "dials" / slug(PRACTISED) / PRACTICE),
     }
-    values = [
-        {"mixture": one} | read_json(work / "dials" / slug(one) / VALUES)
-        for one in config.mixtures
-        if config.checked
-    ]
-    tables = {"angles": angles, "turns": turns, "drivers": drivers, "data": data}
-    tables["values"] = values
-    if PRACTISED in config.mixtures:
-        tables["practice"] = read_json(work / "dials" / slug(PRACTISED) / PRACTICE)
-    return Findings(tables, {"world_sha256": world.sha256} | summary)
+    return Findings(tables, {"world_sha256": world.sha256} | about | summary)
 
 
 def _mean(runs: Sequence[Outcomes]) -> np.ndarray:
@@ -185,7 +177,7 @@ def view(results: Results) -> Sequence[View]:
 
 
 STUDY = Study(
-    name="recorded-junction",
+    name="recorded-junction-practice",
     Config=Config,
     jobs=plan,
     tables=compute_tables,

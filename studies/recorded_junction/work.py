@@ -1,10 +1,11 @@
-"""Jobs of the study: make the world, record planted drivers, train, drive."""
+"""Configuration and jobs of the study: make the world, train with and without practice, drive."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.demonstrations import files as tables
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.demonstrations.mixture import concatenate
+from socialiq.errors import UserError
 from socialiq.learners.callbacks import Callbacks
+from socialiq.learners.config import check_counts, check_not_negative
 from socialiq.learners.offline.config import Hyperparameters, StaticConfig
 from socialiq.learners.offline.critic import Critic
 from socialiq.learners.offline.objective import ensemble_values
@@ -29,7 +32,7 @@ from socialiq.social.angle import weights
 from socialiq.storage import load_arrays, save_arrays, write_json
 from socialiq.types import Ending, RewardPair, Row
 from socialiq_lab.jobs import Job, ProgressCallback
-from socialiq_lab.recorded_practice import Practice, record, train_with_practice
+from socialiq_lab.recorded_practice import Practice, train_with_practice
 from socialiq_recordings.readers.import_file import import_file
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.build import build
@@ -37,22 +40,71 @@ from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.replay import replay
 from socialiq_recordings.world.rollouts import visit
-from studies.recorded_junction.config import (
-    CUT,
-    PLANTED,
-    PRACTISED,
-    SET,
-    WITH_PLANTED,
-    Config,
-)
-from studies.recorded_junction.planted import references, rules
+from studies.recorded_junction.planted import rules
 
-WORLD, HUMAN, ROWS, DRIVEN = (
-    f"{name}.safetensors" for name in ("world", "human", "planted", "driven")
-)
+RECORDED, PRACTISED = MIXTURES = "recorded", "recorded, with practice"
+"""The recorded drivers alone, and with what the dials then met while they drove in the world."""
+
+WORLD, HUMAN, DRIVEN = "world.safetensors", "human.safetensors", "driven.safetensors"
 VALUES, PRACTICE = "values.json", "practice.json"
 _SIDE_BY_SIDE = 500
 _KIND, _VERSION = "study-recorded-junction", 1
+_COLUMNS = ("totals", "ending", "contact", "length")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Configuration of the study; the defaults are the committed results.
+
+    The recordings are not part of the package: `recordings` names their folder.
+    """
+
+    recordings: str = "commonroad"
+    """Folder of the CommonRoad scenarios."""
+    files: str = "USA_Lanker*.xml"
+    """Pattern of the files: the scenarios of one junction."""
+    seeds: tuple[int, ...] = (2106, 2107, 2108)
+    """Training seeds. 100 to 199 were used in development."""
+    angles: tuple[float, ...] = (0.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    """Angles at which dials are driven, in degrees."""
+    every: float = 0.2
+    """Seconds between the beginnings of a recorded vehicle's episodes."""
+    practice: Practice = field(default_factory=lambda: Practice(5))
+    """Practice of the mixture that has it."""
+    structure: StaticConfig = field(
+        default_factory=lambda: StaticConfig(updates=1500, view="set_ahead")
+    )
+    """Static config of the dials, without the length of an episode, which is the world's."""
+    numbers: Hyperparameters = field(default_factory=Hyperparameters)
+    """Hyperparameters of the dials, without the seed."""
+    episodes: int = 400
+    """Evaluation episodes of each driver, common to all."""
+    checked: int = 30
+    """Episodes of each mixture's first dial, at the first angle, in whose states the critics'
+    values are compared with rollouts; their seeds follow those of the evaluation. 0: none."""
+    first_episode: int = 66_000_000
+    """Seed of the first evaluation episode. Those from 50,000,000 on were used in development."""
+
+    def __post_init__(self) -> None:
+        """Refuse empty sizes."""
+        if not self.seeds or len(self.angles) < 2:
+            raise UserError("name at least one training seed and two angles")
+        check_counts(self, ("episodes",))
+        check_not_negative(self, ("checked",))
+
+    def contents(self) -> dict[str, str]:
+        """Return the SHA-256 of each scenario by its file's name.
+
+        Raises:
+            UserError: If there is none.
+        """
+        paths = sorted(Path(self.recordings).glob(self.files))
+        if not paths:
+            raise UserError(
+                f"no file {self.files} in {self.recordings}: name the folder of the CommonRoad "
+                "scenarios with --recordings"
+            )
+        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
 @dataclass(frozen=True)
@@ -62,15 +114,6 @@ class Made:
     recordings: str
     contents: dict[str, str]
     every: float
-
-
-@dataclass(frozen=True)
-class Planted:
-    """Configuration of the recording of planted drivers."""
-
-    episodes: int
-    share: float
-    first_seed: int
 
 
 @dataclass(frozen=True)
@@ -106,31 +149,23 @@ class Driving:
 def plan(config: Config) -> list[Job]:
     """Return every job, each after its inputs."""
     made = Made(str(Path(config.recordings).absolute()), config.contents(), config.every)
-    seeded = Planted(config.planted_episodes, config.exploration, config.first_planted)
     driving = {"episodes": config.episodes, "first_episode": config.first_episode}
-    found = [
+    jobs = [
         Job("world", make_world, made, cost=30.0),
         Job("drivers", drive_references, Driving("", (), (), **driving), ("world",), cost=10.0),
     ]
-    if needs_planted(config):
-        found.append(Job("planted", record_planted, seeded, ("world",), cost=10.0))
-    for mixture in config.mixtures:
+    for mixture in MIXTURES:
         name = slug(mixture)
         checks = config.angles[0], config.checked, config.first_episode + config.episodes
         practice = config.practice if mixture == PRACTISED else Practice(0)
-        given = Training(mixture, config.seeds, config.structure, config.numbers, *checks, practice)
+        run = Training(mixture, config.seeds, config.structure, config.numbers, *checks, practice)
         cost = (1 + practice.rounds) * len(config.seeds) * config.structure.updates / 30
-        sources = ("world", "planted") if mixture in WITH_PLANTED else ("world",)
-        found.append(Job(f"dials/{name}", train, given, sources, cost=cost))
+        jobs.append(Job(f"dials/{name}", train, run, ("world",), cost=cost))
         drives = Driving(mixture, config.seeds, config.angles, **driving)
-        inputs = ("world", f"dials/{name}")
-        found.append(Job(f"driven/{name}", drive_dials, drives, inputs, cost=60.0))
-    return found
-
-
-def needs_planted(config: Config) -> bool:
-    """Return whether a mixture has planted drivers."""
-    return bool(set(config.mixtures) & set(WITH_PLANTED))
+        jobs.append(
+            Job(f"driven/{name}", drive_dials, drives, ("world", f"dials/{name}"), cost=60.0)
+        )
+    return jobs
 
 
 def slug(mixture: str) -> str:
@@ -150,30 +185,14 @@ def make_world(
     tables.save(folder / HUMAN, replay(made.world, config.every).table, replace=True)
 
 
-def record_planted(
-    config: Planted, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
-    """Record the planted drivers."""
-    del on_progress
-    world = RecordedWorld.load(inputs["world"] / WORLD)
-    drivers = rules(world)
-    amounts = config.episodes, config.share, config.first_seed
-    found = record(world, {one.name: one for one in drivers}, *amounts, "planted drivers")
-    tables.save(folder / ROWS, found, replace=True)
-
-
 def train(
     config: Training, folder: Path, inputs: Mapping[str, Path], on_progress: ProgressCallback
 ) -> None:
     """Train a dial and a clone for each seed; the clone is the dial's behaviour policy."""
     data = tables.load(inputs["world"] / HUMAN)
-    if config.mixture in WITH_PLANTED:
-        planted = tables.load(inputs["planted"] / ROWS)
-        data = planted if config.mixture == PLANTED else concatenate([data, planted])
     world = RecordedWorld.load(inputs["world"] / WORLD)
-    whole = 0 if config.mixture == CUT else world.config.decisions
-    view = "set" if config.mixture == SET else config.structure.view
-    static = dataclasses.replace(config.structure, whole_episode=whole, view=view)
+    whole = world.config.decisions
+    static = dataclasses.replace(config.structure, whole_episode=whole)
     numbers = [dataclasses.replace(config.numbers, seed=seed) for seed in config.seeds]
 
     def callbacks(practised: int, stage: str) -> Callbacks:
@@ -245,7 +264,8 @@ def drive_references(
     """Drive calibrated drivers, constant ones and the planted ones."""
     del on_progress
     world = RecordedWorld.load(inputs["world"] / WORLD)
-    drivers = [*rules_at_junction(world.n_actions), *references(rules(world))]
+    drivers = [*rules_at_junction(world.n_actions)]
+    drivers += [Reference(rule.name, rule) for rule in rules(world)]
     _drive(world, drivers, config, folder)
 
 
@@ -273,9 +293,6 @@ def _drive(world: RecordedWorld, drivers: list[Reference], config: Driving, fold
         arrays |= {f"{one.name}/{name}": getattr(found, name) for name in _COLUMNS}
     header = {"drivers": [one.name for one in drivers]}
     save_arrays(folder / DRIVEN, _KIND, _VERSION, arrays, header)
-
-
-_COLUMNS = ("totals", "ending", "contact", "length")
 
 
 def driven(folder: Path) -> dict[str, Outcomes]:

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from socialiq.cli import bench
 from socialiq.cli.main import main
+from socialiq_lab.cli import bench
 
 
 @pytest.fixture(name="smaller")

@@ -1,4 +1,4 @@
-"""Studies at a recorded junction: the world is made again, and drivers that are rules drive it."""
+"""Study at a recorded junction: the world is made again, and drivers that are rules drive it."""
 
 import os
 from pathlib import Path
@@ -8,12 +8,11 @@ import pytest
 
 pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
-from studies.recorded_junction import ahead, practice
-from studies.recorded_junction.config import Config
-from studies.recorded_junction.planted import references, rules
-from studies.recorded_junction.work import HUMAN, WORLD, Made, make_world
+from studies.recorded_junction.planted import rules
+from studies.recorded_junction.work import HUMAN, WORLD, Config, Made, make_world
 
 from socialiq.audit.evidence.drive_junction import drive_junction, rules_at_junction
+from socialiq.audit.evidence.outcomes import Reference
 from socialiq.demonstrations import files
 from socialiq.storage import packaged_results
 from socialiq.types import Ending
@@ -29,20 +28,10 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "study"),
-    [
-        ("recorded-junction", Config),
-        ("recorded-junction-ahead", ahead.Config),
-        ("recorded-junction-practice", practice.Config),
-    ],
-)
-def test_world_demonstrations_and_rules_are_those_of_the_results(
-    name: str, study: type[Config], tmp_path: Path
-) -> None:
+def test_world_demonstrations_and_rules_are_those_of_the_results(tmp_path: Path) -> None:
     """Counts are equal, and so is what rules earn: they are discrete, without a network."""
-    committed = store.load(packaged_results() / name)
-    config = study(recordings=FOLDER)
+    committed = store.load(packaged_results() / "recorded-junction-practice")
+    config = Config(recordings=FOLDER)
     make_world(Made(FOLDER, config.contents(), config.every), tmp_path, {}, lambda _share: None)
     world = RecordedWorld.load(tmp_path / WORLD)
     counts = {key: committed.summary[key] for key in ("vehicles", "egos", "closures")}
@@ -53,7 +42,8 @@ def test_world_demonstrations_and_rules_are_those_of_the_results(
     wanted = {row["driver"]: row for row in committed.tables["drivers"]}
     seeds = np.arange(config.episodes) + config.first_episode
     batch = JunctionBatch(world, 200)
-    for one in [*rules_at_junction(world.n_actions), *references(rules(world))[1:3]]:
+    planted = [Reference(rule.name, rule) for rule in rules(world)[1:3]]
+    for one in [*rules_at_junction(world.n_actions), *planted]:
         found, theirs = drive_junction(batch, one, seeds), wanted[one.name]
         assert found.mean.env == pytest.approx(theirs["r_env"], abs=1e-3), one.name
         assert found.mean.social == pytest.approx(theirs["r_social"], abs=1e-3), one.name

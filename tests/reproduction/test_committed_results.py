@@ -7,8 +7,6 @@ discrete, of runs whose decisions are not close calls.
 
 import numpy as np
 import pytest
-from studies import intersection_ahead as ahead
-from studies import intersection_policy_iteration as iteration
 from studies import (
     intersection_world,
     lambda_sweep,
@@ -28,9 +26,6 @@ from studies.compare_priors.config import (
     Run,
 )
 from studies.compare_priors.gridworlds import ROWS, GridRun, run_method
-from studies.competence import bench, methods
-from studies.context import config as context_config
-from studies.context import study as context
 from studies.grid import study as grid
 from studies.intersection_offline import tables as offline
 from studies.intersection_offline.config import Config as OfflineConfig
@@ -41,11 +36,9 @@ from socialiq.evaluation.dial import ceiling_regrets, support_ceiling, sweep
 from socialiq.evaluation.episodes import episodes_of
 from socialiq.evaluation.expert_demonstrations import trajectory_datasets
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.ensemble import members_of
 from socialiq.nn.q_policy import QPolicy
 from socialiq.storage import packaged_results
 from socialiq.to_json import rounded
-from socialiq.worlds.context_policy import ContextPolicy
 from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
@@ -69,15 +62,13 @@ FULL_COMPILER = True
 def committed():
     folder = packaged_results()
     names = ("worlds", "poc", "grid", "lambda-sweep", "theory", "compare-priors")
-    names += ("intersection-world", "intersection", "intersection-ahead", "audits")
+    names += ("intersection-world", "intersection", "audits")
     names += (
         "dial",
-        "competence",
         "off-policy",
         "intersection-dial",
         "intersection-dial-clock",
         "intersection-offline",
-        "intersection-policy-iteration",
         "compare-priors-intersection",
     )
     return {name: store.load(folder / name) for name in names}
@@ -275,36 +266,6 @@ def test_the_demonstrations_of_the_altruist_pay_as_before(committed, batch):
         assert again[f"{ours}_sd"] == pytest.approx(theirs[signal]["sd"], abs=0.02)
 
 
-@pytest.mark.parametrize("traffic", ahead.TRAFFIC)
-def test_the_network_alone_drives_as_before_in_other_traffic(committed, traffic):
-    """Planning takes minutes and is left to the study."""
-    (theirs,) = [
-        row
-        for row in committed["intersection-ahead"].tables["policies"]
-        if row["policy"] == f"atlas/egoistic/{traffic}/plain"
-    ]
-    seeds = np.arange(20_000_000, 20_000_000 + theirs["episodes"])
-    again = episodes_of(Batch(ahead.TRAFFIC[traffic], 128), atlas.load("set_egoistic"), seeds)
-    found = intersection_world.outcome_row(again)
-    for name in ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck"):
-        # As above, a few episodes.
-        assert found[name] == pytest.approx(theirs[name], abs=5 / theirs["episodes"]), name
-
-
-@pytest.mark.parametrize("mode", iteration.TRAINED)
-def test_the_improved_network_drives_as_before(committed, batch, mode):
-    """The network of the first seed, a member of the atlas' ensemble."""
-    results = committed["intersection-policy-iteration"]
-    name = iteration.network_name(mode, results.config["seeds"][0])
-    (theirs,) = [row for row in results.tables["policies"] if row["policy"] == name]
-    driver = members_of(atlas.load(f"iterated_{mode}"))[0]
-    seeds = np.arange(20_000_000, 20_000_000 + theirs["episodes"])
-    again = intersection_world.outcome_row(episodes_of(batch, driver, seeds))
-    for column in ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck"):
-        # As above, a few episodes.
-        assert again[column] == pytest.approx(theirs[column], abs=5 / theirs["episodes"]), column
-
-
 @pytest.mark.parametrize(
     ("folder", "family", "angle"),
     [
@@ -450,32 +411,6 @@ def test_the_dial_of_the_gridworld_is_worth_what_its_results_say():
         assert metrics.r_social == pytest.approx(their["r_social"], abs=2e-6)
 
 
-def test_without_data_the_hidden_skill_is_missed_as_before(committed):
-    theirs = {
-        (row["method"], row["angle"], row["readout"]): row
-        for row in committed["competence"].tables["scores"]
-    }
-    rows = list(bench.Bench.of(bench.Config()).without_data())
-    assert len(rows) == 42  # seven angles of two demonstrators', and of two rewards' two policies
-    for again in rows:
-        their = theirs[again["method"], again["angle"], again["readout"]]
-        for name in ("score", "skill"):
-            assert again[name] == pytest.approx(their[name], abs=2e-6)
-
-
-def test_a_demonstrator_left_out_is_predicted_as_before(committed):
-    """One strength of one data set, from which a study's λ is chosen."""
-    (their,) = (
-        row
-        for row in committed["competence"].tables["choices"]
-        if (row["seed"], row["strength"]) == (10, 30.0)
-    )
-    inputs = methods.Inputs.of(bench.Bench.of(bench.Config()), 10)
-    each = [inputs.predicted(30.0, left_out) for left_out in range(3)]
-    assert np.mean(each) == pytest.approx(their["log_likelihood"], abs=1e-3)
-    assert their["chosen"] == 1
-
-
 def test_the_sets_of_classic_control_are_the_committed_ones():
     """Two sets of each protocol: what is kept, its spread, and the linear fit that identifies."""
     committed = store.load(packaged_results() / "classic-control")
@@ -509,46 +444,3 @@ def test_five_trajectories_are_enough_for_both_learners():
             rows = control_runs.scored(job.config, lambda _share: None)
             assert committed[job.config.method]["worst"] == 500
             assert {row["mean_return"] for row in rows} == {500.0}
-
-
-def test_the_improved_clone_is_beside_the_demonstrators_of_the_other_methods():
-    """Those of 45 and 90 degrees; that of 0 was trained again with other rounding."""
-    one, other = (
-        store.load(packaged_results() / name)
-        for name in ("intersection-skill", "intersection-skill-improved")
-    )
-    assert one.config["seeds"] == other.config["seeds"]
-    theirs, again = (
-        {
-            row["angle"]: row["score"]
-            for row in matching(each.tables["scores"], method="demonstrators")
-        }
-        for each in (one, other)
-    )
-    for angle in (30.0, 45.0, 60.0, 75.0, 90.0):
-        assert again[angle] == pytest.approx(theirs[angle], abs=2e-6)
-    for angle in (0.0, 15.0):
-        assert again[angle] == pytest.approx(theirs[angle], abs=0.01)
-
-
-def test_what_a_rule_of_the_angle_means_is_found_again():
-    """The exact part of the study, and the choice of the best constant angle of each rule."""
-    committed = store.load(packaged_results() / "context")
-    again = [row for world in context_config.GRIDS for row in context.exact_rows(world)]
-    for ours, theirs in zip(again, committed.tables["exact"], strict=True):
-        for key, value in theirs.items():
-            expected = pytest.approx(value, abs=2e-6) if isinstance(value, float) else str(value)
-            assert (ours[key] if isinstance(value, float) else str(ours[key])) == expected, key
-    assert {row["verdict"] for row in committed.tables["against_constants"]} == {"below"}
-
-
-@pytest.mark.slow
-def test_a_dial_turned_by_a_rule_drives_the_committed_episodes():
-    committed = store.load(packaged_results() / "context")
-    config = context_config.Config()
-    seeds = np.arange(config.first_episode, config.first_episode + config.episodes)
-    policy = ContextPolicy.of(context.dial_of(), context_config.RULES[context_config.MAIN])
-    found = episodes_of(Batch(Options(), 512), policy, seeds).totals
-    (row,) = matching(committed.tables["drivers"], driver=context_config.MAIN)
-    assert row["r_env"] == pytest.approx(found.env.mean(), abs=2e-3)
-    assert row["r_social"] == pytest.approx(found.social.mean(), abs=2e-3)

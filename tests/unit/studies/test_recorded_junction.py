@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from studies.recorded_junction.config import PRACTISED, Config
 from studies.recorded_junction.planted import Rule, blocked
+from studies.recorded_junction.work import Config
 
 from socialiq.errors import UserError
 
@@ -35,10 +35,9 @@ def test_a_rule_yields_to_whom_it_sees_coming(speed, ahead, side, right, short, 
     assert rule.predict(there)[0].tolist() == [1 if long else 5]
 
 
-def test_who_stands_holds_and_who_waits_brakes():
+def test_who_stands_holds():
     standing = seen(0.0, 5.0, 0.0)
     assert Rule("looks", 1.0, 2.0, LEVELS).predict(standing)[0].tolist() == [3]
-    assert Rule("waits", np.inf, 0.0, LEVELS).predict(standing)[0].tolist() == [0]
 
 
 def test_options_that_make_no_study_are_refused(tmp_path):
@@ -46,7 +45,5 @@ def test_options_that_make_no_study_are_refused(tmp_path):
         Config(recordings=str(tmp_path)).contents()
     with pytest.raises(UserError, match="two angles"):
         Config(angles=(0.0,))
-    with pytest.raises(UserError, match=r"has no rounds: add --practice.rounds 5"):
-        Config(mixtures=(PRACTISED,))
-    with pytest.raises(UserError, match="mixture"):
-        Config(mixtures=("all",))
+    with pytest.raises(UserError, match="episodes"):
+        Config(episodes=0)

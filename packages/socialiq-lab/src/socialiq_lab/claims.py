@@ -34,7 +34,6 @@ STUDIES = (
     "intersection",
     "compare-priors",
     "audits",
-    "competence",
     "none",
 )
 
@@ -52,7 +51,6 @@ _COMMANDS = {
     "intersection": "socialiq reproduce intersection --parts main",
     "compare-priors": "socialiq compare priors",
     "audits": "socialiq reproduce audits",
-    "competence": "socialiq reproduce competence",
     "none": "",
 }
 

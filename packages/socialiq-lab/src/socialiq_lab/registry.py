@@ -23,34 +23,38 @@ STUDIES = {
     "alternatives": "alternatives",
     "penalties": "penalties",
     "dial": "dial.study",
-    "competence": "competence.study",
     "off-policy": "off_policy",
-    "roads": "roads.study",
     "intersection-world": "intersection_world",
     "intersection": "intersection.study",
-    "intersection-networks": "intersection_networks",
-    "intersection-ahead": "intersection_ahead",
-    "intersection-policy-iteration": "intersection_policy_iteration",
     "intersection-dial": "intersection_dial.study",
     "intersection-offline": "intersection_offline.study",
     "intersection-continuous": "intersection_continuous.study",
-    "intersection-skill": "intersection_skill.study",
     "audit-power": "audit_power.study",
     "audits": "audits.study",
     "angle-trait": "angle_trait.study",
-    "angle-zeros": "angle_trait.zeros",
-    "recorded-junction": "recorded_junction.study",
-    "recorded-junction-ahead": "recorded_junction.ahead",
-    "recorded-junction-practice": "recorded_junction.practice",
+    "recorded-junction-practice": "recorded_junction.study",
     "theory": "theory.study",
     "classic-control": "classic_control.study",
     "mujoco-imitation": "mujoco_imitation.study",
     "compare-priors": "compare_priors.study",
     "compare-methods": "compare_methods.study",
-    "context": "context.study",
     "mo-gymnasium": "mo_gymnasium.study",
 }
 """Name on the command line, and the study's module."""
+
+RETIRED = (
+    "angle-zeros",
+    "competence",
+    "context",
+    "intersection-ahead",
+    "intersection-networks",
+    "intersection-policy-iteration",
+    "intersection-skill",
+    "recorded-junction",
+    "recorded-junction-ahead",
+    "roads",
+)
+"""Studies of the tag `before-the-split`; docs/studies/history.md has their results."""
 
 
 def add_studies_to_path() -> None:
@@ -69,6 +73,11 @@ def module_of(name: str) -> str:
     Raises:
         UserError: If there is no study of that name.
     """
+    if name in RETIRED:
+        raise UserError(
+            f"{name} has retired: docs/studies/history.md has its results, and the tag "
+            "before-the-split its code"
+        )
     one_of("study", name, (*STUDIES, "FILE.py:NAME"))
     return f"studies.{STUDIES[name]}"
 

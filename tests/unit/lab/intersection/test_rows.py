@@ -11,12 +11,10 @@ from socialiq.worlds.intersection.policies import policy
 from socialiq_lab.intersection.driving import Evaluation
 from socialiq_lab.intersection.episodes import load_episodes, save_episodes
 from socialiq_lab.intersection.rows import (
-    egoist_summary,
     evaluated,
     outcome_row,
     policy_row,
     policy_rows,
-    reaches_target,
     times,
 )
 from socialiq_lab.jobs import RECORD, Job
@@ -60,15 +58,3 @@ def test_every_evaluation_of_the_jobs_has_a_row_for_each_readout(episodes, tmp_p
     assert rows["learners/b", "soft"]["policy"] == "learners/b"
     took = {row["jobs"]: row["seconds"] for row in times(jobs, tmp_path)}
     assert took == {"evaluation/experts": 2.0, "evaluation/learners": 4.0}
-
-
-@pytest.mark.parametrize(
-    ("arrival", "collision", "reached"),
-    [(0.95, 0.04, True), (0.949, 0.04, False), (0.95, 0.041, False)],
-)
-def test_the_target_has_two_sides(arrival, collision, reached) -> None:
-    row = {"arrival": arrival, "collision": collision}
-    assert reaches_target(row) is reached
-    summary = egoist_summary({"set": [row, row | {"arrival": 1.0}]}, ("arrival",))
-    assert summary["egoists"]["set"]["reach_target"] == reached + (collision == 0.04)
-    assert summary["egoists"]["set"]["arrival"]["high"] == 1.0

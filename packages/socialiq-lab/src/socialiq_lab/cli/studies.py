@@ -136,11 +136,10 @@ class Reproduce(_StudyCommand):
 
     study: Annotated[str, tyro.conf.Positional] = ""
     """worlds, intersection-world, poc, grid, intersection, alternatives (appendix B), lambda-sweep
-    (D); theory, its predictions against training; dial, competence, intersection-dial,
-    intersection-offline, intersection-skill, intersection-networks, intersection-ahead and
-    intersection-policy-iteration, which go beyond it; audits of its tables and of our policies,
+    (D); theory, its predictions against training; dial, intersection-dial, intersection-offline and
+    intersection-continuous, which go beyond it; audits of its tables and of our policies,
     audit-power, what an audit is worth; classic-control and mujoco-imitation, outside checks;
-    compare-priors; compare-methods; recorded-junction, a dial of recordings; or
+    compare-priors; compare-methods; recorded-junction-practice, a dial of recordings; or
     FILE.py:NAME, a study of your own."""
     allow_code: bool = False
     """Run the code of FILE.py, with your rights."""

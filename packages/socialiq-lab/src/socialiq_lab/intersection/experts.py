@@ -49,14 +49,6 @@ def flat_expert(mode: str, seed: int, steps: int) -> Job:
     return Job(expert_name("flat", mode, seed), train_expert, run, cost=900.0)
 
 
-def set_expert(mode: str, seed: int, steps: int) -> Job:
-    """Return the job of an expert whose network reads a set of vehicles."""
-    structure = dqn.StaticConfig("set", (128, 128), steps=steps, steps_per_update=12)
-    numbers = dqn.Hyperparameters(angle=MODES[mode], learning_rate=5e-4, polyak=0.01, seed=seed)
-    run = ExpertRun(structure, finer(numbers))
-    return Job(expert_name("set", mode, seed), train_expert, run, cost=900.0)
-
-
 def finer(numbers: dqn.Hyperparameters) -> dqn.Hyperparameters:
     """Return hyperparameters whose exploration and step size fall further."""
     return dataclasses.replace(numbers, exploration=0.02, final_learning_rate=1.5e-5)
@@ -94,7 +86,6 @@ def atlas_files(
     members: Mapping[str, str],
     work: Path,
     rows: Mapping[tuple[str, str], Row],
-    policy: str = "",
 ) -> dict[str, bytes]:
     """Return the content of the atlas' files by path below the results folder.
 
@@ -103,9 +94,8 @@ def atlas_files(
         members: Job of each policy, by name in the atlas.
         work: Folder of the jobs.
         rows: Metrics of each policy, by (job, readout).
-        policy: File of each job's policy; by default that which counts.
     """
-    sources = {name: (job, policy or policy_file(job)) for name, job in members.items()}
+    sources = {name: (job, policy_file(job)) for name, job in members.items()}
     greedy = {name: rows[job, "greedy"] for name, job in members.items()}
     return atlas_entries(study, "intersection", sources, work, greedy)
 

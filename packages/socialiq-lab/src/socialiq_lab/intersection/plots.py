@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -42,13 +41,12 @@ def seeds_and_episodes(runs: Runs) -> str:
     return f"greedy, {seeds} seed{'s'[: seeds != 1]}, {runs[0][1]['episodes']} episodes each"
 
 
-def dots(runs: Runs, height: float, target: Mapping[str, float] | None = None) -> Figure:
+def dots(runs: Runs, height: float) -> Figure:
     """Draw collisions and arrivals: a dot for each seed, a bar at their mean.
 
     Args:
         runs: Policies; the first part of the name makes a row of dots.
         height: Height of the figure in inches.
-        target: Shares of collisions and arrivals to mark with dashed lines.
     """
     drawn = figure(9.1, height)
     panels = drawn.subplots(1, 2, sharey=True)
@@ -63,18 +61,8 @@ def dots(runs: Runs, height: float, target: Mapping[str, float] | None = None) -
         plain(axes)
     panels[0].set_yticks(range(len(names)), names)
     panels[0].set_ylim(len(names) - 0.5, -0.5)
-    for axes, metric in zip(panels, ("collision", "arrival") if target else (), strict=False):
-        _limit(axes, 100 * (target or {})[metric])
     panels[0].set_xlim(0, 1.06 * panels[0].get_xlim()[1])
     return drawn
-
-
-def _limit(axes: Axes, limit: float) -> None:
-    axes.axvline(limit, color="#333333", linestyle="--", linewidth=1)
-    axes.annotate(
-        f"{limit:g} %", (limit, 1), (3, 2), xycoords=("data", "axes fraction"),
-        textcoords="offset points", fontsize=8,
-    )  # fmt: skip
 
 
 def stacked_outcomes(axes: Any, rows: Mapping[str, Row], least: float) -> None:

@@ -14,58 +14,13 @@ from socialiq.errors import UserError
 from socialiq.evaluation.branching import Branching
 from socialiq.learners.dial.rows import stratified_angles
 from socialiq.learners.policy_iteration import config as one_angle
-from socialiq.learners.policy_iteration import dial, train
+from socialiq.learners.policy_iteration import dial
 from socialiq.nn.dial_policy import DialPolicy
-from socialiq.nn.ensemble import EnsemblePolicy
 from socialiq.nn.q_network import network_of
-from socialiq.nn.q_policy import QPolicy
-from socialiq.worlds.intersection import atlas
 from socialiq.worlds.intersection.options import Options
-from socialiq_lab.intersection.episodes import DIAL, LAST
-from socialiq_lab.intersection.fitting import CHUNK, MEASURES, Checks, fit, sizes_of
+from socialiq_lab.intersection.episodes import DIAL
+from socialiq_lab.intersection.fitting import CHUNK, Checks, fit, sizes_of
 from socialiq_lab.jobs import ProgressCallback
-
-
-@dataclass(frozen=True)
-class IterationRun:
-    """One run of direct policy iteration."""
-
-    structure: one_angle.StaticConfig
-    numbers: one_angle.Hyperparameters
-    start: str = ""
-    """Network of the atlas that it begins with; none draws one from the seed."""
-    environments: int = 256
-    options: Options = field(default_factory=Options)
-    """Scenario of the checks."""
-    labels: Options = field(default_factory=Options)
-    """Scenario and rewards of the rollouts. A larger loss of a collision makes a policy that
-    accepts more delay for the same risk."""
-    checks: Checks = field(default_factory=lambda: Checks(times=10))
-
-
-def train_by_iteration(
-    config: IterationRun, folder: Path, _inputs: Mapping[str, Path], on_progress: ProgressCallback
-) -> None:
-    """Write the last policy of a run, and its learning curve."""
-    structure, numbers = config.structure, config.numbers
-
-    def measure(state: Any, _done: int) -> dict[str, float]:
-        policy = QPolicy.of(network_of(state.target_network, 0), numbers.temperature, {})
-        return config.checks.measured(config.options, policy, numbers.angle)
-
-    states = CHUNK * structure.states_per_update
-    clock = structure.times > 0
-    labeller = Branching(config.labels, states, config.environments, clock)
-    start = atlas.load(config.start) if config.start else None
-    if isinstance(start, EnsemblePolicy):
-        raise UserError(f"{config.start} is an ensemble: begin with one network")
-    if start is not None and clock:
-        start = start.with_clock(structure.times)
-    sizes = sizes_of(config.options, clock)
-    fitting = partial(train.train, structure, [numbers], [labeller], sizes, start=start)
-    monitor = config.checks.monitor(structure.updates, measure, *MEASURES)
-    fit(fitting, folder, on_progress, [LAST], monitor)
-
 
 ITERATION = dial.StaticConfig(
     batch_size=512,

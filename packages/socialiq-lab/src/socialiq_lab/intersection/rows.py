@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from socialiq.evaluation.episodes import Episodes, conflict_rates
 from socialiq.social.angle import estimate_angle
@@ -15,21 +14,10 @@ from socialiq.worlds.highway.state import Contact
 from socialiq_lab.intersection.episodes import CURVE, load_episodes
 from socialiq_lab.jobs import RECORD, Job
 from socialiq_lab.results import from_csv
-from socialiq_lab.study import view_of
-from socialiq_lab.tables import spread
 
 OUTCOMES = {"collision": Ending.COLLISION, "arrival": Ending.ARRIVAL, "timeout": Ending.TIMEOUT}
 SHARES = ("collision", "arrival", "timeout", "ego_struck", "ego_was_struck")
 
-VIEW_OF_SHARES = view_of(
-    "policies",
-    "policy",
-    *SHARES,
-    title="shares of episodes; foresight: with one look at the true future",
-)
-"""Printed table of a study of experts."""
-TARGET = {"arrival": 0.95, "collision": 0.04}
-"""Aim of an egoist: at least so many arrivals, at most so many collisions."""
 KMH = 3.6  # km/h of a m/s
 _BOOTSTRAP_SEED = 0  # of the angle's interval
 _REWARDS = ("r_env", "r_env_sd", "r_social", "r_social_sd")
@@ -186,20 +174,3 @@ def highway(jobs: Sequence[Job], work: Path) -> list[Row]:
                 | {name: max(row[name] for row in compared) for name in worst}
             )
     return rows
-
-
-def reaches_target(row: Row) -> bool:
-    """Whether a policy is as good as a good egoist should be."""
-    return row["arrival"] >= TARGET["arrival"] and row["collision"] <= TARGET["collision"]
-
-
-def egoist_summary(
-    egoists: Mapping[str, Sequence[Row]], names: Sequence[str] = SHARES
-) -> dict[str, Any]:
-    """Summarize groups of egoists: spreads over training seeds, and how many reach the target."""
-    groups = {
-        group: {"seeds": len(rows), "reach_target": sum(map(reaches_target, rows))}
-        | {name: spread(rows, name) for name in names}
-        for group, rows in egoists.items()
-    }
-    return {"egoists": groups, "target": TARGET}

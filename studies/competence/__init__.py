@@ -1,1 +1,0 @@
-"""Value of demonstrations beyond reinforcement learning on R(α)."""

@@ -1,1 +1,0 @@
-"""Angles that depend on the situation, beside constant ones."""

@@ -1,1 +1,0 @@
-"""A skill that demonstrators share and the reward pair lacks."""

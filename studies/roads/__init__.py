@@ -1,1 +1,0 @@
-"""Study: dial, trio and the intersection's dial on merge and roundabout."""

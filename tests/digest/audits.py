@@ -1,0 +1,115 @@
+"""Small audits of every kind of policy: verdict, tests, and the table of episodes."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from tests.digest.commands import EXAMPLES, call, collected, junction_file, of_csv
+from tests.digest.digest import Hashes, Item, of_plain
+
+EPISODES = 20
+CODE = ("--allow-code", "--isolation", "none")
+HALF = "def half(seen):\n    return 0.0 * seen[:, :1] + 0.5\n"
+STILL = "import numpy as np\n\n\ndef still(seen):\n    return np.ones(len(seen), np.int64)\n"
+SLOW = "import numpy as np\n\n\ndef slow(seen):\n    return np.zeros(len(seen), np.int64)\n"
+PROCESS = "process:python3 process_policy.py"
+
+AUDITS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "intersection/rule": ("intersection", "idm", ()),
+    "intersection/atlas": ("intersection", "atlas:prosocial", ("--shift",)),
+    "intersection/process": ("intersection", PROCESS, ("--isolation", "none")),
+    "intersection/callable": ("intersection", "python:driver.py:slow", CODE),
+    "intersection/onnx": ("intersection", str(EXAMPLES / "policies/dqn_intersection.onnx"), ()),
+    "intersection/sb3": ("intersection", str(EXAMPLES / "policies/dqn_intersection.zip"), ()),
+    "intersection-continuous/rule": ("intersection-continuous", "idm", ()),
+    "intersection-continuous/atlas": ("intersection-continuous", "atlas:expert_prosocial", ()),
+    "intersection-continuous/callable": (
+        "intersection-continuous",
+        "python:driver.py:half",
+        CODE,
+    ),
+    "merge/callable": (
+        "merge",
+        "python:driver.py:slow",
+        (*CODE, "--reference", "python:driver.py:still"),
+    ),
+    "roundabout/callable": (
+        "roundabout",
+        "python:driver.py:slow",
+        (*CODE, "--reference", "python:driver.py:still"),
+    ),
+}
+"""World, policy and further options by name."""
+
+PARTS = ("verdict", "tests", "policy_metrics", "references", "angle", "regret", "floors")
+ORIGIN = ("record", "source", "sha256", "command", "versions", "content_sha256", "provenance")
+
+
+def without_origin(value: Any) -> Any:
+    """Return a part of a report without what names files, versions and hashes."""
+    if isinstance(value, dict):
+        return {name: without_origin(one) for name, one in value.items() if name not in ORIGIN}
+    return [without_origin(one) for one in value] if isinstance(value, list) else value
+
+
+def audited(world: str, policy: str, more: tuple[str, ...], folder: Path) -> Hashes:
+    """Audit a policy with a fixed seed, from a folder that holds the code of drivers."""
+    (folder / "driver.py").write_text(f"{SLOW}\n\n{STILL}\n\n{HALF}")
+    shutil.copy(EXAMPLES / "policies" / "process_policy.py", folder)
+    with contextlib.chdir(folder):
+        new = ("profile", "new", "--world", world, "--angle", 45, "--owner", "x")
+        call(*new, "--out", "profile.toml")
+        words = ("--profile", "profile.toml", "--episodes", EPISODES, "--seed", 7, "--no-log")
+        call("audit", policy, *words, *more, "--out", "report")
+        report = json.loads(Path("report/report.json").read_text())
+        parts = {name: report[name] for name in PARTS if name in report}
+        hashes = {name: of_plain(without_origin(part)) for name, part in parts.items()}
+        return hashes | {"episodes": of_csv(Path("report/episodes.csv"))}
+
+
+def audited_expert(world: str, folder: Path) -> Hashes:
+    """Audit a table of actions, which is an expert of a gridworld."""
+    from socialiq.policies.native import save_table
+    from socialiq.worlds.enumerate import tabulate
+    from socialiq.worlds.registry import make_grid
+    from socialiq.worlds.tabular_policy import TabularPolicy, expert_policy
+
+    table = tabulate(make_grid(world))
+    path = folder / "expert.safetensors"
+    save_table(path, TabularPolicy(table.world, expert_policy(table, 45.0)))
+    more = ("--shift",) if world == "crossing7" else ()
+    return audited(world, path.name, more, folder)
+
+
+def audited_network(folder: Path) -> Hashes:
+    """Audit a network of a gridworld that was trained shortly."""
+    data = collected(folder, "crossing7")
+    words = ("--updates", 6, "--hidden", 8, "--value-term", "value_expert")
+    call("train", data, *words, "--out", folder / "run")
+    (path,) = (folder / "run").glob("*.safetensors")
+    path.rename(folder / path.name)
+    return audited("crossing7", path.name, (), folder)
+
+
+def audited_at_junction(folder: Path) -> Hashes:
+    """Audit a driver by rule at a recorded junction."""
+    return audited(junction_file(folder).name, "python:driver.py:slow", CODE, folder)
+
+
+NEEDS = {"intersection/onnx": ("onnx", "onnxruntime")}
+
+ITEMS = [
+    Item("audit/crossing5/expert", functools.partial(audited_expert, "crossing5"), quick=True),
+    Item("audit/crossing7/expert", functools.partial(audited_expert, "crossing7")),
+    Item("audit/crossing7/network", audited_network),
+    *(
+        Item(f"audit/{name}", functools.partial(audited, *words), NEEDS.get(name, ()))
+        for name, words in AUDITS.items()
+    ),
+    Item("audit/recorded-junction/callable", audited_at_junction, ("shapely",)),
+]

@@ -1,0 +1,174 @@
+"""Short trainings of every learner: weights, metrics, and greedy actions in fixed observations."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+from tests.digest.commands import actions_of, call, collected, observations, of_networks
+from tests.digest.digest import Hashes, Item
+
+SMALL = ("--updates", 6, "--hidden", 8, "--batch-size", 8)
+OFFLINE = (*SMALL, "--value-term", "value_expert")
+ONLINE = (*SMALL, "--world", "crossing7")
+DIAL = ("--updates", 6, "--hidden", 8, "--expert-batch", 8)
+ACTS = ("--replay-batch", 8)
+ANGLES = ("--angle", 0, 45, "--strength", 2, "--seed", 0, 1)
+
+IQ_LEARN: dict[str, tuple[object, ...]] = {
+    **{
+        f"online/{prior}": (*ONLINE, *ANGLES, "--prior", prior)
+        for prior in ("none", "reward", "bellman_shift", "reweighting", "shifted_chi2")
+    },
+    **{
+        f"offline/{prior}": (*OFFLINE, *ANGLES, "--prior", prior)
+        for prior in ("none", "reward", "bellman_shift", "reweighting", "shifted_chi2")
+    },
+    **{
+        f"returns/{kind}": (*ONLINE, "--angle", 45, "--target-kind", kind)
+        for kind in ("to_go", "trajectory", "instantaneous", "advantage", "advantage_fitted")
+    },
+    **{
+        f"divergence/{name}": (*ONLINE, "--prior", "none", "--divergence", name)
+        for name in ("kl", "reverse_kl", "hellinger", "js")
+    },
+    "dueling": (*OFFLINE, "--form", "dueling"),
+    "value/v0": (*SMALL, "--value-term", "v0"),
+    "chi2/mixture": (*ONLINE, "--chi2-on", "mixture", "--prior", "none"),
+    "next/online": (*ONLINE, "--next-value", "online"),
+    **{
+        f"preset/{name}": ("--preset", name, *(ONLINE if online else SMALL))
+        for name, online in {
+            "table-c1": True,
+            "poc": True,
+            "grid": True,
+            "lambda-sweep": True,
+            "few-offline": False,
+            "few-online": True,
+        }.items()
+    },
+}
+"""Options of `train` with demonstrations of the 7x7 world."""
+
+OTHERS: dict[str, tuple[object, ...]] = {
+    "behaviour-cloning": (*SMALL, "--learner", "behaviour-cloning"),
+    "cql": (*SMALL, "--learner", "cql", *ANGLES),
+}
+
+CONTINUOUS: dict[str, tuple[object, ...]] = {
+    "iq_learn": OFFLINE,
+    "iq_learn-online": (*SMALL, "--world", "intersection-continuous"),
+    "td3-bc": (*SMALL, "--learner", "td3-bc"),
+    "behaviour-cloning": (*SMALL, "--learner", "behaviour-cloning"),
+    "standardised": (*OFFLINE, "--standardise"),
+}
+"""The same with demonstrations of continuous actions."""
+
+WITHOUT_DATA: dict[str, tuple[object, ...]] = {
+    "sac": (*SMALL, "--learner", "sac", "--world", "intersection-continuous"),
+    "sac-dial": (
+        *SMALL,
+        "--learner",
+        "sac",
+        "--world",
+        "intersection-continuous",
+        "--dial",
+        "True",
+    ),
+}
+
+DIALS: dict[str, tuple[object, ...]] = {
+    "online": ("--preset", "online", *DIAL, *ACTS),
+    "online-short": ("--preset", "online-short", *DIAL, *ACTS),
+    "online-quick": ("--preset", "online-quick", *DIAL, *ACTS),
+    "online-clockless": ("--preset", "online-clockless", *DIAL, *ACTS),
+    "offline": ("--preset", "offline", *DIAL),
+    "offline-redrawn": ("--preset", "offline-redrawn", *DIAL),
+    "offline-regularised": ("--preset", "offline-regularised", *DIAL[:4]),
+    "one-angle": ("--preset", "offline", "--angle", 30, *DIAL),
+    "pair": ("--preset", "online", "--heads", "pair", "--backup", "double", *DIAL, *ACTS),
+}
+"""Options of `train-dial crossing7`; those with a clock learn from data with a clock."""
+
+
+def hashes_of(folder: Path, sizes: tuple[int, int], angle: float | None) -> Hashes:
+    """Hash a folder of trained networks, and their greedy actions."""
+    states = observations(sizes[0])
+    if sizes[1] == 3 and sizes[0] < 20:
+        states = np.abs(np.rint(3.0 * states)).astype(np.float32)  # integers, as gridworlds show
+    actions = {
+        f"actions/{path.stem}": actions_of(path, sizes, angle, states)
+        for path in sorted(folder.glob("*.safetensors"))
+    }
+    return of_networks(folder) | actions
+
+
+def trained(words: tuple[object, ...], folder: Path) -> Hashes:
+    """Train with demonstrations of the 7x7 world."""
+    data = collected(folder, "crossing7")
+    call("train", data, *words, "--out", folder / "run")
+    return hashes_of(folder / "run", grid_sizes(), None)
+
+
+def grid_sizes(clock: bool = False) -> tuple[int, int]:
+    """Return the numbers of features and actions of the 7x7 world."""
+    import socialiq
+
+    world = socialiq.make("crossing7")
+    return world.n_features + clock, world.n_actions
+
+
+def trained_continuously(words: tuple[object, ...], shown: bool, folder: Path) -> Hashes:
+    """Train at the intersection with continuous actions, with or without demonstrations."""
+    world = "intersection-continuous"
+    drivers = ("--driver", "atlas:expert_prosocial", "--driver", "idm")
+    data = [collected(folder, world, *drivers, episodes=2)] if shown else []
+    call("train", *data, *words, "--out", folder / "run")
+    return of_networks(folder / "run")
+
+
+def dialled(words: tuple[object, ...], folder: Path) -> Hashes:
+    """Train a dial of the 7x7 world."""
+    clock = "online-clockless" not in words
+    data = collected(folder, "crossing7", *(["--clock"] if clock else []))
+    call("train-dial", "crossing7", "--data", data, *words, "--out", folder / "run")
+    angle = 30.0
+    return hashes_of(folder / "run", grid_sizes(clock), angle)
+
+
+def dialled_alone(folder: Path) -> Hashes:
+    """Train a dial of the 7x7 world without demonstrations."""
+    words = ("--preset", "online-alone", "--updates", 6, "--hidden", 8, *ACTS)
+    call("train-dial", "crossing7", *words, "--out", folder / "run")
+    return hashes_of(folder / "run", grid_sizes(True), 30.0)
+
+
+ITEMS = [
+    *(
+        Item(
+            f"learner/iq_learn/{name}",
+            functools.partial(trained, words),
+            quick=name in ("online/reward", "offline/shifted_chi2"),
+        )
+        for name, words in IQ_LEARN.items()
+    ),
+    *(
+        Item(f"learner/{name}", functools.partial(trained, words), quick=True)
+        for name, words in OTHERS.items()
+    ),
+    *(
+        Item(
+            f"learner/continuous/{name}",
+            functools.partial(trained_continuously, words, data is CONTINUOUS),
+            quick=name == "td3-bc",
+        )
+        for data in (CONTINUOUS, WITHOUT_DATA)
+        for name, words in data.items()
+    ),
+    *(
+        Item(f"learner/dial/{name}", functools.partial(dialled, words), quick=name == "offline")
+        for name, words in DIALS.items()
+    ),
+    Item("learner/dial/online-alone", dialled_alone),
+]

@@ -1,0 +1,24 @@
+"""Every table is that of `digest.json`; `python -m tests.digest --make` writes it anew."""
+
+import pytest
+from tests.digest.digest import Item, computed, differences
+from tests.digest.items import ITEMS
+
+pytestmark = [
+    pytest.mark.usefixtures("as_a_user_runs_it"),
+    pytest.mark.filterwarnings("ignore"),  # of Gymnasium and of libraries, as in a user's process
+]
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        pytest.param(item, id=item.name, marks=[] if item.quick else pytest.mark.slow)
+        for item in ITEMS
+    ],
+)
+def test_no_table_differs(item: Item) -> None:
+    if item.missing:
+        pytest.skip(f"needs {', '.join(item.missing)}")
+    hashes, skipped, failed = computed([item])
+    assert list(differences([item], hashes, skipped, failed)) == []
