@@ -16,8 +16,8 @@ import numpy as np
 from socialiq.nn.dial_policy import DialPolicy
 from socialiq.nn.q_policy import QPolicy
 from socialiq.plotting.style import COLORS, figure, finish, png
+from socialiq.results_folder import as_csv
 from socialiq.types import Ending, Policy, Row
-from socialiq_lab.results import as_csv
 from socialiq_recordings.world.batch import JunctionBatch
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.state import AS_DRIVER

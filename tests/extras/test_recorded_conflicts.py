@@ -13,26 +13,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
+
 
 from socialiq.cli.main import main
-from socialiq.worlds.highway.settings import SIGNALS
-from socialiq_lab.results import load
+from socialiq.results_folder import load
 from socialiq_recordings import files
-from socialiq_recordings.conflicts import rules
 from socialiq_recordings.conflicts.config import ConflictConfig
-from socialiq_recordings.conflicts.counterfactual import rollout
-from socialiq_recordings.conflicts.influence import reason
 from socialiq_recordings.conflicts.lights import held
-from socialiq_recordings.conflicts.moments import moments_of
 from socialiq_recordings.conflicts.pairs import Encounters
 from socialiq_recordings.conflicts.table import required_at, rows_of, ttc_at
-from socialiq_recordings.episodes.config import EpisodeConfig
-from socialiq_recordings.episodes.ego_swap import swap
-from socialiq_recordings.episodes.scene import Scene
 from socialiq_recordings.readers.commonroad import read_commonroad
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
+from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.tracks import Tracks
 
 FOLDER = os.environ.get("SOCIALIQ_COMMONROAD_DATA", "")
@@ -190,10 +184,8 @@ STOPS = north(-52, np.interp(np.arange(120) * DT, [0, 1, 7, 12], [10, 10, 0, 0])
     ],
 )
 def test_who_stands_at_a_red_light_yields_to_nobody(phases, conflicts):
-    encounters, rows = found(east(-50, steady(10)), STOPS, road=lit(*phases))
+    _, rows = found(east(-50, steady(10)), STOPS, road=lit(*phases))
     assert len(rows) == conflicts
-    why = reason(encounters, 0, 1, (15, 30))
-    assert why.relation == ("crossing" if conflicts else "none")
 
 
 def test_a_light_holds_those_before_it_while_it_is_closed():
@@ -238,87 +230,6 @@ def test_a_merge_is_measured_at_the_line_where_ways_join():
     assert one["pet"] == pytest.approx((length - 20) / 10 - 4.0 - 0.4, abs=0.15)
 
 
-def test_a_leader_that_brakes_is_the_reason_of_its_followers_braking():
-    slows = np.interp(np.arange(60) * DT, [0, 2, 4, 6], [10, 10, 4, 4])
-    follows = np.interp(np.arange(60) * DT, [0, 2.5, 4.5, 6], [10, 10, 4, 4])
-    encounters, _ = found(east(0, slows), east(-15, follows), north(-75, steady(1, 60)))
-    why = reason(encounters, 0, 1, (30, 40))
-    assert why.relation == "leads" and why.first
-    assert why.lost_to_change > 0.5 and why.lost_to_presence > 0.5
-    assert why.rules(0.5) == (True, True, True, True)
-    # The follower is not in its leader's way, nor is a vehicle whose lane it has crossed.
-    assert reason(encounters, 1, 0, (30, 40)).relation == "none"
-    assert reason(encounters, 2, 1, (30, 40)).relation == "none"
-    # A leader that holds its speed changes nothing by it.
-    held, _ = found(east(0, steady(6, 60)), east(-25, np.linspace(12, 6, 60)))
-    why = reason(held, 0, 1, (20, 30))
-    assert why.relation == "leads" and not why.first
-    assert why.lost_to_change == pytest.approx(0.0, abs=1e-9) and why.lost_to_presence > 0.5
-
-
-def test_a_leader_that_stands_did_not_move_first():
-    encounters, _ = found(east(0, steady(0, 60)), east(-30, np.linspace(8, 2, 60)))
-    why = reason(encounters, 0, 1, (20, 30))
-    assert why.relation == "leads" and not why.first
-    assert why.rules(0.5) == (True, False, False, False)
-
-
-def test_who_enters_first_made_the_other_wait():
-    # The ego enters at 2.7 s; the other, 8 m from the area then, brakes for it.
-    brakes = np.interp(np.arange(80) * DT, [0, 1, 3, 3.5, 8], [8, 8, 2, 2, 8])
-    encounters, _ = found(east(-30, steady(10, 80)), north(-26, brakes))
-    why = reason(encounters, 0, 1, (10, 20))
-    assert why.relation == "crossing" and why.first and why.lost_to_presence > 0.5
-    other_way = reason(encounters, 1, 0, (10, 20))
-    assert other_way.relation == "crossing" and not other_way.first
-
-
-def test_without_a_reason_for_it_the_rollouts_are_equal():
-    encounters, _ = found(east(-30, steady(10)), north(-50, steady(10)))
-    each = {m: rollout(encounters, 0, 1, (5, 25), m) for m in ("recorded", "holds", "absent")}
-    # Steady speeds and 2 s between them: neither the ego's change nor its presence matters.
-    assert each["recorded"] == each["holds"] == each["absent"]
-    assert each["absent"].speed > 10.0  # toward the desired 15 m/s
-
-
-def test_moments_know_nothing_of_the_future():
-    speed = np.interp(np.arange(100) * DT, [0, 1, 3.5, 4.5, 7], [10, 10, 5, 5, 10])
-    encounters, _ = found(east(-50, steady(10)), north(-50, speed))
-    rows = moments_of(encounters, encounters.meetings())
-    second = [row for row in rows if row["ego"] == 2]
-    assert [row["time"] for row in second] == pytest.approx(np.arange(len(second)))
-    assert second[1]["ego_acceleration_before"] == pytest.approx(0.0)
-    assert second[1]["acceleration"] == pytest.approx(-2.0)
-    assert second[2]["ego_acceleration_before"] == pytest.approx(-2.0)
-    assert second[1]["ego_gap"] == pytest.approx(40 - EDGE)
-    assert second[1]["ego_arrives"] == pytest.approx((40 - EDGE) / 10)
-    assert second[1]["driven_1"] == pytest.approx(9.0, abs=1e-6)
-    assert second[1]["y_1"] == pytest.approx(-31.0) and second[1]["x_1"] == pytest.approx(0.0)
-    assert second[1]["leader_gap"] is None
-    # Cut off after the moment, everything but the targets and the outcome is the same.
-    stop = 21
-    cut, _ = found(east(-50, steady(10)[:stop]), north(-50, speed[:stop]))
-    early = [row for row in moments_of(cut, cut.meetings()) if row["ego"] == 2]
-    for name in ("ego_gap", "ego_speed", "ego_arrives", "other_arrives", "ttc"):
-        assert early[1][name] == pytest.approx(second[1][name])
-
-
-def test_rules_split_what_eq_4_2_charges():
-    slows = np.interp(np.arange(100) * DT, [0, 2, 4, 6], [10, 10, 4, 4])
-    follows = np.interp(np.arange(100) * DT, [0, 2.5, 4.5, 6], [10, 10, 4, 4])
-    made = recording(east(-25, slows), east(-40, follows), north(-30, steady(8)))
-    config = EpisodeConfig()
-    swapped = swap(made, config)
-    rows = rules.brakings(Encounters(Scene(made)), swapped, config)
-    signal = sum(one.signals[:, SIGNALS.index("disruption")].sum() for one in swapped.episodes)
-    assert sum(row["share"] for row in rows) == pytest.approx(signal) and signal > 0
-    kept = {row["rule"]: row["charged"] for row in rules.summary(rows)}
-    assert kept["Eq 4.2"] > kept["in the way"] >= kept["moved first"] >= kept["absent"]
-    reasoned = swap(made, EpisodeConfig(influence="reasoned"))
-    left = sum(one.signals[:, SIGNALS.index("disruption")].sum() for one in reasoned.episodes)
-    assert left == pytest.approx(sum(row["share"] for row in rows if row["absent"]))
-
-
 def test_the_command_writes_tables_and_pictures(tmp_path, capsys):
     path, out = tmp_path / "hand-made.safetensors", tmp_path / "conflicts"
     files.save(path, recording(east(-30, steady(10)), north(-50, steady(10))))
@@ -326,12 +237,12 @@ def test_the_command_writes_tables_and_pictures(tmp_path, capsys):
     assert main([*call, "--out", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["with_pet"] == 1
     results = load(out)
-    assert len(results.tables["conflicts"]) == 2 and results.tables["moments"]
+    assert len(results.tables["conflicts"]) == 2
     assert [one.name for one in out.glob("*.png")] == ["conflict-01.png"]
     assert main(call) == 2 and "--out" in capsys.readouterr().err
     assert main(["data", "conflicts", str(path), "--largest-pet", "0.5"]) == 0
     assert capsys.readouterr().err.startswith("hand-made is simulated")
-    assert main(["data", "conflicts", str(path), "--changed", "-1"]) == 2
+    assert main(["data", "conflicts", str(path), "--horizon", "-1"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 

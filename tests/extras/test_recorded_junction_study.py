@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
 from studies.recorded_junction.planted import rules
 from studies.recorded_junction.work import HUMAN, WORLD, Config, Made, make_world

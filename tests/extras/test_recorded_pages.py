@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
 pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -27,7 +27,7 @@ def test_the_examples_run(tmp_path, monkeypatch, page, count):
 
 @pytest.mark.parametrize(
     ("page", "least"),
-    [("recorded-drivers", 8), ("recorded-conflicts", 5), ("recorded-prediction", 3)],
+    [("recorded-drivers", 9), ("recorded-conflicts", 2), ("recorded-prediction", 3)],
 )
 def test_every_command_parses(page, least):
     import shlex

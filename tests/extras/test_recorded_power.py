@@ -5,13 +5,13 @@ import json
 
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
 pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 
 from tests.extras.test_recorded_conflicts import east, north, recording, steady
 
 from socialiq.cli.main import main
-from socialiq_lab.results import load
+from socialiq.results_folder import load
 from socialiq_recordings import files
 from socialiq_recordings.recording import Recording
 

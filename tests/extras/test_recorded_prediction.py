@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
 pytest.importorskip("sklearn", reason="extra `prediction` is not installed")
 
 from tests.extras.test_recorded_conflicts import EDGE, east, north, recording, steady
 
 from socialiq.cli.main import main
-from socialiq_lab.results import load
+from socialiq.results_folder import load
 from socialiq_recordings import files
 from socialiq_recordings.identity.identify import identify
 from socialiq_recordings.prediction import study

@@ -67,13 +67,10 @@ BASES: dict[str, list[str]] = {
     "data inspect": [RECORDING],
     "data demonstrations": [RECORDING, "--out", OUT],
     "data census": [RECORDING, "--out", OUT],
-    "data decisions": [RECORDING, "--out", OUT],
     "data world": [RECORDING, "--out", OUT],
     "data conflicts": [RECORDING, "--pictures", "1", "--out", OUT],
     "data predict": [RECORDING, "--holdout", "moments", "--models", "boosting", "--out", OUT],
     "data power": [RECORDING, "--repeats", "1", "--sizes", "1", "--out", OUT],
-    "data agreement": [RECORDING, RECORDING, "--updates", "2", "--out", OUT],
-    "data audit": [RECORDING, "--track", "0", "--profile", PROFILE],
 }
 """By command, words of a call that would work, or nearly: {ok} has samples, {out} is empty."""
 
@@ -85,7 +82,6 @@ LONG = (
     "bench",
     "conformance",
     "sweep",
-    "data agreement",
     "data predict",
 )
 """Commands that take long: only calls that must be refused are made of them."""

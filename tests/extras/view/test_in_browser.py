@@ -120,7 +120,7 @@ def test_demonstrations_without_seeds_are_drawn_from_what_was_observed(tab, serv
 
 
 def test_recorded_traffic_shows_who_yields_to_whom_and_the_rewards(tab, serving, tmp_path):
-    pytest.importorskip("shapely", reason="extra `data` is not installed")
+    pytest.importorskip("shapely", reason="extra `maps` is not installed")
     with serving(saved(tmp_path)) as address:
         go(tab, address)
         assert tab.inner_text("#which") == "32 yields to 31, PET 1.3 s"

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-pytest.importorskip("shapely", reason="extra `data` is not installed")
+pytest.importorskip("shapely", reason="extra `maps` is not installed")
 
 from tests.extras.view.made import DT, EDGE, crossing, saved
 

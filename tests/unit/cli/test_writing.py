@@ -46,7 +46,7 @@ def samples(tmp_path_factory):
     return folder
 
 
-NEEDS_DATA = pytest.mark.slow  # the gate has the extra `data`
+NEEDS_DATA = pytest.mark.slow  # the gate has the extra `maps`
 
 CALLS = [
     "collect crossing5 --episodes 1 --out OUT",
@@ -57,7 +57,6 @@ CALLS = [
     pytest.param("data census {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     pytest.param("data conflicts {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     pytest.param("data world {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
-    pytest.param("data decisions {ok}/recording.safetensors --out OUT", marks=NEEDS_DATA),
     "export {ok}/policy.safetensors --format torch --out OUT",
     "export {ok}/policy.safetensors --format card --out OUT",
     "render crossing5 --out OUT.png",

@@ -8,11 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socialiq.types import Ending
-from socialiq_recordings.episodes.annotate import Driven
-from socialiq_recordings.episodes.config import EpisodeConfig
-from socialiq_recordings.episodes.ego_swap import Swapped, demonstrations
-from socialiq_recordings.held_out import site_of
+from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.types import RewardPair
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign
 from socialiq_recordings.tracks import Tracks
@@ -125,67 +122,18 @@ def same_road_fixture() -> Callable[[RoadNetwork, RoadNetwork], None]:
     return same_road
 
 
-@pytest.fixture(scope="session")
-def drive():
-    """One vehicle's episode of given reward pairs."""
-
-    def make(pair, ending=Ending.TIMEOUT, contact=0, seed=0, features=70):
-        pair = np.array(pair, np.float64)
-        count, rng = len(pair), np.random.default_rng(seed)
-        endings = np.zeros(count, np.int8)
-        endings[-1] = ending
-        return Driven(
-            track=0,
-            junction=0,
-            frame=np.arange(count + 1) * 10,
-            observation=rng.uniform(-1, 1, (count + 1, features)).astype(np.float32),
-            action=rng.integers(0, 3, count).astype(np.int32),
-            residual=np.full(count, 0.5),
-            speed=np.full(count + 1, 5.0),
-            pair=pair,
-            signals=np.zeros((count, 9)),
-            ending=endings,
-            jump=0.0,
-            contact=contact,
-        )
-
-    return make
-
-
-@pytest.fixture(scope="session")
-def swapped():
-    """One recording of given episodes."""
-
-    def make(name, episodes, moments=None, config=None):
-        return Swapped(
-            recording=name,
-            n_tracks=len(episodes) + 2,
-            seconds=10.0,
-            source={"file": f"{name}.csv"},
-            identity=tuple(range(100, 100 + len(episodes))),
-            episodes=tuple(episodes),
-            left_out={"never at a conflict area": 2},
-            conflicts=4,
-            moments=frozenset(moments or {f"{name}{n}".encode() for n in range(len(episodes))}),
-            config=config or EpisodeConfig(),
-            site=site_of(name),
-            chain="" if moments else name,
-            vehicle=(),
-        )
-
-    return make
-
-
 @pytest.fixture
-def human(drive, swapped):
-    """Three recordings of two, one and two drivers."""
-    one = [drive([[0.1, 0.2], [0.3, 0.0]], seed=1), drive([[0.5, -1.0]], Ending.ARRIVAL, seed=2)]
-    two = [drive([[-2.0, -5.0]], Ending.COLLISION, 1, seed=3)]
-    three = [drive([[0.2, 0.2]] * 3, seed=4), drive([[0.0, 0.4]] * 4, seed=5)]
-    sites = ("USA_Lanker-1_1_T-1", "USA_Lanker-1_3_T-1", "monday")
-    return [swapped(name, part) for name, part in zip(sites, (one, two, three), strict=True)]
-
-
-@pytest.fixture
-def human_table(human):
-    return demonstrations(human)
+def human_table() -> Demonstrations:
+    """Two episodes of a recorded driver."""
+    observation = np.random.default_rng(0).uniform(-1, 1, (5, 14)).astype(np.float32)
+    return Demonstrations.of(
+        observation=observation[[0, 1, 3]],
+        action=np.array([0, 1, 2], np.int32),
+        next_observation=observation[[1, 2, 4]],
+        ending=np.array([0, 3, 3], np.int8),
+        rewards=RewardPair(np.array([0.1, 0.2, 0.3]), np.zeros(3)),
+        episode=np.array([0, 0, 1]),
+        mode_names=("human",),
+        mode=np.zeros(3, np.int8),
+        n_actions=3,
+    )

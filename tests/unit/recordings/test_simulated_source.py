@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from socialiq_recordings.episodes.ego_swap import demonstrations
 from socialiq_recordings.simulated_source import signs_of_simulation
 
 
@@ -44,14 +43,3 @@ def test_exact_repetition(straight):
     pattern = 8.0 + np.sin(np.arange(60) * 0.3)
     again = dataclasses.replace(tracks, vx=np.concatenate([pattern, np.roll(pattern, 7)]))
     assert "repeated exactly" in signs_of_simulation(again)[0]
-
-
-def test_the_mode_is_human_only_without_signs(human):
-    simulated = [*human[:1], dataclasses.replace(human[1], simulated=("its header",)), human[2]]
-    table = demonstrations(simulated)
-    assert table.mode_names == ("human", "simulated")
-    assert table.counts() == {"human": (4, 10), "simulated": (1, 1)}
-    assert table.source["recordings"][1]["simulated"] == ["its header"]
-    assert demonstrations(simulated, as_human=True).mode_names == ("human",)
-    assert demonstrations(simulated[1:2]).mode_names == ("simulated",)
-    assert human[0].counts["origin"] == "recorded"

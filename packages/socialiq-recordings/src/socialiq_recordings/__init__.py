@@ -1,1 +1,4 @@
-"""Recorded traffic: tracks on a road network, converted to demonstrations."""
+"""Recorded traffic: tracks on a road network, conflicts, a world, demonstrations."""
+
+DISTRIBUTION = "socialiq-recordings"
+"""Name of the distribution, whose extras bring the optional libraries."""

@@ -1,26 +1,27 @@
 """Census of recorded drivers in the plane of the two rewards, with confidence regions.
 
-A driver's point is the mean reward pair of a decision, over its episode; its angle is the
-point's direction. This angle describes the events around a vehicle. It is neither the driver's
+A driver's point is the mean reward pair of its replayed decisions (`world.replay`), and its angle
+the point's direction. This angle describes the events around a vehicle. It is neither the driver's
 intention nor an angle for training a policy: see `LIMITS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64
+from matplotlib.figure import Figure
 
-from socialiq.errors import UserError
-from socialiq.social.angle import DirectionInterval, angle_of, direction_interval
-from socialiq.statistics.bootstrap import resample_rows
-from socialiq.types import Ending, Row
+from socialiq.plotting.style import COLORS, figure, plain
+from socialiq.social.angle import angle_of, direction_interval, estimate_angle
+from socialiq.types import Ending
 from socialiq.worlds.highway.settings import SIGNALS
-from socialiq_recordings.census_spread import Deconvolved, deconvolve
-from socialiq_recordings.directions import Sector, sectors
-from socialiq_recordings.episodes.ego_swap import Swapped, check_distinct
+from socialiq_recordings.identity.identify import Identified
+from socialiq_recordings.world.recorded_world import RecordedWorld
+from socialiq_recordings.world.replay import Replayed
 
 LIMITS = (
     "A neighbour's loss of speed was observed, not caused: it may have braked for "
@@ -33,8 +34,6 @@ LIMITS = (
     "are not: true intervals are wider.",
     "Drivers of one recording meet each other; intervals over chains of recordings that share no "
     "vehicle allow for it, those over drivers do not.",
-    "The spread of the angles behind the points takes them as one bell on the circle, with one "
-    "covariance for all drivers; those who stand and those who move are rather two groups.",
     "An episode that leaves the field of view says nothing of what came after.",
 )
 """Limits of the interpretation of a census."""
@@ -55,7 +54,7 @@ class Driver:
         identity: The vehicle's number in the file.
         decisions: Number of decisions of the episode.
         seconds: Duration of the episode.
-        ending: "arrival", "collision", or "truncated" if it left the view.
+        ending: "arrival", or "truncated" if it left the view.
         r_env: Mean of a decision.
         r_social: Mean of a decision.
         angle: Direction of the two, degrees; None if both are 0.
@@ -65,7 +64,7 @@ class Driver:
         speed: Mean at the ends of its decisions, m/s.
         yielding: Mean of the signal `yielding`, unweighted.
         disruption: Mean of the signal `disruption`, unweighted.
-        residual: Root mean square of the residual of the inferred actions, m/s.
+        residual: Root mean square of what the levels of acceleration leave, m/s.
     """
 
     recording: str
@@ -86,7 +85,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Interval:
-    """Estimate with a percentile interval, degrees; unwrapped around the estimate."""
+    """Angle with a percentile interval, degrees; unwrapped around the estimate."""
 
     estimate: float
     low: float
@@ -99,10 +98,9 @@ class Population:
 
     Attributes:
         drivers: Number of drivers.
-        vehicles: Number of different vehicles, where they are identified; else of drivers.
         recordings: Number of recordings with a driver.
         chains: Number of chains of recordings that share no vehicle.
-        sites: Number of places, where they are identified; else 0.
+        sites: Number of places.
         r_env: Mean of the drivers' points.
         r_social: Mean of the drivers' points.
         sd_env: Standard deviation of r_env of the drivers' points, including their noise.
@@ -117,7 +115,6 @@ class Population:
     """
 
     drivers: int
-    vehicles: int
     recordings: int
     chains: int
     sites: int
@@ -134,172 +131,97 @@ class Population:
     confidence: float
 
 
-@dataclass(frozen=True)
-class Census:
-    """Result of a census.
-
-    Attributes:
-        drivers: Each driver.
-        population: All drivers.
-        posterior: Posterior of the drivers' angles, each driver counted once; empty if no driver
-            has three decisions.
-        spread: Population of the angles behind the drivers' points.
-        spread_moving: The same of the drivers who move; None if none does.
-    """
-
-    drivers: tuple[Driver, ...]
-    population: Population
-    posterior: tuple[Sector, ...]
-    spread: Deconvolved
-    spread_moving: Deconvolved | None
-
-
-def take(
-    swapped: Sequence[Swapped], seed: int = 0, confidence: float = 0.95, resamples: int = 2000
-) -> Census:
-    """Take the census of some recordings.
+def drivers_of(
+    world: RecordedWorld, replayed: Replayed, confidence: float = 0.95
+) -> tuple[Driver, ...]:
+    """Return the drivers of a world's replayed episodes.
 
     Args:
-        swapped: Of the ego swap.
+        world: The world.
+        replayed: Its replay, one episode for each vehicle.
+        confidence: Of all intervals.
+    """
+    table, road = replayed.table, world.road
+    names = [source["recording"] for source in world.provenance["recordings"]]
+    starts = table.episode_starts
+    drivers = []
+    for vehicle, first, count in zip(
+        replayed.vehicle.tolist(), starts.tolist(), table.episode_lengths.tolist(), strict=True
+    ):
+        rows = slice(first, first + count)
+        pairs = np.stack([table.rewards.env[rows], table.rewards.social[rows]], axis=1)
+        env, social = pairs.mean(axis=0).tolist()
+        region = direction_interval(pairs, confidence) if count >= LEAST_DECISIONS else None
+        arrived = table.ending[first + count - 1] == Ending.ARRIVAL
+        signals = replayed.signals[rows].mean(axis=0)
+        drivers.append(
+            Driver(
+                recording=names[np.searchsorted(road.recording_first, vehicle, side="right") - 1],
+                identity=int(road.identity[vehicle]),
+                decisions=count,
+                seconds=count / world.config.policy_rate,
+                ending="arrival" if arrived else "truncated",
+                r_env=env,
+                r_social=social,
+                angle=angle_of(env, social) if env or social else None,
+                low=region.low if region else None,
+                high=region.high if region else None,
+                speed=float(replayed.speed[rows].mean()),
+                yielding=float(signals[SIGNALS.index("yielding")]),
+                disruption=float(signals[SIGNALS.index("disruption")]),
+                residual=float(np.sqrt((replayed.residual[rows] ** 2).mean())),
+            )
+        )
+    return tuple(drivers)
+
+
+def population_of(
+    drivers: Sequence[Driver],
+    identified: Identified,
+    seed: int = 0,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+) -> Population:
+    """Return the statistics of all drivers.
+
+    Args:
+        drivers: At least one, of the same recordings.
+        identified: Sites and chains of the recordings.
         seed: Of the resampling.
         confidence: Of all intervals.
-        resamples: How many.
-
-    Raises:
-        UserError: If no vehicle meets a conflict, or a recording was given twice.
+        resamples: Number of resamples.
     """
-    check_distinct(swapped)
-    drivers = [
-        _driver(each, place, confidence) for each in swapped for place in range(len(each.episodes))
-    ]
-    if not drivers:
-        raise UserError(
-            "no vehicle of these recordings meets a conflict, so there is no driver to count: "
-            "`socialiq data demonstrations` lists the reasons"
-        )
-    population = _population(drivers, swapped, seed, confidence, resamples)
-    pairs = [one.pair for each in swapped for one in each.episodes]
-    moving = [
-        (pair, driver.speed >= STANDING)
-        for pair, driver in zip(pairs, drivers, strict=True)
-        if len(pair) >= LEAST_DECISIONS and driver.angle is not None
-    ]
-    group = _chains(drivers, swapped)
-    move = np.array([one.speed >= STANDING for one in drivers])
-    return Census(
-        tuple(drivers),
-        population,
-        sectors(moving, seed, resamples),
-        _spread(pairs, group, np.ones(len(pairs), bool), seed, confidence),
-        _spread(pairs, group, move, seed, confidence) if move.any() else None,
-    )
+    points = np.array([[driver.r_env, driver.r_social] for driver in drivers])
+    moving = np.array([driver.speed >= STANDING for driver in drivers])
+    chain_of = dict(zip(identified.names, identified.chain, strict=True))
+    site_of = dict(zip(identified.names, identified.site, strict=True))
+    names = {driver.recording for driver in drivers}
+    chains, chain = np.unique([chain_of[d.recording] for d in drivers], return_inverse=True)
+    sums = np.stack([np.bincount(chain, points[:, axis]) for axis in range(2)], axis=1)
 
+    def interval(vectors: Float64[np.ndarray, "unit 2"]) -> Interval:
+        """Return the angle of the mean vector with resampled units; a sum has the same angle."""
+        result = estimate_angle(vectors[:, 0], vectors[:, 1], seed, confidence, resamples)
+        return Interval(result.angle, result.low, result.high)
 
-def _spread(
-    pairs: Sequence[Float64[np.ndarray, "_ 2"]],
-    chain: Int64[np.ndarray, " driver"],
-    chosen: Bool[np.ndarray, " driver"],
-    seed: int,
-    confidence: float,
-) -> Deconvolved:
-    """Return the population of the angles behind the points of some drivers."""
-    some = [pair for pair, kept in zip(pairs, chosen.tolist(), strict=True) if kept]
-    number = np.unique(chain[chosen], return_inverse=True)[1].astype(np.int64)
-    return deconvolve(some, number, seed, confidence)
-
-
-def _driver(swapped: Swapped, place: int, confidence: float) -> Driver:
-    one = swapped.episodes[place]
-    env, social = one.pair.mean(axis=0).tolist()
-    found: DirectionInterval | None = None
-    if len(one.pair) >= LEAST_DECISIONS:
-        found = direction_interval(one.pair, confidence)
-    ending = Ending(int(one.ending[-1]))
-    return Driver(
-        recording=swapped.recording,
-        identity=swapped.identity[place],
-        decisions=len(one.pair),
-        seconds=len(one.pair) / swapped.config.policy_rate,
-        ending="truncated" if ending == Ending.TIMEOUT else ending.name.lower(),
-        r_env=env,
-        r_social=social,
-        angle=angle_of(env, social) if env or social else None,
-        low=found.low if found else None,
-        high=found.high if found else None,
-        speed=float(one.speed[1:].mean()),
-        yielding=float(one.signals[:, SIGNALS.index("yielding")].mean()),
-        disruption=float(one.signals[:, SIGNALS.index("disruption")].mean()),
-        residual=float(np.sqrt((one.residual**2).mean())),
-    )
-
-
-def _chains(drivers: Sequence[Driver], swapped: Sequence[Swapped]) -> Int64[np.ndarray, " driver"]:
-    """Return the number of each driver's chain; a recording without one is its own."""
-    chain = {one.recording: one.chain or one.recording for one in swapped}
-    names = [chain[one.recording] for one in drivers]
-    return np.unique(names, return_inverse=True)[1].astype(np.int64)
-
-
-def _population(
-    drivers: Sequence[Driver],
-    swapped: Sequence[Swapped],
-    seed: int,
-    confidence: float,
-    resamples: int,
-) -> Population:
-    points = np.array([[one.r_env, one.r_social] for one in drivers])
-    group, used = _chains(drivers, swapped), [one for one in swapped if one.episodes]
-    vehicles = {number for one in used for number in one.vehicle}
-    known = np.radians([one.angle for one in drivers if one.angle is not None])
-    count = int(group.max()) + 1
-    sums = np.stack([np.bincount(group, points[:, axis]) for axis in range(2)], axis=1)
-    sizes = np.bincount(group).astype(np.float64)
-    spread = points.std(axis=0, ddof=1) if len(points) > 1 else np.full(2, np.nan)
-    one_each = np.ones(len(points))
-    mean = points.mean(axis=0)
-    moving = np.array([one.speed >= STANDING for one in drivers])
+    deviation = points.std(axis=0, ddof=1) if len(points) > 1 else np.full(2, np.nan)
     return Population(
         drivers=len(drivers),
-        vehicles=len(vehicles) or len(drivers),
-        recordings=len(used),
-        chains=count,
-        sites=len({one.site for one in used if one.site}),
-        r_env=float(mean[0]),
-        r_social=float(mean[1]),
-        sd_env=float(spread[0]),
-        sd_social=float(spread[1]),
-        over_drivers=_interval(points, one_each, seed, confidence, resamples),
-        over_chains=(_interval(sums, sizes, seed, confidence, resamples) if count > 1 else None),
+        recordings=len(names),
+        chains=len(chains),
+        sites=len({site_of[name] for name in names}),
+        r_env=float(points[:, 0].mean()),
+        r_social=float(points[:, 1].mean()),
+        sd_env=float(deviation[0]),
+        sd_social=float(deviation[1]),
+        over_drivers=interval(points),
+        over_chains=interval(sums) if len(chains) > 1 else None,
         standing=int((~moving).sum()),
-        of_the_moving=(
-            _interval(points[moving], one_each[moving], seed, confidence, resamples)
-            if moving.any()
-            else None
-        ),
-        circular_sd=circular_sd(known),
-        with_direction=sum(one.low is not None for one in drivers),
+        of_the_moving=interval(points[moving]) if moving.any() else None,
+        circular_sd=circular_sd(np.radians([d.angle for d in drivers if d.angle is not None])),
+        with_direction=sum(driver.low is not None for driver in drivers),
         confidence=confidence,
     )
-
-
-def _interval(
-    sums: Float64[np.ndarray, "unit 2"],
-    sizes: Float64[np.ndarray, " unit"],
-    seed: int,
-    confidence: float,
-    resamples: int,
-) -> Interval:
-    """Return the angle of the mean point with resampled units; deviations are wrapped."""
-    angle = angle_of(*(sums.sum(axis=0) / sizes.sum()).tolist())
-    means = [
-        sums[rows].sum(axis=1) / sizes[rows].sum(axis=1, keepdims=True)
-        for rows in resample_rows(len(sizes), resamples, seed)
-    ]
-    drawn = np.concatenate(means)
-    deviations = np.degrees(np.arctan2(drawn[:, 1], drawn[:, 0])) - angle
-    wrapped = (deviations + 180.0) % 360.0 - 180.0
-    low, high = angle + np.quantile(wrapped, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return Interval(angle, float(low), float(high))
 
 
 def circular_sd(angles: Float64[np.ndarray, " driver"]) -> float:
@@ -314,15 +236,87 @@ def circular_sd(angles: Float64[np.ndarray, " driver"]) -> float:
     return float(np.degrees(np.sqrt(-2 * np.log(min(length, 1.0))))) if length > 0 else float("inf")
 
 
-def shrunken_rows(found: Census) -> list[Row]:
-    """Return each driver's angle given the population, beside the angle of its mean point."""
-    return [
-        {
-            "recording": one.recording,
-            "identity": one.identity,
-            "decisions": one.decisions,
-            "shown": one.angle,
-            **given._asdict(),
-        }
-        for one, given in zip(found.drivers, found.spread.drivers, strict=True)
-    ]
+_ENDINGS = {
+    "truncated": ("o", COLORS["prosocial"], "left the view"),
+    "arrival": ("^", COLORS["altruistic"], "arrived"),
+}
+
+
+def picture(drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any]) -> Figure:
+    """Draw the drivers' points, and their angles with intervals.
+
+    Args:
+        drivers: Rows of `drivers.csv`.
+        population: `population` of `summary.json`.
+    """
+    drawing = figure(10.5, 4.8)
+    left, right = drawing.subplots(1, 2, width_ratios=(1.25, 1.0))
+    _points(left, drivers, population)
+    _angles(right, drivers)
+    return drawing
+
+
+def _points(axes: Any, drivers: Sequence[Mapping[str, Any]], population: Mapping[str, Any]) -> None:
+    plain(axes)
+    axes.axhline(0.0, color="#aaaaaa", linewidth=0.8)
+    axes.axvline(0.0, color="#aaaaaa", linewidth=0.8)
+    for ending, (mark, color, label) in _ENDINGS.items():
+        for standing in (False, True):
+            group = [
+                driver
+                for driver in drivers
+                if driver["ending"] == ending and (driver["speed"] < STANDING) == standing
+            ]
+            if group:
+                axes.scatter(
+                    [driver["r_env"] for driver in group],
+                    [driver["r_social"] for driver in group],
+                    s=[8.0 + 6.0 * driver["decisions"] for driver in group],
+                    marker=mark,
+                    facecolors="none" if standing else color,
+                    edgecolors=color,
+                    alpha=0.6,
+                    linewidths=0.9,
+                    label=f"{label}{', stood all the time' if standing else ''} ({len(group)})",
+                )
+    tip = population["r_env"], population["r_social"]
+    arrow = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.6}
+    axes.annotate("", xy=tip, xytext=(0.0, 0.0), arrowprops=arrow)
+    interval = population["over_chains"] or population["over_drivers"]
+    unit = "chains" if population["over_chains"] else "drivers"
+    share = f"{100 * population['confidence']:g} %"
+    ends = f"{interval['low']:.0f}° to {interval['high']:.0f}°"
+    text = f"mean: {interval['estimate']:.0f}° ({share} over {unit}: {ends})"
+    axes.plot([], [], color="black", label=text)
+    moving = population["of_the_moving"]
+    if moving is not None and population["standing"]:
+        axes.plot([], [], " ", label=f"without those who stood: {moving['estimate']:.0f}°")
+    axes.set_xlabel("mean r_env of a decision")
+    axes.set_ylabel("mean r_social of a decision")
+    counts = f"{population['drivers']} drivers of {population['chains']} chains of recordings"
+    axes.set_title(f"{counts} (larger: more decisions)", fontsize=10)
+    axes.legend(loc="best", fontsize=8)
+
+
+def _angles(axes: Any, drivers: Sequence[Mapping[str, Any]]) -> None:
+    plain(axes)
+    ordered = sorted(
+        (driver for driver in drivers if driver["angle"] is not None),
+        key=lambda driver: driver["angle"],
+    )
+    for height, driver in enumerate(ordered):
+        if driver["low"] is not None:
+            ends = [driver["low"], driver["high"]]
+            axes.plot(ends, [height, height], color="#9db8d9", linewidth=1.0)
+    sure = np.array([driver["low"] is not None for driver in ordered], bool)
+    angle, height = np.array([driver["angle"] for driver in ordered]), np.arange(len(ordered))
+    for mask, color, size, label in (
+        (~sure, "#b5b5b5", 4, "no interval"),
+        (sure, COLORS["prosocial"], 5, "with interval"),
+    ):
+        text = f"{label} ({int(mask.sum())})"
+        axes.plot(angle[mask], height[mask], ".", color=color, markersize=size, label=text)
+    axes.set_xlabel("direction of the driver's point, degrees")
+    axes.set_ylabel("drivers, by angle")
+    axes.set_title("Angles of single drivers, with the intervals that exist", fontsize=10)
+    axes.legend(loc="upper left", fontsize=8)

@@ -53,13 +53,14 @@ def _run(path: Path) -> ModuleType:
     return module
 
 
-def optional(module: str, extra: str, needed_by: str) -> Any:
-    """Import a module of a library that an optional extra of this package installs.
+def optional(module: str, extra: str, needed_by: str, distribution: str = "socialiq") -> Any:
+    """Import a module of a library that an optional extra installs.
 
     Args:
         module: Its name, for instance "onnx.helper".
         extra: Name of the extra.
         needed_by: Name of the feature, the first words of the error message.
+        distribution: Name of the distribution that has the extra.
 
     Raises:
         UserError: If the library is not installed.
@@ -70,7 +71,7 @@ def optional(module: str, extra: str, needed_by: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise UserError(
-            f"{needed_by}: {library} is not installed; run pip install 'socialiq[{extra}]'"
+            f"{needed_by}: {library} is not installed; run pip install '{distribution}[{extra}]'"
         ) from error
 
 

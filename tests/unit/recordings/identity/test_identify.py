@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from socialiq.errors import UserError
-from socialiq_recordings.episodes.ego_swap import DUPLICATE
 from socialiq_recordings.identity.alignment import Placement
-from socialiq_recordings.identity.duplicates import check_names, labelled, refuse_overlaps
+from socialiq_recordings.identity.duplicates import check_names, refuse_overlaps
 from socialiq_recordings.identity.identify import identify
 
 MOVED = Placement(1.0, np.array([30.0, 5.0]))
@@ -71,22 +70,3 @@ def test_all_overlaps_are_named_at_once(four):
     refuse_overlaps(identify(four[1:]))
     with pytest.raises(UserError, match="two recordings are named 'a'"):
         check_names(["a", "b", "a"])
-
-
-def test_the_longest_episode_of_a_vehicle_stays(four, drive, swapped):
-    identified = identify(four[:2])
-    numbers = [one.tracks.identity for one in four[:2]]
-    short, long = [[0.1, 0.1]], [[0.1, 0.1]] * 3
-    a = swapped("a", [drive(long), drive(short)])
-    b = swapped("b", [drive(short), drive(long), drive(short)])
-    a = dataclasses.replace(a, identity=tuple(numbers[0][:2].tolist()))
-    b = dataclasses.replace(b, identity=tuple(numbers[1][:3].tolist()))
-    one, two = labelled(four[:2], [a, b], identified)
-    assert [len(each.action) for each in one.episodes] == [3]
-    assert [len(each.action) for each in two.episodes] == [3, 1]
-    assert one.counts[DUPLICATE] == two.counts[DUPLICATE] == 1
-    assert (one.site, one.chain, two.chain) == ("a", "a", "a")
-    assert len({*one.vehicle, *two.vehicle}) == 3
-    kept = labelled(four[:2], [a, b], identified, "keep")
-    assert [len(each.episodes) for each in kept] == [2, 3]
-    assert len({*kept[0].vehicle, *kept[1].vehicle}) == 3

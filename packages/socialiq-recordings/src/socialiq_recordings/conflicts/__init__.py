@@ -1,1 +1,1 @@
-"""Conflicts of recorded vehicles: areas, arrival times, published measures, reasoned influence."""
+"""Conflicts of recorded vehicles: areas, arrival times and published measures."""

@@ -1,6 +1,6 @@
 """Conflict areas: where the ways of two vehicles cross or merge.
 
-The swept area of a way is what the vehicle's width covers along it. Shapely (extra `data`)
+The swept area of a way is what the vehicle's width covers along it. Shapely (extra `maps`)
 intersects two of them.
 """
 
@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from socialiq.foreign import optional
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.road.network import Conflict, Lanes
+from socialiq_recordings.road.network import Conflict, Lanes, shapely
 from socialiq_recordings.road.paths import Polyline, wrapped
 
 SAME_WAY = np.radians(20.0)
@@ -70,7 +69,7 @@ def swept(way: Way, slack: float) -> Any:
         way: The way.
         slack: m by which the vehicle is narrower than recorded.
     """
-    line = _shapely().linestrings(way.line.points)
+    line = shapely().linestrings(way.line.points)
     return line.buffer(max(way.width - slack, 0.1) / 2, cap_style="flat", join_style="round")
 
 
@@ -164,7 +163,3 @@ def _routes_meet(one: Way, other: Way, lanes: Lanes) -> bool:
     before = [dict(zip(way.lanelets[1:], way.lanelets, strict=False)) for way in (one, other)]
     shared = set(one.lanelets) & set(other.lanelets)
     return any(before[0].get(number) != before[1].get(number) for number in shared)
-
-
-def _shapely() -> Any:
-    return optional("shapely", "data", "conflict areas")

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.episodes.scene import Scene
 from socialiq_recordings.road.paths import wrapped
+from socialiq_recordings.road.routes import Scene
 
 _SAME_DIRECTION = np.radians(45.0)
 _REACH = 100.0  # m; vehicles further ahead are no leaders

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.episodes.scene import Scene
+from socialiq_recordings.road.routes import Scene
 
 NEAR = 50.0
 """m before a light from which a driver brakes for it: from 14 m/s at 2 m/s²."""

@@ -20,8 +20,7 @@ from socialiq_recordings.conflicts.in_time import InTime
 from socialiq_recordings.conflicts.lights import held
 from socialiq_recordings.conflicts.occupancy import Occupancy
 from socialiq_recordings.conflicts.ways import Way, frames_together, way_of
-from socialiq_recordings.episodes.scene import Scene
-from socialiq_recordings.road.routes import OFF_THE_MAP
+from socialiq_recordings.road.routes import OFF_THE_MAP, Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from socialiq_recordings.episodes.scene import Scene
 from socialiq_recordings.road.paths import Polyline
-from socialiq_recordings.road.routes import AHEAD
+from socialiq_recordings.road.routes import AHEAD, Scene
 
 SPACING = 1.0  # m between the points of a driven line; shorter steps are noise of the positions
 BEHIND = 10.0  # m of straight line before the first state
@@ -136,7 +135,7 @@ def _onwards(
 ) -> Float64[np.ndarray, "point 2"]:
     """Return points of the route beyond the last state, from the vehicle's offset to its middle."""
     matched, row = scene.matched(track), scene.rows(track).stop - 1
-    route = scene.matcher.section(list(matched.lanelets[int(matched.place[-1]) :]), False, AHEAD)
+    route = scene.matcher.section(list(matched.lanelets[int(matched.place[-1]) :]), AHEAD)
     metres = np.arange(_STEP, AHEAD, _STEP)
     heading = float(scene.tracks.heading[row])
     straight = last + metres[:, None] * np.array([np.cos(heading), np.sin(heading)])

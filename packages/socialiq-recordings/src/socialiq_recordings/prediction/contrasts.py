@@ -26,7 +26,6 @@ EXTENDED = {
     "IDM, by driver": FITTED,
     "IDM, last residual": FITTED,
     BASE: "boosting",
-    learned.BY_DRIVER: learned.AT_ANGLE,
     dial.AT_ANGLE: learned.CLONE,
     dial.BY_DRIVER: dial.AT_ANGLE,
 }

@@ -11,9 +11,7 @@ from jaxtyping import Float64
 from scipy.special import logsumexp
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.errors import UserError
 from socialiq.learners.config import check_counts
-from socialiq.social.angle import check_angle
 from socialiq.types import Ending, RewardPair
 from socialiq_recordings.prediction.choices import nearest
 from socialiq_recordings.prediction.density import Forecast, Spread
@@ -34,7 +32,6 @@ class Training:
 
     Attributes:
         levels: Accelerations that are actions, m/s², equally spaced.
-        angles: Angles of IQ-Learn, degrees.
         updates: Gradient steps.
         hidden: Widths of the hidden layers.
         batch_size: Moments of a batch.
@@ -42,7 +39,6 @@ class Training:
     """
 
     levels: tuple[float, ...] = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
-    angles: tuple[float, ...] = (0.0, 45.0, 90.0)
     updates: int = 500
     hidden: tuple[int, ...] = (32,)
     batch_size: int = 64
@@ -51,10 +47,6 @@ class Training:
     def __post_init__(self) -> None:
         """Refuse what no training could take, before the slow work."""
         check_counts(self, ("updates", "batch_size"))
-        if not self.angles:
-            raise UserError("IQ-Learn needs at least one angle in degrees")
-        for angle in self.angles:
-            check_angle(angle)
 
 
 def demonstrations(seen: Situations, levels: Sequence[float]) -> Demonstrations:

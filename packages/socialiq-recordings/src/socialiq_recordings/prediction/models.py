@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from socialiq.foreign import optional
+from socialiq_recordings import DISTRIBUTION
 from socialiq_recordings.prediction import following
 from socialiq_recordings.prediction.density import Forecast, Spread
 from socialiq_recordings.prediction.features import features
@@ -189,7 +190,7 @@ def ensembles() -> Any:
     Raises:
         UserError: If it is not installed.
     """
-    return optional("sklearn.ensemble", "prediction", "gradient boosting")
+    return optional("sklearn.ensemble", "prediction", "gradient boosting", DISTRIBUTION)
 
 
 def _trees(seed: int) -> Any:

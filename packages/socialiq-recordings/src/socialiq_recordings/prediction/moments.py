@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,14 @@ from socialiq.types import Row
 from socialiq_recordings.conflicts import occupancy
 from socialiq_recordings.conflicts.areas import Area
 from socialiq_recordings.conflicts.around import Near, follower, leader, on_way
-from socialiq_recordings.conflicts.moments import change, stated
 from socialiq_recordings.conflicts.pairs import Encounters
 from socialiq_recordings.conflicts.ways import Way, frames_together
-from socialiq_recordings.episodes.scene import Scene
 from socialiq_recordings.identity.identify import Identified
 from socialiq_recordings.identity.once import tracks_kept
 from socialiq_recordings.prediction.situation import HORIZON, Situations, joined
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict, Sign
+from socialiq_recordings.road.routes import Scene
 
 SOON = 5.0
 """s within which both vehicles arrive at a conflict area, at their speeds, to be in conflict."""
@@ -124,7 +123,11 @@ class _Seen:
 
     def __init__(self, encounters: Encounters) -> None:
         self.encounters = encounters
-        self.ways = {track: stated(encounters, way) for track, way in encounters.ways.items()}
+        scene = encounters.scene
+        self.ways = {
+            track: replace(way, speed=scene.speed[scene.rows(track)])
+            for track, way in encounters.ways.items()
+        }
         self.dt = encounters.scene.tracks.dt
 
     def moments(self, track: int, clock: float) -> list[Row]:
@@ -246,3 +249,20 @@ def _turn(way: Way, along: float) -> float:
     at = np.clip([along, along + _TURN], 0.0, way.line.length)
     before, after = way.line.points_at(at)[1].tolist()
     return math.degrees((after - before + math.pi) % (2 * math.pi) - math.pi)
+
+
+def change(way: Way, frame: int, seconds: float) -> float:
+    """Return the mean acceleration of a vehicle between a frame and a time before or after it.
+
+    Args:
+        way: The vehicle's way.
+        frame: The frame.
+        seconds: After the frame; negative before it.
+
+    Returns:
+        m/s²; NaN if it wasn't in view then.
+    """
+    then = frame + round(seconds / way.dt)
+    if not way.first <= then <= way.last:
+        return math.nan
+    return float(np.diff([way.state(frame)[1], way.state(then)[1]])[0]) / seconds

@@ -13,7 +13,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from socialiq_recordings.episodes.decisions import MOVING
+MOVING = 0.5
+"""m/s; a slower vehicle stands."""
 
 HORIZON = 3
 """s after a moment to which the position is predicted."""

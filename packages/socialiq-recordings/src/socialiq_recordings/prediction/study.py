@@ -57,7 +57,7 @@ class Config:
 
     holdouts: tuple[Holdout, ...] = ()
     models: tuple[str, ...] = ALL_MODELS
-    training: levels.Training = field(default_factory=learned.Training)
+    training: levels.Training = field(default_factory=levels.Training)
     seed: int = 0
     resamples: int = 2000
 

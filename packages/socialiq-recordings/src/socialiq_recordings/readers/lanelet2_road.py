@@ -22,6 +22,7 @@ import numpy as np
 from socialiq.errors import UserError
 from socialiq.foreign import one_line, optional
 from socialiq.reading import read_bytes
+from socialiq_recordings import DISTRIBUTION
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, Sign, equal_bounds
 
 _MOST_BYTES = 64 << 20
@@ -44,7 +45,7 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
     Raises:
         UserError: If it can't be read, holds no such lanelet, or lanelet2 is not installed.
     """
-    optional("lanelet2", "lanelet2", "a Lanelet2 map")
+    optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
     _check_content(path)
     found = _in_a_process(path, utm_origin)
     try:
@@ -103,7 +104,7 @@ def serve() -> None:
 
 
 def _read(path: Path, utm_origin: tuple[float, float] | None) -> list[dict[str, Any]]:
-    library = optional("lanelet2", "lanelet2", "a Lanelet2 map")
+    library = optional("lanelet2", "lanelet2", "a Lanelet2 map", DISTRIBUTION)
     projector, origin = _projector(library, path, utm_origin)
     found, _ = library.io.loadRobust(str(path), projector)
     rules = library.traffic_rules.create(

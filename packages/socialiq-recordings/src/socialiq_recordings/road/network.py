@@ -3,7 +3,7 @@
 The frame is that of `tracks`: metres, x to the east, y to the north. Two lanelets cross if their
 centre lines do; they merge if they lead to the same lanelet. Lanelets that follow each other or
 leave the same lanelet also overlap, but their vehicles follow each other: no conflict. Conflicts
-need Shapely (extra `data`), which only this module and `conflicts.areas` import.
+need Shapely (extra `maps`), which only this module and `conflicts.areas` import.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
 from socialiq.errors import UserError
 from socialiq.foreign import optional
+from socialiq_recordings import DISTRIBUTION
 
 STEP = 2.0
 """m between the points of a line that is compared with others."""
@@ -190,47 +191,24 @@ class Conflict(enum.IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Junction:
-    """Lanelets connected by conflicts.
-
-    Attributes:
-        lanelets: Numbers of the lanelets.
-        x: Centre of the union of their conflict areas, m to the east.
-        y: Centre, m to the north.
-    """
-
-    lanelets: frozenset[int]
-    x: float
-    y: float
-
-
-@dataclass(frozen=True, eq=False)
 class Lanes:
     """Road network with its conflicts.
 
     Attributes:
         road: The lanelets.
         conflicts: Kind of conflict of two lanelets, by their numbers, the smaller first.
-        junctions: The groups of lanelets in conflict.
+        junctions: Numbers of the lanelets that are connected by conflicts.
         junction_of: Index in `junctions`, by lanelet; lanelets without a conflict are omitted.
-        surface: Union of all lanelets' areas, for Shapely.
     """
 
     road: RoadNetwork
     conflicts: dict[tuple[int, int], Conflict]
-    junctions: tuple[Junction, ...]
+    junctions: tuple[frozenset[int], ...]
     junction_of: dict[int, int]
-    surface: Any
 
     def conflict(self, one: int, other: int) -> bool:
         """Whether two lanelets are in conflict."""
         return (min(one, other), max(one, other)) in self.conflicts
-
-    def on_road(
-        self, x: Float64[np.ndarray, " point"], y: Float64[np.ndarray, " point"]
-    ) -> Bool[np.ndarray, " point"]:
-        """Whether each point is on a lanelet."""
-        return _shapely().intersects_xy(self.surface, x, y)
 
 
 def lanes_of(road: RoadNetwork) -> Lanes:
@@ -244,12 +222,12 @@ def lanes_of(road: RoadNetwork) -> Lanes:
             "the recording has no road network, and conflicts come from its lanelets: "
             "name its map with --road, here or at `socialiq data import`"
         )
-    shapely = _shapely()
+    library = shapely()
     areas = {number: _area(lanelet) for number, lanelet in road.lanelets.items()}
-    centres = {n: shapely.linestrings(lane.centre) for n, lane in road.lanelets.items()}
-    conflicts, overlaps = {}, {}
+    centres = {n: library.linestrings(lane.centre) for n, lane in road.lanelets.items()}
+    conflicts: dict[tuple[int, int], Conflict] = {}
     numbers = sorted(road.lanelets)
-    tree = shapely.STRtree([areas[number] for number in numbers])
+    tree = library.STRtree([areas[number] for number in numbers])
     for first, second in tree.query([areas[n] for n in numbers], predicate="intersects").T:
         one, other = numbers[first], numbers[second]
         if one >= other:
@@ -257,12 +235,14 @@ def lanes_of(road: RoadNetwork) -> Lanes:
         kind = _kind(road.lanelets[one], road.lanelets[other], centres[one], centres[other])
         if kind is not None:
             conflicts[one, other] = kind
-            overlaps[one, other] = areas[one].intersection(areas[other])
-    junctions = _junctions(conflicts, overlaps)
-    junction_of = {n: place for place, one in enumerate(junctions) for n in one.lanelets}
-    surface = shapely.union_all(list(areas.values()))
-    shapely.prepare(surface)
-    return Lanes(road, conflicts, junctions, junction_of, surface)
+    groups: list[set[int]] = []
+    for pair in conflicts:
+        joined = [group for group in groups if group & set(pair)]
+        groups = [group for group in groups if not group & set(pair)]
+        groups.append(set(pair).union(*joined))
+    junctions = tuple(frozenset(group) for group in sorted(groups, key=min))
+    junction_of = {number: index for index, group in enumerate(junctions) for number in group}
+    return Lanes(road, conflicts, junctions, junction_of)
 
 
 def _kind(one: Lanelet, other: Lanelet, line: Any, other_line: Any) -> Conflict | None:
@@ -277,28 +257,14 @@ def _kind(one: Lanelet, other: Lanelet, line: Any, other_line: Any) -> Conflict 
 
 def _area(lanelet: Lanelet) -> Any:
     ring = np.concatenate([lanelet.left, lanelet.right[::-1]])
-    shapely = _shapely()
-    area = shapely.make_valid(shapely.polygons(ring))
+    area = shapely().make_valid(shapely().polygons(ring))
     return area if area.geom_type != "GeometryCollection" else area.buffer(0)
 
 
-def _junctions(
-    conflicts: dict[tuple[int, int], Conflict], overlaps: dict[tuple[int, int], Any]
-) -> tuple[Junction, ...]:
-    shapely = _shapely()
-    groups: list[set[int]] = []
-    for pair in conflicts:
-        joined = [group for group in groups if group & set(pair)]
-        groups = [group for group in groups if not group & set(pair)]
-        groups.append(set(pair).union(*joined))
-    made = []
-    for group in sorted(groups, key=min):
-        centre = shapely.union_all(
-            [area for pair, area in overlaps.items() if pair[0] in group]
-        ).centroid
-        made.append(Junction(frozenset(group), float(centre.x), float(centre.y)))
-    return tuple(made)
+def shapely() -> Any:
+    """Return the library Shapely.
 
-
-def _shapely() -> Any:
-    return optional("shapely", "data", "conflict areas")
+    Raises:
+        UserError: If it is not installed.
+    """
+    return optional("shapely", "maps", "conflict areas", DISTRIBUTION)

@@ -1,4 +1,4 @@
-"""Map matching: a track's sequence of lanelets, and its way over a junction.
+"""Map matching: a track's sequence of lanelets, and the line along it.
 
 A track is matched to the closest of all sequences of lanelets, with costs for changes of lane and
 gaps in the map (Viterbi algorithm).
@@ -7,13 +7,15 @@ gaps in the map (Viterbi algorithm).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from socialiq_recordings.road.network import Lanes, RoadNetwork
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.network import Lanes, RoadNetwork, lanes_of
 from socialiq_recordings.road.paths import Path, path_of, wrapped
-from socialiq_recordings.tracks import Tracks
+from socialiq_recordings.tracks import RoadUser, Tracks
 
 LANE_CHANGE = 2.0  # cost of a change of lane, in m of misfit for one state
 GAP = 20.0  # cost of a step to a lanelet that is not connected
@@ -21,7 +23,8 @@ OFF_THE_MAP = 3.5  # m; largest mean distance from the nearest lanelet
 AHEAD = 100.0  # m; continuation of a route beyond the last state
 _HOPS = 3  # most lanelets passed between two frames
 
-APPROACH, JUNCTION, EXIT = range(3)
+VEHICLES = (RoadUser.CAR, RoadUser.TRUCK, RoadUser.BUS, RoadUser.MOTORCYCLE)
+"""Road users that drive on lanelets; others are neither ego nor neighbour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,34 +34,12 @@ class Matched:
     Attributes:
         lanelets: Sequence of lanelets, continued straight on beyond the last state.
         place: Index of each state's lanelet in that sequence.
-        nearest: Number of the lanelet closest to each state, regardless of the sequence.
         off: Mean distance from the sequence, m.
     """
 
     lanelets: tuple[int, ...]
     place: Int64[np.ndarray, " state"]
-    nearest: Int64[np.ndarray, " state"]
     off: float
-
-
-@dataclass(frozen=True, eq=False)
-class Crossing:
-    """Way of a matched track over one junction.
-
-    Attributes:
-        junction: Index in `Lanes.junctions`.
-        first: Index of the junction's first lanelet in the sequence.
-        last: Index of its last lanelet.
-        sections: Approach, way over the junction, exit; no approach where the sequence begins
-            inside the junction, no exit where it ends there.
-        part: APPROACH, JUNCTION or EXIT, by state.
-    """
-
-    junction: int
-    first: int
-    last: int
-    sections: tuple[Path | None, Path, Path | None]
-    part: Int64[np.ndarray, " state"]
 
 
 class Matcher:
@@ -130,9 +111,8 @@ class Matcher:
                 sequence += self._between(sequence[-1], int(chosen[state]))
             place[state] = len(sequence) - 1
         lanelets = [int(self.numbers[one]) for one in sequence]
-        nearest = self.numbers[np.argmin(misfit, axis=1)]
         off = float(metres[np.arange(len(chosen)), chosen].mean())
-        return Matched(tuple(lanelets + self._onwards(lanelets[-1])), place, nearest, off)
+        return Matched(tuple(lanelets + self._onwards(lanelets[-1])), place, off)
 
     def _cheapest(self, misfit: Float64[np.ndarray, "state lanelet"]) -> Int64[np.ndarray, " s"]:
         total = misfit[0].copy()
@@ -167,63 +147,100 @@ class Matcher:
         """Return the lanelets that follow, always the straightest successor."""
         way, length = [number], 0.0
         while length < AHEAD:
-            following = [one for one in self._next(way[-1], False) if one not in way]
+            following = [one for one in self._next(way[-1]) if one not in way]
             if not following:
                 break
             way.append(min(following, key=lambda one: _bend(self._road, one)))
             length += self.path(way[-1]).length
         return way[1:]
 
-    def section(self, lanelets: list[int], backwards: bool, least: float = 0.0) -> Path | None:
+    def section(self, lanelets: list[int], least: float = 0.0) -> Path | None:
         """Return the line along consecutive lanelets, without parallel lanes.
 
         Args:
             lanelets: Part of a sequence.
-            backwards: Keep the last lanelet and what leads to it; otherwise the first and on.
             least: m; a shorter line is continued beyond the sequence, if the road continues.
         """
         kept: list[int] = []
-        for number in reversed(lanelets) if backwards else lanelets:
-            if not kept or number in self._next(kept[-1], backwards):
+        for number in lanelets:
+            if not kept or number in self._next(kept[-1]):
                 kept.append(number)
         if not kept:
             return None
         length = sum(self.path(number).length for number in kept)
         while length < least:
-            onwards = [n for n in self._next(kept[-1], backwards) if n not in kept]
+            onwards = [n for n in self._next(kept[-1]) if n not in kept]
             if not onwards:
                 break
             kept.append(min(onwards, key=lambda number: _bend(self._road, number)))
             length += self.path(kept[-1]).length
         if len(kept) == 1:
             return self.path(kept[0])
-        points = [self._road.lanelets[n].centre for n in (kept[::-1] if backwards else kept)]
+        points = [self._road.lanelets[n].centre for n in kept]
         return path_of(np.concatenate(points))
 
-    def _next(self, number: int, backwards: bool) -> list[int]:
-        lanelet = self._road.lanelets[number]
-        following = lanelet.predecessors if backwards else lanelet.successors
-        return [one for one in following if one in self._place]
-
-    def crossing(self, matched: Matched, lanes: Lanes, junction: int) -> Crossing | None:
-        """Return a track's way over a junction; None if it doesn't touch it."""
-        inside = [number in lanes.junctions[junction].lanelets for number in matched.lanelets]
-        if not any(inside):
-            return None
-        first = inside.index(True)
-        last = len(inside) - 1 - inside[::-1].index(True)
-        sequence = list(matched.lanelets)
-        way = self.section(sequence[first : last + 1], True)
-        assert way is not None  # it holds the lanelet `first`
-        approach = self.section(sequence[:first], True, AHEAD)
-        sections = approach, way, self.section(sequence[last + 1 :], False, AHEAD)
-        part = np.full(len(matched.place), JUNCTION)
-        part[matched.place < first] = APPROACH
-        part[matched.place > last] = EXIT
-        return Crossing(junction, first, last, sections, part)
+    def _next(self, number: int) -> list[int]:
+        successors = self._road.lanelets[number].successors
+        return [successor for successor in successors if successor in self._place]
 
 
 def _bend(road: RoadNetwork, number: int) -> float:
     steps = np.diff(road.lanelets[number].centre, axis=0)
     heading = np.arctan2(steps[:, 1], steps[:, 0])
     return float(abs(wrapped(heading[-1:] - heading[:1]))[0])
+
+
+class Scene:
+    """Recording with its conflicts and routes.
+
+    Args:
+        recording: Tracks and road.
+
+    Attributes:
+        tracks: Tracks of the recording.
+        lanes: Road with conflicts.
+        matcher: Matcher of that road.
+        vehicles: Numbers of the tracks that are vehicles.
+        speed: Speed along the heading, m/s, by state.
+
+    Raises:
+        UserError: If there is no road network, or Shapely is not installed.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        tracks = recording.tracks
+        self.tracks = tracks
+        self.lanes: Lanes = lanes_of(recording.road)
+        self.matcher = Matcher(recording.road)
+        kinds = [int(kind) for kind in VEHICLES]
+        self.vehicles = np.flatnonzero(np.isin(tracks.road_user, kinds))
+        self.speed = tracks.vx * np.cos(tracks.heading) + tracks.vy * np.sin(tracks.heading)
+        self._starts = tracks.starts
+        self._matched: dict[int, Matched] = {}
+
+    def rows(self, track: int) -> slice:
+        """Return the rows of a track."""
+        return slice(int(self._starts[track]), int(self._starts[track + 1]))
+
+    def matched(self, track: int) -> Matched:
+        """Return a track's lanelets."""
+        if track not in self._matched:
+            self._matched[track] = self.matcher.match(self.tracks, track)
+        return self._matched[track]
+
+    @cached_property
+    def _by_frame(self) -> dict[int, Int64[np.ndarray, " row"]]:
+        driving = np.flatnonzero(np.isin(self.tracks.track, self.vehicles))
+        order = driving[np.argsort(self.tracks.frame[driving], kind="stable")]
+        frames, first = np.unique(self.tracks.frame[order], return_index=True)
+        return dict(zip(frames.tolist(), np.split(order, first[1:]), strict=True))
+
+    def present(self, frame: int) -> Int64[np.ndarray, " row"]:
+        """Return the rows of the vehicles of one frame, in the order of their tracks."""
+        return self._by_frame.get(int(frame), np.zeros(0, np.int64))
+
+    def row_at(self, track: int, frame: int) -> int | None:
+        """Return a track's row at a frame; None if it isn't present."""
+        rows = self.rows(track)
+        row = rows.start + frame - int(self.tracks.frame[rows.start])
+        return row if rows.start <= row < rows.stop else None

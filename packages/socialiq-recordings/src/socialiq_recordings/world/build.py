@@ -12,11 +12,11 @@ from socialiq.foreign import one_line
 from socialiq_recordings.conflicts.config import ConflictConfig
 from socialiq_recordings.conflicts.pairs import Encounters
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.episodes.scene import Scene
 from socialiq_recordings.identity.identify import Identified, identify
 from socialiq_recordings.identity.once import once, same_moments
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict
+from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.simulated_source import signs_of_simulation
 from socialiq_recordings.world.closures import closures_of, on_way_of
 from socialiq_recordings.world.config import WorldConfig
@@ -45,6 +45,7 @@ class Made(NamedTuple):
         kept: Tracks of each that count, so that a vehicle in two recordings counts once.
         observed: What the recordings show.
         calibration: The drivers.
+        identified: Sites, chains and vehicles of the recordings.
     """
 
     world: RecordedWorld
@@ -52,6 +53,7 @@ class Made(NamedTuple):
     kept: list[set[int]]
     observed: Observed
     calibration: Calibration
+    identified: Identified
 
 
 def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
@@ -91,7 +93,7 @@ def build(recordings: Sequence[Recording], config: WorldConfig) -> Made:
         "closures": len(arrays["closed"]),
     }
     world = RecordedWorld(Road(**arrays), config, float(fastest), provenance)
-    return Made(world, every, kept, observed, calibration)
+    return Made(world, every, kept, observed, calibration, identified)
 
 
 def _check_rate(recording: Recording, config: WorldConfig) -> None:

@@ -12,8 +12,8 @@ from jaxtyping import Float64
 from socialiq.types import Row
 from socialiq_recordings.conflicts.pairs import Encounters
 from socialiq_recordings.conflicts.ways import Way
-from socialiq_recordings.episodes.scene import Scene
 from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.tracks import Tracks
 from socialiq_recordings.world.build import Made
 from socialiq_recordings.world.config import SUB_STEPS

@@ -2,22 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int32, Int64
 
 from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.settings import settings_of
-from socialiq_recordings.episodes.decisions import levels_of
 from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.state import Made, Traffic
 
-MODES = ("human", "simulated")
+HUMAN, SIMULATED = MODES = ("human", "simulated")
 """Modes of recorded drivers, by whether the recording shows signs of a simulation."""
+
+
+class Levels(NamedTuple):
+    """Decisions as levels of acceleration.
+
+    Attributes:
+        action: Index of the closest level; of two equally close, the one nearer to 0.
+        residual: Speed at the next decision minus that of the level, m/s.
+    """
+
+    action: Int32[np.ndarray, " decision"]
+    residual: Float64[np.ndarray, " decision"]
+
+
+def levels_of(
+    speed: Float64[np.ndarray, " decision_and_one"], levels: Sequence[float], seconds: float
+) -> Levels:
+    """Return the closest level of acceleration of each decision.
+
+    Args:
+        speed: Speed at every decision, and at the end of the last one, m/s.
+        levels: m/s², ascending.
+        seconds: Duration of a decision.
+    """
+    values = np.asarray(levels, np.float64)
+    changes = np.diff(speed)
+    misses = changes[:, None] - values * seconds
+    # A tie goes to the level nearer to 0.
+    action = np.argmin(np.round(np.abs(misses), 9) + 1e-12 * np.abs(values), axis=1)
+    return Levels(action.astype(np.int32), misses[np.arange(len(changes)), action])
 
 
 class Replayed(NamedTuple):
@@ -25,11 +55,19 @@ class Replayed(NamedTuple):
 
     Attributes:
         table: Demonstrations; an episode ends with ARRIVAL, or with TIMEOUT at the end of the view.
+        vehicle: Number in the world of each episode's vehicle.
+        step: Sub-step of each decision, from the recording's first frame.
+        speed: At the end of each decision, m/s.
+        signals: Signals of the rewards of each decision, in the order of `SIGNALS`.
         residual: Recorded speed at the next decision less that of the chosen level, m/s.
         change: Recorded change of speed of each decision, m/s.
     """
 
     table: Demonstrations
+    vehicle: Int64[np.ndarray, " episode"]
+    step: Int64[np.ndarray, " decision"]
+    speed: Float64[np.ndarray, " decision"]
+    signals: Float64[np.ndarray, "decision signal"]
     residual: Float64[np.ndarray, " decision"]
     change: Float64[np.ndarray, " decision"]
 
@@ -44,15 +82,7 @@ class Replayed(NamedTuple):
         return float((self.residual**2).sum() / max((self.change**2).sum(), 1e-12))
 
 
-class _Run(NamedTuple):
-    """Decisions of one vehicle: its recording, its number there, the sub-step of each."""
-
-    recording: int
-    ego: int
-    steps: Int64[np.ndarray, " decision_and_one"]
-
-
-def replay(world: RecordedWorld, every: float = 0.0) -> Replayed:
+def replay(world: RecordedWorld, every: float = 0.0, as_human: bool = False) -> Replayed:
     """Return the decisions of every vehicle whose place an ego can take.
 
     Args:
@@ -60,49 +90,37 @@ def replay(world: RecordedWorld, every: float = 0.0) -> Replayed:
         every: s between the beginnings of a vehicle's episodes. The recorded moments between two
             decisions are then used too, by episodes that begin there; their decisions overlap and
             are not independent. 0: one episode for each vehicle.
+        as_human: Whether vehicles of simulated recordings get the mode of people, too.
 
     Raises:
         UserError: If no vehicle is seen for a whole decision.
     """
     runs = [
-        run
+        (vehicle, steps)
         for vehicle in world.road.egos.tolist()
-        for run in _runs(world, vehicle, round(every * SUB_STEPS))
+        for steps in _runs(world, vehicle, round(every * SUB_STEPS))
     ]
     if not runs:
         raise UserError("no vehicle is seen for a whole decision: nothing is demonstrated")
-    recordings, egos, steps, episode = (
-        np.concatenate(column)
-        for column in zip(
-            *(
-                (
-                    np.full(len(one.steps), one.recording),
-                    np.full(len(one.steps), one.ego),
-                    one.steps,
-                    np.full(len(one.steps), number),
-                )
-                for number, one in enumerate(runs)
-            ),
-            strict=True,
-        )
-    )
-    made = _made(world, recordings, egos, steps)
+    vehicles = np.array([vehicle for vehicle, _ in runs], np.int64)
+    steps = np.concatenate([steps for _, steps in runs])
+    episode = np.repeat(np.arange(len(runs)), [len(steps) for _, steps in runs])
+    recording = np.searchsorted(world.road.recording_first, vehicles[episode], side="right") - 1
+    made = _made(world, recording, vehicles[episode], steps)
     last = np.append(np.diff(episode) > 0, True)
-    speed, kept = made.speed, ~last
-    seconds = 1 / world.config.policy_rate
     action, residual = np.zeros(len(steps), np.int32), np.zeros(len(steps))
     for number in range(len(runs)):
-        here = episode == number
-        found = levels_of(speed[here], world.config.levels, seconds)
-        action[np.flatnonzero(here)[:-1]] = found.action
-        residual[np.flatnonzero(here)[:-1]] = found.residual
-    change = np.diff(speed, append=0.0)[kept]
+        rows = np.flatnonzero(episode == number)
+        levels = levels_of(made.speed[rows], world.config.levels, 1 / world.config.policy_rate)
+        action[rows[:-1]], residual[rows[:-1]] = levels
+    rows = np.flatnonzero(~last)
     ending = made.ending.copy()
-    final = np.append(last[1:], False) & kept  # the last decision of its episode
-    ending[final & (ending == int(Ending.NONE))] = int(Ending.TIMEOUT)
+    final = rows[last[rows + 1]]  # the last decision of its episode
+    ending[final] = np.where(ending[final] == int(Ending.NONE), int(Ending.TIMEOUT), ending[final])
     observation = made.observation.reshape(len(steps), -1)
-    rows = np.flatnonzero(kept)
-    simulated = np.array([int(one["simulated"]) for one in world.provenance["recordings"]])
+    simulated = np.array(
+        [int(source["simulated"] and not as_human) for source in world.provenance["recordings"]]
+    )
     table = Demonstrations.of(
         observation=observation[rows],
         action=action[rows],
@@ -110,36 +128,42 @@ def replay(world: RecordedWorld, every: float = 0.0) -> Replayed:
         ending=ending[rows],
         rewards=RewardPair(made.pair[rows, 0], made.pair[rows, 1]),
         episode=episode[rows],
-        mode=simulated[recordings[rows]],
+        mode=simulated[recording[rows]],
         mode_names=MODES,
         n_actions=world.n_actions,
         source={"made_by": "socialiq data world", "world": world.provenance, "every": every},
     )
-    return Replayed(table, residual[rows], change)
+    return Replayed(
+        table,
+        vehicles,
+        steps[rows],
+        made.speed[rows + 1],
+        made.signals[rows],
+        residual[rows],
+        made.speed[rows + 1] - made.speed[rows],
+    )
 
 
-def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[_Run]:
-    """Return the decisions of a vehicle, one run for each beginning."""
+def _runs(world: RecordedWorld, vehicle: int, every: int) -> list[Int64[np.ndarray, " decision"]]:
+    """Return the sub-steps of a vehicle's decisions and of their end, one run a beginning."""
     road, frames = world.road, world.config.frames
-    recording = int(np.searchsorted(road.recording_first, vehicle, side="right")) - 1
-    begin, end = (int(road.state_first[vehicle + one]) for one in range(2))
-    along, first = road.state[begin:end, 0], int(road.state_step[vehicle])
-    found = []
+    begin, end = road.state_first[vehicle : vehicle + 2].tolist()
+    along = road.state[begin:end, 0]
+    runs = []
     for start in range(0, frames, every) if every else (0,):
-        places = np.arange(start, len(along), frames)
-        arrived = np.flatnonzero(along[places] >= road.arrival[vehicle])
+        rows = np.arange(start, len(along), frames)
+        arrived = np.flatnonzero(along[rows] >= road.arrival[vehicle])
         if len(arrived):
-            places = places[: arrived[0] + 1]
-        if len(places) > 1:
-            ego = vehicle - int(road.recording_first[recording])
-            found.append(_Run(recording, ego, first + places))
-    return found
+            rows = rows[: arrived[0] + 1]
+        if len(rows) > 1:
+            runs.append(int(road.state_step[vehicle]) + rows)
+    return runs
 
 
 def _made(
     world: RecordedWorld,
-    recordings: Int64[np.ndarray, " moment"],
-    egos: Int64[np.ndarray, " moment"],
+    recording: Int64[np.ndarray, " moment"],
+    vehicle: Int64[np.ndarray, " moment"],
     steps: Int64[np.ndarray, " moment"],
 ) -> Made:
     """Return observation, and the rewards of the decision that follows, at recorded moments."""
@@ -148,7 +172,8 @@ def _made(
 
     made = Made.of(world, len(steps))
     settings = settings_of(world.config.options(world.max_speed))
-    moments = (recordings.astype(np.int64), egos.astype(np.int64), steps.astype(np.int64))
+    egos = vehicle - world.road.recording_first[recording]
+    moments = (recording.astype(np.int64), egos.astype(np.int64), steps.astype(np.int64))
     traffic = Traffic.of(world, 1)
     run_in_parts(core.replay, 1, len(steps), world.road, traffic, made, *moments, settings)
     return made

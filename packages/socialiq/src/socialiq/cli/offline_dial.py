@@ -24,6 +24,7 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.offline.config import Hyperparameters, Preset, StaticConfig
 from socialiq.learners.offline.train import train
 from socialiq.outputs import new_folder, whole_folder
+from socialiq.results_folder import as_csv, versions
 from socialiq.storage import kind_of, write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
@@ -34,7 +35,6 @@ from socialiq.worlds.highway.world import world_of
 from socialiq.worlds.registry import make
 from socialiq_lab.gridworld_runs import seen
 from socialiq_lab.recorded_practice import Practice, train_with_practice
-from socialiq_lab.results import as_csv, versions
 from socialiq_recordings.world.recorded_world import RecordedWorld
 
 

@@ -16,10 +16,10 @@ from socialiq.learners.kernel import Trained
 from socialiq.learners.tensorboard import EventFiles
 from socialiq.outputs import new_folder
 from socialiq.reading import sha256_of_file
+from socialiq.results_folder import as_csv, versions
 from socialiq.storage import write_atomically, write_json
 from socialiq.to_json import rounded
 from socialiq.types import Row
-from socialiq_lab.results import as_csv, versions
 
 CHUNK = 500
 """Updates between two rows of metrics.csv."""

@@ -15,13 +15,14 @@ from socialiq.view.shown import Shown
 from socialiq_recordings import files
 from socialiq_recordings.conflicts.pairs import Encounters, Meeting
 from socialiq_recordings.conflicts.table import known, rows_of
-from socialiq_recordings.episodes.annotate import Driven
-from socialiq_recordings.episodes.ego_swap import swap
-from socialiq_recordings.episodes.scene import Scene
 from socialiq_recordings.readers.import_file import import_file
 from socialiq_recordings.recording import Recording
+from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.simulated_source import signs_of_simulation
 from socialiq_recordings.tracks import RoadUser
+from socialiq_recordings.world.build import build
+from socialiq_recordings.world.config import SUB_STEPS, WorldConfig
+from socialiq_recordings.world.replay import replay
 
 CHUNK = 100
 """Frames in a part that the page fetches."""
@@ -135,18 +136,32 @@ class Traffic:
         }
 
     def drivers(self) -> list[dict[str, Any]]:
-        """Return the vehicles that meet a conflict, with the rewards of their decisions."""
+        """Return the vehicles that drive across a conflict area, with their decisions' rewards."""
         if not self._recording.road.lanelets:
             return []
-        return [self._driver(one) for one in swap(self._recording).episodes]
-
-    def _driver(self, driven: Driven) -> dict[str, Any]:
-        return {
-            "track": driven.track,
-            "frames": (driven.frame - self._first).tolist(),
-            "rewards": driven.pair.round(4).tolist(),
-            "ending": Ending(int(driven.ending[-1])).name.lower(),
-        }
+        try:
+            made = build([self._recording], WorldConfig())
+            replayed = replay(made.world)
+        except UserError:
+            return []  # no vehicle meets a conflict, or is seen for a whole decision
+        tracks, table = list(made.every[0].ways), replayed.table
+        rewards = np.stack([table.rewards.env, table.rewards.social], axis=1).round(4)
+        frame = 1 / (SUB_STEPS * self._tracks.dt)  # of a sub-step
+        drivers = []
+        for vehicle, first, count in zip(
+            replayed.vehicle.tolist(), table.episode_starts, table.episode_lengths, strict=True
+        ):
+            begin = int(replayed.step[first])
+            steps = begin + np.arange(count + 1) * made.world.config.frames
+            drivers.append(
+                {
+                    "track": tracks[vehicle],
+                    "frames": np.rint(steps * frame).astype(int).tolist(),
+                    "rewards": rewards[first : first + count].tolist(),
+                    "ending": Ending(int(table.ending[first + count - 1])).name.lower(),
+                }
+            )
+        return drivers
 
 
 def recording_shown(path: Path) -> Shown:

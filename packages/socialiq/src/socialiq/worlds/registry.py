@@ -82,8 +82,7 @@ def refuse_file(name: str) -> None:
         raise UserError(
             "a recording can't be driven in: its neighbours do not react, so their losses of speed "
             "are fixed whatever the policy does, and the angle would be biased; name a world that "
-            "reacts (intersection, or one that `socialiq data world` makes of it), or judge the "
-            "recorded drivers with `socialiq data audit`"
+            "reacts (intersection, or one that `socialiq data world` makes of it)"
         )
 
 

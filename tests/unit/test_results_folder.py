@@ -3,9 +3,9 @@ import math
 import pytest
 from studies.poc import Config
 
+from socialiq import results_folder as store
 from socialiq.errors import UserError
 from socialiq.to_json import rounded
-from socialiq_lab import results as store
 
 
 def results(value=1.0):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from socialiq.cli.output import print_json, print_table, say
+from socialiq.errors import UserError
 from socialiq.plotting.style import png
+from socialiq.results_folder import Results, check_target, save
 from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
-from socialiq_lab.results import Results, check_target, save
-from socialiq_recordings.cli.recorded_files import load_identified
-from socialiq_recordings.cli.recorded_trait import NOT_TESTED, trait_test
+from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.identity.duplicates import Duplicates
 from socialiq_recordings.prediction import figure, levels, study
 from socialiq_recordings.prediction.contrasts import ERROR
@@ -22,7 +22,11 @@ from socialiq_recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq_recordings.prediction.models import ensembles
 from socialiq_recordings.prediction.moments import situations_of
 from socialiq_recordings.prediction.situation import Situations
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.trait.contrasts import chains_to_find_anything
+from socialiq_recordings.trait.contrasts import contrasts as trait_contrasts
+from socialiq_recordings.trait.contrasts import scores as trait_scores
+from socialiq_recordings.trait.hierarchy import direction
+from socialiq_recordings.trait.models import fit_models
 
 LIMITS = (
     "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
@@ -54,8 +58,6 @@ class Predict:
     """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
     updates: int = levels.Training.updates
     """Gradient steps of each learned policy."""
-    angle: tuple[float, ...] = levels.Training.angles
-    """Angles of IQ-Learn, degrees; the dial has all from 0 to 90."""
     seed: int = 0
     """Seed of training and resampling."""
     without_trait: bool = False
@@ -84,7 +86,7 @@ class Predict:
         summary |= {"trait": tested.summary}
         summary |= {"limits": list(LIMITS)}
         if self.out is not None:
-            asked = _Asked(config, self.duplicates, _sources(recordings))
+            asked = _Asked(config, self.duplicates, sources_of(recordings))
             results = Results.of("recordings prediction", asked, tables, summary)
             pictures = png({"gains": figure.gains(found.scores)})
             save(results, self.out, pictures, self.replace)
@@ -97,7 +99,7 @@ class Predict:
         return 0
 
     def _config(self) -> study.Config:
-        training = levels.Training(angles=self.angle, updates=self.updates)
+        training = levels.Training(updates=self.updates)
         models = self.models or study.ALL_MODELS
         config = study.Config(self.holdout, models, training, self.seed)
         if not self.without_trait or any(name.startswith("boosting") for name in models):
@@ -112,10 +114,6 @@ class _Asked:
     prediction: study.Config
     duplicates: str
     sources: list[dict[str, Any]]
-
-
-def _sources(recordings: list[Recording]) -> list[dict[str, Any]]:
-    return [{"recording": one.tracks.recording, "source": one.tracks.source} for one in recordings]
 
 
 def _counts(seen: Situations) -> dict[str, Any]:
@@ -203,4 +201,87 @@ def _line(row: Row) -> Row:
         "RMSE, m/s²": f"{row['rmse']:.2f}",
         "off at 3 s, m": "not seen" if metres is None else f"{metres:.2f}",
         "gain over trivial, nats": f"{row['gain']:+.2f}{interval}",
+    }
+
+
+_CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class TraitTest:
+    """Test of the angle as a trait.
+
+    Attributes:
+        tables: `trait_models` and `trait_contrasts`; nothing if it could not be tested.
+        summary: Counts, the population's angle, and which contrasts were found.
+    """
+
+    tables: dict[str, list[Row]] = field(default_factory=dict)
+    summary: dict[str, Any] = field(default_factory=dict)
+
+    def show(self) -> None:
+        """Print the contrasts, or the reason for which there are none."""
+        if "not_tested" in self.summary:
+            say(f"the angle as a trait is not tested: {self.summary['not_tested']}")
+        if not self.tables:
+            return
+        of = self.summary
+        print_table(
+            [_trait_line(row) for row in self.tables["trait_contrasts"]],
+            f"\nA driver's angle from its first half, on its second: {of['decisions']} decisions, "
+            f"{of['drivers']} drivers, {of['chains']} chains",
+        )
+        say_if_too_few(of["chains"], of["chains_needed"])
+
+
+NOT_TESTED = TraitTest()
+"""The test left out."""
+
+
+def say_if_too_few(chains: int, needed: int) -> None:
+    """Say that so few independent chains can't show a gain, if that is so."""
+    if chains < needed:
+        say(
+            f"not enough data: with {chains} independent chains no gain can be found "
+            f"after correction, whatever its size; {needed} are needed"
+        )
+
+
+def trait_test(seen: Situations, seed: int) -> TraitTest:
+    """Infer angles from drivers' first halves and test them on their second halves.
+
+    Args:
+        seen: All moments.
+        seed: Of the base predictor, the shuffling and the resampling.
+    """
+    try:
+        models = fit_models(study.choices(seen, seed), seed, narrow=True)
+    except UserError as error:
+        return TraitTest(summary={"not_tested": str(error)})
+    rows, sample = trait_contrasts(models, seed), models.sample
+    population = models.angle.population
+    angle = direction(population.trait.mean, population.chance.sum(axis=0), _CONFIDENCE)
+    spread = population.quantiles("spread", (0.025, 0.5, 0.975))
+    return TraitTest(
+        {"trait_models": trait_scores(models), "trait_contrasts": rows},
+        {
+            "decisions": int(sample.second.sum()),
+            "drivers": len(sample.identity),
+            "chains": len(set(sample.chain.tolist())),
+            "chains_needed": chains_to_find_anything(),
+            "found": [row["angle_over"] for row in rows if row["found"]],
+            "population_angle": angle._asdict(),
+            "population_spread": dict(zip(("low", "median", "high"), spread, strict=True)),
+        },
+    )
+
+
+def _trait_line(row: Row) -> Row:
+    return {
+        "angle over": row["angle_over"],
+        "gain, nats": f"{row['gain_nats']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})",
+        "p": f"{row['p']:.3f}",
+        "p, Holm": f"{row['p_holm']:.3f}",
+        "less RMSE": f"{100 * row['rmse_gain']:+.1f} %",
+        "found": "yes" if row["found"] else "no",
     }

@@ -11,16 +11,15 @@ import tyro
 
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.progress import Display
+from socialiq.learners.callbacks import Clock
 from socialiq.plotting.style import png
+from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
-from socialiq_lab.results import Results, check_target, save
-from socialiq_lab.study import counter
-from socialiq_recordings.cli.recorded_files import load_identified
-from socialiq_recordings.cli.recorded_trait import say_if_too_few
+from socialiq_recordings.cli.files import load_identified, sources_of
+from socialiq_recordings.cli.prediction import say_if_too_few
 from socialiq_recordings.identity.duplicates import Duplicates
 from socialiq_recordings.prediction import study
 from socialiq_recordings.prediction.moments import situations_of
-from socialiq_recordings.recording import Recording
 from socialiq_recordings.trait import power_figure
 from socialiq_recordings.trait.contrasts import chains_to_find_anything
 from socialiq_recordings.trait.models import Sample, sample_of
@@ -63,7 +62,7 @@ class Power:
         needed = needed_rows(rows)
         summary = {**_counts(sample), "needed": {row["population"]: row for row in needed}}
         if self.out is not None:
-            asked = _Asked(self.simulation, self.duplicates, _sources(recordings))
+            asked = _Asked(self.simulation, self.duplicates, sources_of(recordings))
             tables = {"power": rows, "needed": needed}
             results = Results.of("recordings power", asked, tables, summary)
             save(results, self.out, png({"power": power_figure.power(rows)}), self.replace)
@@ -77,12 +76,12 @@ class Power:
         config = self.simulation
         total = (len(config.spreads) + 1) * len(config.sizes) * config.repeats
         with Display(quiet=self.json) as display:
-            count, done = counter(display.stage, "simulated drivers", total, "samples"), 0
+            report, clock, done = display.stage("simulated drivers"), Clock(0, total, 1), 0
 
             def counted() -> None:
                 nonlocal done
                 done += 1
-                count(done)
+                report(clock.report(done, {}, {}, ())._replace(unit="samples"))
 
             return power_rows(sample, config, counted)
 
@@ -94,10 +93,6 @@ class _Asked:
     simulation: PowerConfig
     duplicates: str
     sources: list[dict[str, Any]]
-
-
-def _sources(recordings: list[Recording]) -> list[dict[str, Any]]:
-    return [{"recording": one.tracks.recording, "source": one.tracks.source} for one in recordings]
 
 
 def _counts(sample: Sample) -> dict[str, Any]:

@@ -1,0 +1,284 @@
+"""`data import`, `data inspect`, and the recordings that other `data` commands are given."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import io
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from socialiq.cli.output import print_json, print_table, say
+from socialiq.errors import UserError, one_of
+from socialiq.foreign import one_line
+from socialiq.outputs import whole_folder
+from socialiq.storage import write_atomically
+from socialiq_recordings import files
+from socialiq_recordings.identity.duplicates import Duplicates, check_names, identify_distinct
+from socialiq_recordings.identity.identify import Identified, identify
+from socialiq_recordings.measurement import MeasurementError
+from socialiq_recordings.readers.column_map import ColumnMap, read_map
+from socialiq_recordings.readers.commonroad import MOST_STATES
+from socialiq_recordings.readers.import_file import FORMATS, import_file
+from socialiq_recordings.readers.maps import map_of
+from socialiq_recordings.recording import Recording
+from socialiq_recordings.simulated_source import signs_of_simulation
+
+
+@dataclass(frozen=True)
+class Import:
+    """Import recorded traffic, without implausible tracks, which are listed with reasons.
+
+    Example: socialiq data import commonroad USA_Lanker-1_1_T-1.xml --out lankershim
+    """
+
+    format: Annotated[str, tyro.conf.Positional]
+    """commonroad (XML 2017a to 2020a), csv (with --columns) or argoverse (2, Parquet)."""
+    recorded: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """The files."""
+    out: Path
+    """Folder to make: a file for each recording, and refused.csv."""
+    columns: str = ""
+    """Column map of a CSV file: highd, ind, interaction, ngsim, or a file that ends in .toml."""
+    most_states: int = MOST_STATES
+    """Largest number of states in a file, to bound memory."""
+    road: Path | None = None
+    """Map of CSV files: CommonRoad XML, Lanelet2 OSM, or a recording with lanelets."""
+    position_error: float | None = None
+    """Standard error of positions, m; by default the column map's, or 0.25."""
+    speed_error: float | None = None
+    """Standard error of speeds, m/s; by default the column map's, or 0.25."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Read all files, write the folder atomically, print."""
+        one_of("format", self.format, FORMATS)
+        if not self.recorded:
+            raise UserError("name at least one file to import")
+        if bool(self.columns) != (self.format == "csv"):
+            raise UserError("--columns goes with csv, and csv needs it: name a column map")
+        if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
+            raise UserError(f"{self.out} exists already: name a new folder, or remove it first")
+        if self.road is not None and self.format != "csv":
+            raise UserError(f"--road goes with csv: a {self.format} file has a map of its own")
+        columns = read_map(self.columns) if self.columns else None
+        failed: list[dict[str, str]] = []
+        with whole_folder(self.out) as folder:
+            rows = self._import(folder, columns, failed)
+            if not rows:
+                more = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
+                raise UserError(failed[0]["reason"] + more)
+            write_atomically(folder / "refused.csv", _refused_csv(rows))
+        self._print(rows, failed)
+        return 1 if failed else 0
+
+    def _import(
+        self, folder: Path, columns: ColumnMap | None, failed: list[dict[str, str]]
+    ) -> list[dict[str, Any]]:
+        """Import each file; one that can't be read is listed, and the others go on."""
+        stated = {"position": self.position_error, "speed": self.speed_error}
+        stated = {name: value for name, value in stated.items() if value is not None}
+        assumed = columns.error if columns else MeasurementError()
+        error = dataclasses.replace(assumed, **stated) if stated else None
+        rows = []
+        for path in self.recorded:
+            began = time.perf_counter()
+            try:
+                recordings = import_file(
+                    path, self.format, columns, self.most_states, self.road, error
+                )
+            except UserError as fault:
+                failed.append({"file": str(path), "reason": str(fault)})
+                continue
+            seconds = time.perf_counter() - began
+            states = sum(imported.n_states for imported in recordings)
+            for imported in recordings:
+                tracks = imported.recording.tracks
+                target = folder / f"{_file_name(tracks.recording)}.safetensors"
+                if target.exists():
+                    reason = (
+                        f"{path}: another recording is named {one_line(tracks.recording, 60)} too: "
+                        "import it to a folder of its own"
+                    )
+                    failed.append({"file": str(path), "reason": reason})
+                    continue
+                rows.append(
+                    {
+                        "recording": tracks.recording,
+                        "file": target.name,
+                        "sha256": files.save(target, imported.recording),
+                        "tracks": tracks.n_tracks,
+                        "states": tracks.n_states,
+                        "refused": [refused._asdict() for refused in imported.refused],
+                        "skipped": imported.skipped,
+                        "states_per_s": states / seconds,
+                    }
+                )
+        return rows
+
+    def _print(self, rows: list[dict[str, Any]], failed: list[dict[str, str]]) -> None:
+        for failure in failed:
+            sys.stderr.write(f"not imported: {one_line(failure['reason'], 400)}\n")
+        if self.json:
+            print_json({"out": str(self.out), "recordings": rows, "failed": failed})
+            return
+        names = ("recording", "tracks", "states")
+        lines = [
+            {name: row[name] for name in names}
+            | {"refused": len(row["refused"]), "states_per_s": round(row["states_per_s"])}
+            for row in rows
+        ]
+        total = {"recording": "all"} | {n: sum(line[n] for line in lines) for n in names[1:]}
+        total |= {"refused": sum(line["refused"] for line in lines), "states_per_s": ""}
+        print_table([*lines, total] if len(lines) > 1 else lines, str(self.out))
+        refused = [
+            {"recording": row["recording"], **track} for row in rows for track in row["refused"]
+        ]
+        if refused:
+            print_table(refused, "\nrefused tracks")
+
+
+def _file_name(recording: str) -> str:
+    """Return the recording's name, without characters that file names can't have."""
+    plain = "".join(char if char.isalnum() or char in "-_." else "-" for char in recording)
+    return plain.lstrip(".")[:150] or "recording"
+
+
+def _refused_csv(rows: list[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("recording", "identity", "reason"))
+    for row in rows:
+        for refused in row["refused"]:
+            writer.writerow((row["recording"], refused["identity"], refused["reason"]))
+    return text.getvalue()
+
+
+@dataclass(frozen=True)
+class Inspect:
+    """Count the sites, the independent chains and the different vehicles of recordings.
+
+    Sites are compared by the geometry of their lanes, vehicles by their motion.
+
+    Example: socialiq data inspect lankershim/*.safetensors
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files of `socialiq data import`."""
+    json: bool = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Read, identify, print."""
+        recordings = load_all(self.recordings)
+        identified = identify(recordings)
+        rows: list[dict[str, Any]] = [
+            {
+                "recording": recording.tracks.recording,
+                "site": site,
+                "chain": chain,
+                "seconds": round(
+                    float((recording.tracks.frame.max() + 1) * recording.tracks.dt), 2
+                ),
+                "tracks": recording.tracks.n_tracks,
+                "lanelets": len(recording.road.lanelets),
+                "simulated": "; ".join(signs_of_simulation(recording.tracks)),
+            }
+            for recording, site, chain in zip(
+                recordings, identified.site, identified.chain, strict=True
+            )
+        ]
+        counts = {
+            "recordings": len(rows),
+            "sites": len(set(identified.site)),
+            "chains": len(set(identified.chain)),
+            "tracks": sum(row["tracks"] for row in rows),
+            "vehicles": identified.n_vehicles,
+        }
+        if self.json:
+            print_json({"counts": counts, "recordings": rows, "overlaps": identified.rows()})
+            return 0
+        for row in rows:
+            texts = ("recording", "site", "chain", "simulated")
+            row |= {name: one_line(row[name], 80) for name in texts}
+        print_table(rows, "Recordings")
+        show_overlaps(identified)
+        print_table([{"number of": name, "count": count} for name, count in counts.items()])
+        return 0
+
+
+def load_all(paths: tuple[Path, ...], road: Path | None = None) -> list[Recording]:
+    """Return the recordings of some files, on a map if one is named.
+
+    Raises:
+        UserError: If there is none, one can't be read, or two have one name; the line names it.
+    """
+    if not paths:
+        raise UserError("no recording: name at least one file of `socialiq data import`")
+    recordings = [files.load(path) for path in paths]
+    check_names([recording.tracks.recording for recording in recordings])
+    if road is None:
+        return recordings
+    return [
+        Recording(recording.tracks, map_of(road, recording.tracks.source))
+        for recording in recordings
+    ]
+
+
+def load_identified(
+    paths: tuple[Path, ...], road: Path | None, duplicates: Duplicates, quiet: bool
+) -> tuple[list[Recording], Identified]:
+    """Return the recordings of some files and what they have in common, which is said first.
+
+    Args:
+        paths: Files of `socialiq data import`.
+        road: Map of recordings without one.
+        duplicates: Whether moments in common are refused.
+        quiet: Whether nothing is said of them.
+
+    Raises:
+        UserError: If there is none, one can't be read, or moments in common are refused.
+    """
+    recordings = load_all(paths, road)
+    identified = identify_distinct(recordings, duplicates)
+    if not quiet:
+        remark(recordings, identified)
+    return recordings, identified
+
+
+def remark(recordings: Sequence[Recording], identified: Identified) -> None:
+    """Say on standard error what recordings have in common, and which are simulated."""
+    with contextlib.redirect_stdout(sys.stderr):
+        show_overlaps(identified)
+    for recording in recordings:
+        signs = signs_of_simulation(recording.tracks)
+        if signs:
+            name = one_line(recording.tracks.recording, 60)
+            say(f"{name} is simulated, not human: {one_line(signs[0])}")
+
+
+def show_overlaps(identified: Identified) -> None:
+    """Print the pairs of recordings with vehicles in common; nothing if there are none."""
+    rows = [
+        row | {"first": one_line(str(row["first"])), "second": one_line(str(row["second"]))}
+        for row in identified.rows()
+    ]
+    if rows:
+        print_table(rows, "Recordings with vehicles in common (lag: of the second's clock, s)")
+        sys.stdout.flush()
+
+
+def sources_of(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
+    """Return provenance by recording."""
+    return [
+        {"recording": recording.tracks.recording, "source": recording.tracks.source}
+        for recording in recordings
+    ]

@@ -1,1 +1,0 @@
-"""Recorded vehicles as episodes of the simulator."""
