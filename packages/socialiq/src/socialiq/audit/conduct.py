@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from socialiq.audit.collection import Collection
 from socialiq.audit.evidence.consistency import joined
 from socialiq.audit.evidence.outcomes import Evidence, episode_seeds
 from socialiq.audit.looks.log import Subject
@@ -21,13 +20,10 @@ from socialiq.audit.profile.reader import load
 from socialiq.audit.report.content import Audited, content
 from socialiq.audit.report.episodes import Traces, check_filmed, films_of, selected, traces_of
 from socialiq.audit.report.folder import REPORT, check_target, files_of, write_folder
-from socialiq.audit.request import Request, command_of
+from socialiq.audit.request import Collection, Request, command_of
 from socialiq.audit.resolve_policy import References, Trust, resolve_policy
-from socialiq.audit.seeds.beacon import Round
-from socialiq.audit.seeds.commitment import Commitment
-from socialiq.audit.seeds.nonce import Nonce
-from socialiq.audit.verdict.dependence import dependence
-from socialiq.audit.verdict.judged import judged
+from socialiq.audit.seeds import Commitment, Nonce, Round
+from socialiq.audit.verdict.results import dependence, judged
 from socialiq.audit.verdict.shift import Traffic, other_traffic
 from socialiq.errors import UserError
 from socialiq.policies.process.isolation import IsolationMode

@@ -14,7 +14,7 @@ from socialiq.audit.evidence.collect import RULES
 from socialiq.audit.evidence.drive_junction import rules_at_junction
 from socialiq.audit.evidence.outcomes import Reference
 from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.scenario import World, interface_of
+from socialiq.audit.profile.profile import World, interface_of
 from socialiq.errors import UserError
 from socialiq.evaluation.expert_demonstrations import MODES
 from socialiq.foreign import one_line

@@ -14,13 +14,12 @@ import tyro
 
 from socialiq.audit.conduct import conduct
 from socialiq.audit.profile.reader import parse
-from socialiq.audit.report.auditor_claims import OF_A_LOG
-from socialiq.audit.report.differences import differences
 from socialiq.audit.report.folder import PROFILE, REPORT, SIGNATURES, tables_of
-from socialiq.audit.report.log_check import faults_by_log
+from socialiq.audit.report.recompute import differences
 from socialiq.audit.report.seeds import opened_of
 from socialiq.audit.report.signature import faults_of_signature, key_id, read_public_key
-from socialiq.audit.report.verify import check_folder, content_of, read_report
+from socialiq.audit.report.verify import check_folder, content_of, faults_by_log, read_report
+from socialiq.audit.report.words import OF_A_LOG
 from socialiq.audit.request import Request
 from socialiq.cli.checks import refuse_unused
 from socialiq.cli.code_options import CodeOptions

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from socialiq.audit.profile.scenario import world_of
+from socialiq.audit.profile.profile import world_of
 from socialiq.audit.report.folder import REPORT
 from socialiq.audit.report.verify import read_report
 from socialiq.errors import UserError

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from socialiq.audit.evidence.drive_grid import GridActor, fates
+from socialiq.audit.evidence.drive import GridActor, fates
 from socialiq.audit.profile.environment import LARGEST_SEED, Environment
-from socialiq.audit.profile.scenario import World
+from socialiq.audit.profile.profile import World
 from socialiq.evaluation.play import play
 from socialiq.evaluation.simulate import SoftPolicy, simulate
 from socialiq.evaluation.simulators import FixedChance, GymActor, TableSimulator

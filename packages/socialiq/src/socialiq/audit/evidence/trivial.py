@@ -13,12 +13,12 @@ from jaxtyping import Float, Float32, Int64
 
 from socialiq.audit.evidence.drive import (
     ByRule,
+    drive_actions,
     drive_environment,
     drive_intersection,
     outcomes_of,
     steps_of,
 )
-from socialiq.audit.evidence.drive_grid import drive_actions
 from socialiq.audit.evidence.outcomes import Outcomes, Reference
 from socialiq.audit.profile.environment import Environment
 from socialiq.evaluation.context import DecisionLosses

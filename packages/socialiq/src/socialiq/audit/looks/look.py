@@ -1,4 +1,4 @@
-"""One look: commit in the log, learn the seed, record the verdict."""
+"""One look: its share of the error, its commitment in the log, its seed, its verdict."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from socialiq.audit import seeds
 from socialiq.audit.looks.log import (
     COMMITMENT,
     RESULT,
@@ -18,14 +19,56 @@ from socialiq.audit.looks.log import (
     now,
     time_of,
 )
-from socialiq.audit.looks.spending import check_spendable, spend
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.seeds import beacon
-from socialiq.audit.seeds.beacon import Round
-from socialiq.audit.seeds.commitment import Commitment, Draw, draw, reveal
-from socialiq.audit.seeds.nonce import Nonce, check_sha256
+from socialiq.audit.seeds import Commitment, Draw, Nonce, Round, check_sha256, draw, reveal
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.errors import UserError
+
+SMALLEST_ERROR = 1e-4
+"""Smallest error of a look: at most 200,000 resamples give its quantile (`verdict.judge`)."""
+
+
+class Spent(NamedTuple):
+    """Error of one look.
+
+    Attributes:
+        look: Number of the look in its log, from 1.
+        error: Largest chance of a wrong pass at this look, and of a wrong fail.
+    """
+
+    look: int
+    error: float
+
+
+def spend(error: float, look: int) -> Spent:
+    """Return the error of a look: error / (k (k + 1)) at look k.
+
+    1/(k (k + 1)) = 1/k - 1/(k + 1), so the shares of looks 1 to K add up to 1 - 1/(K + 1): never
+    more than the whole, however many looks there are. Each look tests episodes whose seed came
+    after all results before it, so it keeps its level whatever those were, and whatever decided
+    that there is another look. By Boole's inequality the chance that any look of a log passes
+    wrongly is therefore at most `error`. This is error spending (Lan and DeMets 1983) with a
+    spending function for an unlimited number of looks.
+
+    Args:
+        error: Error of the whole log, 1 - confidence.
+        look: Number of the look, from 1.
+    """
+    return Spent(look, error / (look * (look + 1)))
+
+
+def check_spendable(spent: Spent) -> None:
+    """Refuse a look whose error no number of resamples would resolve.
+
+    Raises:
+        UserError: If its error is too small.
+    """
+    if spent.error < SMALLEST_ERROR:
+        raise UserError(
+            f"look {spent.look} of this log could use an error of {spent.error:.2g} only, which is "
+            f"too small to test with (at least {SMALLEST_ERROR:g}): agree with the auditor on a "
+            "new log"
+        )
 
 
 @dataclass(frozen=True)
@@ -163,7 +206,7 @@ def _nonce_origin(sha256: str) -> dict[str, Any]:
 
 
 def _beacon_origin(number: int) -> dict[str, Any]:
-    return {"source": "beacon", "chain_sha256": beacon.CHAIN, "round": number}
+    return {"source": "beacon", "chain_sha256": seeds.CHAIN, "round": number}
 
 
 def of_beacon(number: int) -> dict[str, Any]:
@@ -172,11 +215,11 @@ def of_beacon(number: int) -> dict[str, Any]:
     Raises:
         UserError: If the round is published already.
     """
-    time = beacon.time_of(number)
+    time = seeds.time_of(number)
     if time <= now():
         raise UserError(
-            f"round {number} of drand {beacon.NETWORK} was published at {time:%Y-%m-%d %H:%M:%S} "
-            f"UTC: name one after {beacon.round_after(now())}"
+            f"round {number} of drand {seeds.NETWORK} was published at {time:%Y-%m-%d %H:%M:%S} "
+            f"UTC: name one after {seeds.round_after(now())}"
         )
     return _beacon_origin(number)
 

@@ -22,8 +22,18 @@ from socialiq.audit.profile.fields import (
 )
 from socialiq.audit.profile.fields import Field as Declared
 from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.profile import WRONG_WORLD, Floor, Margin, Profile, Reward, Scenario
-from socialiq.audit.profile.scenario import World, check_options, identity, world_of
+from socialiq.audit.profile.profile import (
+    WRONG_WORLD,
+    Floor,
+    Margin,
+    Profile,
+    Reward,
+    Scenario,
+    World,
+    check_options,
+    identity,
+    world_of,
+)
 from socialiq.errors import UserError
 from socialiq.reading import open_file
 from socialiq.social.angle_rule import AngleRule

@@ -9,28 +9,27 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from socialiq.audit.evidence.collect import CANDIDATES
+from socialiq.audit.evidence.collect import CANDIDATES, stratified
 from socialiq.audit.evidence.consistency import Consistency
 from socialiq.audit.evidence.outcomes import Evidence, Outcomes, events_of
-from socialiq.audit.evidence.strata import stratified
 from socialiq.audit.looks.look import Look
 from socialiq.audit.profile.junction import is_junction
-from socialiq.audit.profile.largest_loss import possible_loss
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.report.auditor_claims import claims_of_auditor
-from socialiq.audit.report.caveats import (
+from socialiq.audit.profile.template import possible_loss
+from socialiq.audit.report.episodes import path_of, selected
+from socialiq.audit.report.seeds import seeds_of
+from socialiq.audit.report.words import (
     Caveat,
     caveats,
     caveats_of_loss,
     caveats_of_replay,
     caveats_of_rule,
+    claims_of_auditor,
 )
-from socialiq.audit.report.episodes import path_of, selected
-from socialiq.audit.report.seeds import seeds_of
-from socialiq.audit.seeds.commitment import Draw
-from socialiq.audit.verdict.contexts import followed_angles
+from socialiq.audit.seeds import Draw
+from socialiq.audit.verdict.calibration import followed_angles
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.discrimination import Discrimination
+from socialiq.audit.verdict.results import Discrimination
 from socialiq.audit.verdict.shift import Shift, sentence_of
 from socialiq.audit.verdict.verdict import Verdict
 from socialiq.provenance import machine, package_sha256, versions

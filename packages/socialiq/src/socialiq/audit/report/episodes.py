@@ -19,7 +19,7 @@ from socialiq.audit.evidence.replay import (
     road_of,
 )
 from socialiq.audit.evidence.table import kind_of_ending
-from socialiq.audit.profile.scenario import World
+from socialiq.audit.profile.profile import World
 from socialiq.errors import UserError
 from socialiq.types import Policy, RewardPair
 from socialiq.worlds.highway.pictures import scenes, sheet

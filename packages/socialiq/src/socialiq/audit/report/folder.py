@@ -12,14 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from socialiq.audit.evidence.collect import CANDIDATES
-from socialiq.audit.evidence.context_table import PATH as CONTEXTS
-from socialiq.audit.evidence.context_table import write_contexts
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.evidence.table import write_table
+from socialiq.audit.evidence.table import CONTEXTS, write_contexts, write_table
 from socialiq.audit.profile.profile import Profile
-from socialiq.audit.report.claims_tree import as_objects, claims, mermaid
-from socialiq.audit.report.credibility import credibility
-from socialiq.audit.report.materials import materials
+from socialiq.audit.report.documents import as_objects, claims, credibility, materials, mermaid
 from socialiq.audit.report.views import html, markdown
 from socialiq.errors import UserError
 from socialiq.foreign import Markdown

@@ -6,13 +6,9 @@ import datetime
 from collections.abc import Mapping
 from typing import Any
 
-from socialiq.audit.looks.look import Look, Opened
-from socialiq.audit.looks.spending import spend
+from socialiq.audit.looks.look import Look, Opened, spend
 from socialiq.audit.report.folder import REPORT
-from socialiq.audit.seeds.beacon import CHAIN, Round
-from socialiq.audit.seeds.commitment import Commitment, Draw, reveal
-from socialiq.audit.seeds.nonce import Nonce
-from socialiq.audit.seeds.worth import worth
+from socialiq.audit.seeds import CHAIN, Commitment, Draw, Nonce, Round, reveal, worth
 from socialiq.audit.verdict.verdict import whole_error
 from socialiq.to_json import to_json
 

@@ -3,17 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from socialiq.audit.evidence.outcomes import CRITERIA
-from socialiq.audit.names import names_of
 from socialiq.audit.profile.junction import is_junction
+from socialiq.audit.profile.profile import world_of
 from socialiq.audit.report import pictures
-from socialiq.audit.report.angle_picture import angles
 from socialiq.audit.report.animations import moving
-from socialiq.audit.report.watch import replays
+from socialiq.audit.report.pictures import angles
+from socialiq.audit.report.words import names_of
 from socialiq.foreign import Markdown, printable, templates
+from socialiq.page.bundle import program
+from socialiq.page.content import core
+from socialiq.page.write import embedded, source_hash
+from socialiq.worlds.intersection.world import Intersection
 from socialiq.worlds.registry import NAMES
+
+_KEPT = ("seed", "r_env", "r_social", "ending", "decisions")
+
+
+class Replays(NamedTuple):
+    """Program and data that replay episodes in a page.
+
+    Attributes:
+        program: The script.
+        data: Its data as JSON: the core, its layout, and the episodes.
+        allowed: Sources of scripts that the page's content security policy allows.
+    """
+
+    program: str
+    data: str
+    allowed: str
+
+
+def replays(report: Mapping[str, Any]) -> Replays | None:
+    """Return the replays of a report's episodes; None where none has decisions.
+
+    Args:
+        report: Content of `report.json`.
+
+    Raises:
+        UserError: If its scenario is not one of the intersection's.
+    """
+    rows = [
+        {"kind": kind, "number": number, "actions": row["trace"]["actions"]}
+        | {name: row[name] for name in _KEPT}
+        for kind, rows in sorted(report["episodes"].items(), reverse=True)
+        for number, row in enumerate(rows, 1)
+        if row["trace"] and row["trace"]["actions"]
+    ]
+    scenario = report["declaration"]["scenario"]
+    if not rows or scenario["world"] != "intersection":
+        return None
+    world = world_of(scenario["world"], scenario["options"])
+    assert isinstance(world, Intersection)
+    script = program("watch")
+    data = embedded({**core(world.options), "episodes": rows})
+    return Replays(script, data, f"{source_hash(script)} 'wasm-unsafe-eval'")
+
 
 Real = int | float
 """A number of JSON, where a whole number is an int."""

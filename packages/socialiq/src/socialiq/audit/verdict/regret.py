@@ -8,14 +8,14 @@ from typing import Literal
 import numpy as np
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.verdict.decision import Decision, decide
-from socialiq.audit.verdict.declared_loss import (
+from socialiq.audit.verdict.bounds import (
     LossBounds,
+    Regrets,
     exceeds,
     loss_bounds,
     needed_with,
 )
-from socialiq.audit.verdict.regrets import Regrets
+from socialiq.audit.verdict.decision import Decision, decide
 from socialiq.social.angle import Arc, arcs_of_grid, complement
 
 

@@ -16,10 +16,9 @@ import numpy as np
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes, events_of
 from socialiq.audit.profile.environment import Environment
 from socialiq.audit.profile.junction import Junction
-from socialiq.audit.profile.profile import Profile
-from socialiq.audit.profile.scenario import World, scenario_sha256, world_of
+from socialiq.audit.profile.profile import Profile, World, scenario_sha256, world_of
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.regrets import Regrets
 from socialiq.audit.verdict.verdict import decide_on
 from socialiq.errors import UserError
 from socialiq.social.angle import exact_weights, score

@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 
 from socialiq.audit.evidence.outcomes import CRITERIA, Evidence, Outcomes
 from socialiq.audit.profile.profile import Floor, Profile
+from socialiq.audit.verdict.bounds import Regrets
 from socialiq.audit.verdict.calibration import Calibration, calibrate
-from socialiq.audit.verdict.decision import Decision, joint_decision
+from socialiq.audit.verdict.decision import Decision, FloorTest, floor_tests, joint_decision
 from socialiq.audit.verdict.regret import (
     CompatibleAngles,
     RegretTest,
     compatible_angles,
     regret_test,
 )
-from socialiq.audit.verdict.regrets import Regrets
-from socialiq.audit.verdict.safety_floor import FloorTest, floor_tests
 from socialiq.errors import UserError
 from socialiq.social.angle import AngleEstimate, estimate_angle
 from socialiq.statistics.hotelling import Ellipse, confidence_ellipse

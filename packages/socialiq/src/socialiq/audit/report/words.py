@@ -1,19 +1,89 @@
-"""Caveats of a verdict: what its first screen says that the verdict rests on."""
+"""Words of a report: names of drivers, caveats, and claims that only its auditor makes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
+from socialiq.audit.evidence.drive_junction import DRIVER
+from socialiq.audit.evidence.outcomes import AS_DECLARED
+from socialiq.audit.evidence.trivial import PREFIX, RANDOM
 from socialiq.audit.looks.look import Look
-from socialiq.audit.names import plain_name
-from socialiq.audit.seeds.commitment import Draw
-from socialiq.audit.seeds.worth import worth
+from socialiq.audit.seeds import Draw, worth
 from socialiq.audit.verdict.decision import Decision
-from socialiq.audit.verdict.discrimination import Discrimination
 from socialiq.audit.verdict.regret import RegretTest
+from socialiq.audit.verdict.results import Discrimination
 from socialiq.policies.process.isolation import NONE
 from socialiq.social.angle_rule import AngleRule
+
+OPTIMUM = "optimum_"
+"""Beginning of the names of exact optima (`evidence.drive_grid.exact_optima`)."""
+
+_SIMPLER = "simpler network, "
+
+_TRAINED = {
+    "egoistic": "trained for 0°: own progress alone",
+    "prosocial": "trained for 45°: own progress and others alike",
+    "altruistic": "trained for 90°: others alone",
+}
+
+_NAMES = {
+    "go": "always goes",
+    "wait": "always waits",
+    "idm": "Intelligent Driver Model: follows the car in front and gives way",
+    DRIVER: "calibrated driver of the recording",
+    "gap_2s": "goes at gaps of 2 s",
+    "gap_3s": "goes at gaps of 3 s",
+    "gap_4s": "goes at gaps of 4 s",
+    RANDOM: "chooses at random",
+    AS_DECLARED: "decides as declared",
+    **{f"set_{mode}": text for mode, text in _TRAINED.items()},
+    **{f"expert_{mode}": f"{_SIMPLER}{text}" for mode, text in _TRAINED.items()},
+}
+
+
+def plain_name(name: str, angles: Sequence[float] = ()) -> str:
+    """Return the name of one of the package's drivers in words; another's is returned as it is.
+
+    Args:
+        name: Name of the driver in the report.
+        angles: Ends of the interval of angles for which an exact optimum is the best.
+    """
+    if name.startswith(OPTIMUM) and angles:
+        low, high = (_degrees(angle) for angle in (angles[0], angles[-1]))
+        return f"best possible for {low} to {high}"
+    if name.startswith(PREFIX) and name not in _NAMES:
+        return f"always chooses “{name.removeprefix(PREFIX).replace('_', ' ')}”"
+    return _NAMES.get(name, name)
+
+
+def names_of(report: Mapping[str, Any]) -> dict[str, str]:
+    """Return the name in words of every reference and trivial driver of a report, by its name.
+
+    A driver of the user's keeps its name, even if the package has a driver of that name.
+    """
+    rows = [*report["references"], *report["left_out"]]
+    found = {one["name"]: _named(one) if _shipped(one) else one["name"] for one in rows}
+    return found | {one["name"]: plain_name(one["name"]) for one in report["trivial"]}
+
+
+def _named(reference: Mapping[str, Any]) -> str:
+    found, record = plain_name(reference["name"], reference["angles"]), reference["record"]
+    # There is one family with continuous actions, so none is the simpler.
+    one_family = record is not None and "action_size" in record
+    return found.removeprefix(_SIMPLER) if one_family else found
+
+
+def _shipped(reference: Mapping[str, Any]) -> bool:
+    """Whether a reference is the package's own: without a record, or a rule, or of the atlas."""
+    record = reference["record"]
+    return record is None or record["kind"] == "rule" or record["source"].startswith("atlas:")
+
+
+def _degrees(angle: float) -> str:
+    turned = -((180.0 - angle) % 360.0 - 180.0)
+    return f"{round(turned, 1) + 0.0:g}°".replace("-", "−")
+
 
 About = Literal["rule", "loss", "margin", "look", "seed", "code", "episodes"]
 
@@ -165,3 +235,43 @@ def _of_world(world: str) -> list[Caveat]:
         "the evidence is self-attested."
     )
     return [Caveat("code", text)]
+
+
+ALWAYS = (
+    "timing",
+    "command",
+    "machine",
+    "versions",
+    "hashes.package",
+    "reference_files",
+    "policy.record.source",
+)
+"""Claims of every report, as paths in `report.json`."""
+
+OF_CODE = (
+    "policy.record.isolation",
+    "policy.record.start",
+    "policy.record.step",
+    "policy.record.memory",
+)
+"""Claims about a policy that is its owner's code: its isolation, limits of its time and memory."""
+
+
+OF_A_LOG = "look"
+"""Claim of an audit with a log; `audit verify --log` holds it against the log itself."""
+
+
+def claims_of_auditor(policy: Mapping[str, Any], drawn: Draw, look: Look | None) -> list[str]:
+    """Return the paths of the claims in a report.
+
+    A signature of the statement covers them: then it is known whose claims they are.
+
+    Args:
+        policy: The policy's record as JSON.
+        drawn: Commitment and seed. That a seed is derived from a nonce or a beacon can be checked.
+        look: The look; None without a log.
+    """
+    code = policy["kind"] in ("process", "python")
+    own = [path for path in OF_CODE if code and path.rpartition(".")[2] in policy]
+    seed = ["seeds.source"] if drawn.revealed is None else []
+    return [*ALWAYS, *own, *seed, *([OF_A_LOG] if look else [])]
