@@ -87,7 +87,7 @@ class Request:
             raise UserError("--files is of a process or Python: leave it out")
         if self.threads < 1:
             raise UserError(f"threads must be at least 1, got {self.threads}")
-        if sum(one is not None for one in (self.seed, self.nonce, self.beacon)) > 1:
+        if sum(origin is not None for origin in (self.seed, self.nonce, self.beacon)) > 1:
             raise UserError("an audit has one seed: give one of --seed, --nonce and --beacon")
 
     def given(self) -> int | Nonce | Round | None:
@@ -105,12 +105,12 @@ def command_of(request: Request, seed: int) -> str:
     """Return the command that repeats an audit, without its output folder."""
     words = ["socialiq", "audit", request.policy, "--profile", str(request.profile)]
     words += ["--episodes", str(request.episodes), "--seed", str(seed)]
-    words += [word for one in request.references for word in ("--reference", one)]
+    words += [word for reference in request.references for word in ("--reference", reference)]
     words += ["--films"] if request.films else []
     words += ["--shift"] if request.shift else []
     words += ["--soft"] if request.soft else []
     words += ["--allow-code"] if request.trust.allow_code else []
-    words += [word for one in request.trust.files for word in ("--files", one)]
+    words += [word for file in request.trust.files for word in ("--files", file)]
     if request.trust.isolation != "auto":
         words += ["--isolation", request.trust.isolation]
     limits, usual = request.trust.limits, Limits()
@@ -157,8 +157,8 @@ class Collection(NamedTuple):
 
         Processes of references end with `closing`.
         """
-        found = resolve_references(world, request.references, loaded.record, request.trust)
-        closing.callback(found.close)
+        references = resolve_references(world, request.references, loaded.record, request.trust)
+        closing.callback(references.close)
         none, by_rule = np.zeros(0, np.int64), None
         if profile.rule is not None:
             if loaded.record.kind == "dial":
@@ -171,7 +171,7 @@ class Collection(NamedTuple):
             by_rule = ByRule(profile.rule, dial)
             if dial is not None:
                 ContextPolicy.of(dial, profile.rule)  # refuses what doesn't fit, before any episode
-        return Collection(request, profile, traffic, world, loaded, found, none, by_rule)
+        return Collection(request, profile, traffic, world, loaded, references, none, by_rule)
 
     def on(self, seeds: Int64[np.ndarray, " episode"]) -> Collection:
         """Return the collection on episodes of these seeds."""

@@ -64,8 +64,8 @@ def read_nonce(path: Path) -> Nonce:
     Raises:
         UserError: If it is missing or something else.
     """
-    found = read_small_json(path)
-    value = found.get("nonce") if isinstance(found, dict) else None
+    content = read_small_json(path)
+    value = content.get("nonce") if isinstance(content, dict) else None
     if not isinstance(value, str) or not _SHA256.fullmatch(value):
         raise UserError(f"{path} has no nonce: `socialiq audit nonce --out FILE` writes one")
     return Nonce(value)
@@ -192,8 +192,8 @@ def read_round(path: Path) -> Round:
         UserError: If it is something else, the signature is not the network's, or the library
             that checks it is not installed.
     """
-    found = read_small_json(path)
-    fields = found if isinstance(found, dict) else {}
+    content = read_small_json(path)
+    fields = content if isinstance(content, dict) else {}
     number, signature = fields.get("round"), fields.get("signature")
     if (
         type(number) is not int
@@ -204,12 +204,12 @@ def read_round(path: Path) -> Round:
             f"{path} is not a round of drand's {NETWORK}: fetch {address_of(1)[:-1]}ROUND"
         )
     time_of(number)
-    one = Round(number, signature)
-    if fields.get("randomness", one.randomness) != one.randomness or not one.is_genuine():
+    beacon = Round(number, signature)
+    if fields.get("randomness", beacon.randomness) != beacon.randomness or not beacon.is_genuine():
         raise UserError(
             f"{path} was not signed by drand's {NETWORK}: fetch {address_of(number)} again"
         )
-    return one
+    return beacon
 
 
 LARGEST_SEED = 2**53 - 1

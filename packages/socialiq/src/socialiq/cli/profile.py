@@ -137,6 +137,6 @@ def _facts(declared: Declaration) -> dict[str, str | float | None]:
 
 
 def _show(path: Path, declared: Declaration) -> None:
-    facts = {name: "none" if one is None else one for name, one in _facts(declared).items()}
+    facts = {name: "none" if value is None else value for name, value in _facts(declared).items()}
     rows = [{"declared": name, "value": value} for name, value in facts.items()]
     print_table(rows, str(path))

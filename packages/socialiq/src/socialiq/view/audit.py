@@ -48,8 +48,8 @@ def audit_shown(folder: Path) -> Shown:
         data={
             "modes": _drivers(report),
             "notable": [
-                {"episode": number, "why": one["mode"].partition(",")[0]}
-                for number, one in enumerate(episodes)
+                {"episode": number, "why": episode["mode"].partition(",")[0]}
+                for number, episode in enumerate(episodes)
             ],
             "curve": options == Options(),
         },

@@ -66,13 +66,13 @@ def intersection_strata(
         whether one of these is on the other road, which has priority over the ego's, or all
         are oncoming.
     """
-    seen = policies.in_metres(observation)
-    others = (seen[:, 1:, 0] > 0).sum(axis=1)
-    crossing = policies.conflict(seen, CONFLICT_SECONDS)
-    other_road = np.abs(seen[:, 1:, 3]) > np.abs(seen[:, 1:, 4])
+    rows = policies.in_metres(observation)
+    density = (rows[:, 1:, 0] > 0).sum(axis=1)
+    crossing = policies.conflict(rows, CONFLICT_SECONDS)
+    other_road = np.abs(rows[:, 1:, 3]) > np.abs(rows[:, 1:, 4])
     met, yielding = crossing.any(axis=1), (crossing & other_road).any(axis=1)
     return {
-        "density": np.select([others <= 1, others <= 3], ["0 to 1", "2 to 3"], "4 or more"),
+        "density": np.select([density <= 1, density <= 3], ["0 to 1", "2 to 3"], "4 or more"),
         "conflict": np.where(met, "at once", "none yet"),
         "right_of_way": np.select([yielding, met], ["theirs", "oncoming"], NO_CROSSING),
     }
@@ -131,22 +131,26 @@ def stratified(
         reference: Name of the reference to compare with: `RegretTest.best`.
         confidence: Confidence of the intervals.
     """
-    best = next(one for one in evidence.references if one.name == reference)
-    theirs, ours = (one.values(angle) for one in (best, evidence.policy))
-    policy, found = evidence.policy, []
+    best = next(driver for driver in evidence.references if driver.name == reference)
+    reference_values, ours = (driver.values(angle) for driver in (best, evidence.policy))
+    policy, strata = evidence.policy, []
     events = events_of(policy)
     for stratification, labels in evidence.strata.items():
         for label in np.unique(labels).tolist():
             rows = labels == label
             count = int(rows.sum())
             enough = count >= _FEWEST
-            regret = paired_difference(theirs[rows], ours[rows], confidence) if enough else None
+            regret = (
+                paired_difference(reference_values[rows], ours[rows], confidence)
+                if enough
+                else None
+            )
             shares = {
                 name: wilson(int(happened[rows].sum()), count, confidence)
                 for name, happened in events.items()
             }
-            found.append(Stratum(stratification, label, count, regret, shares))
-    return tuple(found)
+            strata.append(Stratum(stratification, label, count, regret, shares))
+    return tuple(strata)
 
 
 CANDIDATES = tuple(15.0 * step for step in range(7))
@@ -215,7 +219,9 @@ def collect_evidence(
         scenario=world.description,
         seeds=seeds,
         policy=drive_intersection(batch, driver, seeds, deterministic, by_rule, CANDIDATES),
-        references=tuple(drive_intersection(batch, one, seeds, by_rule=by_rule) for one in drivers),
+        references=tuple(
+            drive_intersection(batch, driver, seeds, by_rule=by_rule) for driver in drivers
+        ),
         strata=_strata(world.batch(min(SIDE_BY_SIDE, len(seeds))), seeds, intersection_strata),
         trivial=trivial_at_intersection(batch, seeds, by_rule),
     )
@@ -233,8 +239,8 @@ def _in_grid(
     fate = fates(table, seeds)
     losses = None if by_rule is None else DecisionLosses(table, by_rule.rule, CANDIDATES)
     handed = [
-        drive_grid(table, one.policy, fate, one.name, angles=one.angles, losses=losses)
-        for one in references
+        drive_grid(table, driver.policy, fate, driver.name, angles=driver.angles, losses=losses)
+        for driver in references
     ]
     if by_rule is not None and losses is not None:
         handed += [exactly_as_declared(table, by_rule.rule, fate, losses)]
@@ -265,7 +271,7 @@ def _in_environment(
         scenario=world.description,
         seeds=seeds,
         policy=drive_environment(world, policy, seeds, deterministic),
-        references=tuple(drive_environment(world, one, seeds) for one in references),
+        references=tuple(drive_environment(world, driver, seeds) for driver in references),
         strata={},
         trivial=trivial_in_environment(world, seeds),
     )
@@ -284,7 +290,7 @@ def _at_junction(
         scenario=world.description,
         seeds=seeds,
         policy=drive_junction(batch, policy, seeds, deterministic),
-        references=tuple(drive_junction(batch, one, seeds) for one in drivers),
+        references=tuple(drive_junction(batch, driver, seeds) for driver in drivers),
         strata=_strata(batch, seeds, junction_strata),
         trivial=trivial_at_junction(batch, seeds),
     )
@@ -296,9 +302,11 @@ def _strata(
     labels: Callable[[np.ndarray], dict[str, np.ndarray]],
 ) -> dict[str, np.ndarray]:
     """Return the strata of all episodes, from the first observations."""
-    size, parts = batch.size, []
+    size, blocks = batch.size, []
     for first in range(0, len(seeds), size):
         block = seeds[first : first + size]
-        seen = batch.reset(block, rows=np.arange(len(block)))[: len(block)]
-        parts.append(labels(seen))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        observations = batch.reset(block, rows=np.arange(len(block)))[: len(block)]
+        blocks.append(labels(observations))
+    return {
+        name: np.concatenate([block_labels[name] for block_labels in blocks]) for name in blocks[0]
+    }

@@ -62,14 +62,14 @@ def summed(steps: Iterator[Step], episodes: int) -> Summed:
     """
     totals, length = np.zeros((episodes, 2)), np.zeros(episodes, np.int64)
     ending, contact = np.zeros(episodes, np.int8), np.zeros(episodes, np.int8)
-    for one in steps:
-        which = one.episode[one.running]
-        for side, reward in enumerate(one.made.rewards):
-            totals[which, side] += np.atleast_1d(reward)[one.running]
+    for step in steps:
+        which = step.episode[step.running]
+        for side, reward in enumerate(step.made.rewards):
+            totals[which, side] += np.atleast_1d(reward)[step.running]
         length[which] += 1
-        ending[which] = one.made.ending[one.running]
-        if hasattr(one.made, "contact"):
-            contact[which] = one.made.contact[one.running]
+        ending[which] = step.made.ending[step.running]
+        if hasattr(step.made, "contact"):
+            contact[which] = step.made.contact[step.running]
     assert (ending != Ending.NONE).all()
     return Summed(totals, ending, contact, length)
 
@@ -143,23 +143,23 @@ def drive_intersection(
         by_rule: A declared rule and its reference dial; None without one.
         candidates: Angles at which decision losses are measured besides, in degrees.
     """
-    found = None
+    losses = None
     if by_rule is None:
-        made = episodes_of(batch, driver.policy, seeds, deterministic)
+        episodes = episodes_of(batch, driver.policy, seeds, deterministic)
     else:
         assert by_rule.dial is not None  # `Collection.of` refuses a rule without it
-        made, found = losses_of(
+        episodes, losses = losses_of(
             batch, driver.policy, seeds, by_rule.dial, by_rule.rule, candidates, deterministic
         )
     return Outcomes(
         name=driver.name,
-        totals=np.stack(made.totals, axis=1),
-        ending=made.ending.astype(np.int8),
-        contact=made.contact.astype(np.int8),
-        length=made.length,
+        totals=np.stack(episodes.totals, axis=1),
+        ending=episodes.ending.astype(np.int8),
+        contact=episodes.contact.astype(np.int8),
+        length=episodes.length,
         angles=driver.angles,
-        lost=None if found is None else found.declared.sum(axis=1),
-        contexts=found,
+        lost=None if losses is None else losses.declared.sum(axis=1),
+        contexts=losses,
     )
 
 
@@ -223,26 +223,26 @@ def _driven(
     episodes = len(fate)
     simulator = TableSimulator(table, episodes, FixedChance(fate))
     steps = simulate(simulator, actor, np.arange(episodes))
-    found = None if losses is None else losses.begin(episodes)
-    if losses is not None and found is not None:
-        steps = _noted(steps, losses, found, episodes)
+    contexts = None if losses is None else losses.begin(episodes)
+    if losses is not None and contexts is not None:
+        steps = _noted(steps, losses, contexts, episodes)
     totals, ending, _, length = summed(steps, episodes)
-    lost = None if found is None else found.declared.sum(axis=1)
+    lost = None if contexts is None else contexts.declared.sum(axis=1)
     contact = np.where(ending == Ending.COLLISION, int(Contact.EGO_STRUCK), int(Contact.NONE))
     struck = contact.astype(np.int8)
-    return Outcomes(name, totals, ending, struck, length, angles, expected, lost, found)
+    return Outcomes(name, totals, ending, struck, length, angles, expected, lost, contexts)
 
 
 def _noted(
-    steps: Iterator[Step], losses: DecisionLosses, found: ContextLosses, episodes: int
+    steps: Iterator[Step], losses: DecisionLosses, contexts: ContextLosses, episodes: int
 ) -> Iterator[Step]:
     """Pass on the decisions, after their losses were added."""
     time = np.zeros(episodes, np.int64)
-    for one in steps:
-        which, rows = one.episode[one.running], one.running
-        losses.note(found, which, time[which], one.observation[rows], one.action[rows])
+    for step in steps:
+        which, rows = step.episode[step.running], step.running
+        losses.note(contexts, which, time[which], step.observation[rows], step.action[rows])
         time[which] += 1
-        yield one
+        yield step
 
 
 class GridActor:
@@ -262,11 +262,11 @@ class GridActor:
     def decide(self, observation: np.ndarray, running: np.ndarray) -> np.ndarray:
         """Return the policy's actions."""
         rows = len(running)
-        seen = self._table.states[observation].astype(np.float32)
+        features = self._table.states[observation].astype(np.float32)
         if self._clock:
-            seen = np.column_stack([seen, np.full(rows, self._time, np.float32)])
+            features = np.column_stack([features, np.full(rows, self._time, np.float32)])
         answer, self._memory = self._policy.predict(
-            seen,
+            features,
             self._memory,
             episode_start=np.full(rows, self._time == 0),
             deterministic=self._deterministic,
@@ -357,7 +357,7 @@ def exact_optima(
         fate: Result of `fates`.
         losses: As for `drive_grid`.
     """
-    horizon, found = table.world.horizon, []
+    horizon, optima = table.world.horizon, []
     best: AttainableSet = attainable_set(table.mdp, horizon)
     for vertex in range(len(best.vertices)):
         low, high = best.supporting_interval(vertex)
@@ -369,5 +369,5 @@ def exact_optima(
         ).totals
         name = f"optimum_{vertex:02d}"
         actor = _TimedActor(optimum.actions)
-        found.append(_driven(table, actor, fate, name, (low, high), exact, losses))
-    return tuple(found)
+        optima.append(_driven(table, actor, fate, name, (low, high), exact, losses))
+    return tuple(optima)

@@ -171,8 +171,8 @@ def _look(log: AuditLog, plan: Plan, entry: Entry) -> Look:
 def _check_unused(log: AuditLog, source: Mapping[str, Any]) -> None:
     """Refuse a nonce that an earlier line names: it may be known by now."""
     sha256 = source.get("nonce_sha256")
-    commitments = (one for one in log.entries if one["kind"] == COMMITMENT)
-    if sha256 and any(one["seed"].get("nonce_sha256") == sha256 for one in commitments):
+    commitments = (entry for entry in log.entries if entry["kind"] == COMMITMENT)
+    if sha256 and any(entry["seed"].get("nonce_sha256") == sha256 for entry in commitments):
         raise UserError(
             f"{log.path} names this nonce already: ask the auditor for the hash of a new one"
         )
@@ -188,16 +188,16 @@ def of_nonce(sha256: str) -> dict[str, Any]:
     return _nonce_origin(sha256)
 
 
-def origin_of(given: Nonce | Round | None) -> dict[str, Any]:
+def origin_of(origin: Nonce | Round | None) -> dict[str, Any]:
     """Return the origin of a seed as a commitment names it.
 
     Args:
-        given: As for `open_look`.
+        origin: As for `open_look`.
     """
-    if isinstance(given, Nonce):
-        return _nonce_origin(given.sha256)
-    if isinstance(given, Round):
-        return _beacon_origin(given.number)
+    if isinstance(origin, Nonce):
+        return _nonce_origin(origin.sha256)
+    if isinstance(origin, Round):
+        return _beacon_origin(origin.number)
     return {"source": "system entropy"}
 
 
@@ -224,13 +224,13 @@ def of_beacon(number: int) -> dict[str, Any]:
     return _beacon_origin(number)
 
 
-def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None = None) -> Opened:
+def open_look(folder: Path | None, plan: Plan, origin: int | Nonce | Round | None = None) -> Opened:
     """Commit and learn the seed, or continue the commitment that names the nonce or the round.
 
     Args:
         folder: Folder of the logs; None for no log.
         plan: What is committed to.
-        given: The auditor's seed, which is no look; a revealed nonce, a published round; None
+        origin: The auditor's seed, which is no look; a revealed nonce, a published round; None
             draws the seed from the system's entropy.
 
     Raises:
@@ -238,44 +238,44 @@ def open_look(folder: Path | None, plan: Plan, given: int | Nonce | Round | None
             names the nonce or round, or a seed is known before the commitment.
     """
     if folder is None:
-        if isinstance(given, Nonce | Round):
+        if isinstance(origin, Nonce | Round):
             raise UserError("a nonce or a beacon needs the log of the commitment: name its --log")
-        return Opened(draw(plan.commitment, given), None)
-    if isinstance(given, int):
+        return Opened(draw(plan.commitment, origin), None)
+    if isinstance(origin, int):
         raise UserError(
             "a log has only audits whose seed no one knew before: leave out --seed, or --log"
         )
     with locked(folder, plan.subject) as log:
-        if isinstance(given, Nonce | Round):
-            entry = _committed(log, plan, given)
+        if isinstance(origin, Nonce | Round):
+            entry = _committed(log, plan, origin)
             look = _look(log, plan, entry)
-            drawn = reveal(plan.commitment, look.entry, given)
+            seed_draw = reveal(plan.commitment, look.entry, origin)
         else:
             look = _commit(log, plan, origin_of(None))
-            drawn = draw(plan.commitment)
-        log.append(SEED, {"commitment": look.entry, "seed": drawn.seed})
-    return Opened(drawn, look)
+            seed_draw = draw(plan.commitment)
+        log.append(SEED, {"commitment": look.entry, "seed": seed_draw.seed})
+    return Opened(seed_draw, look)
 
 
-def _committed(log: AuditLog, plan: Plan, given: Nonce | Round) -> Entry:
+def _committed(log: AuditLog, plan: Plan, origin: Nonce | Round) -> Entry:
     """Return the open commitment that names a nonce or a round, if it is of this plan."""
-    commitments = (one for one in log.entries if one["kind"] == COMMITMENT)
-    naming = [one for one in commitments if one["seed"] == origin_of(given)]
+    commitments = (entry for entry in log.entries if entry["kind"] == COMMITMENT)
+    naming = [entry for entry in commitments if entry["seed"] == origin_of(origin)]
     if not naming:
-        nonce = isinstance(given, Nonce)
-        option = f"--nonce-sha256 {given.sha256}" if nonce else f"--beacon-round {given.number}"
+        nonce = isinstance(origin, Nonce)
+        option = f"--nonce-sha256 {origin.sha256}" if nonce else f"--beacon-round {origin.number}"
         raise UserError(
             f"no commitment in {log.path} names it: the owner runs `socialiq audit commit ... "
             f"{option}` first"
         )
-    unopened = [one for one in naming if log.following(SEED, one["sha256"]) is None]
+    unopened = [entry for entry in naming if log.following(SEED, entry["sha256"]) is None]
     if not unopened:
         raise UserError(
             f"the commitment in {log.path} was opened already, and its seed is known: commit again"
         )
-    if isinstance(given, Round) and time_of(unopened[0]) >= given.time:
+    if isinstance(origin, Round) and time_of(unopened[0]) >= origin.time:
         raise UserError(
-            f"the commitment in {log.path} was made after round {given.number} was published: "
+            f"the commitment in {log.path} was made after round {origin.number} was published: "
             "commit again, to a later round"
         )
     return _fitting(log, plan, unopened)
@@ -284,12 +284,12 @@ def _committed(log: AuditLog, plan: Plan, given: Nonce | Round) -> Entry:
 def _fitting(log: AuditLog, plan: Plan, unopened: list[Entry]) -> Entry:
     """Return the first commitment of a plan."""
     fields = plan.fields()
-    for one in unopened:
-        if all(one[name] == fields[name] for name in fields):
-            return one
-    other = next(name for name in fields if unopened[0][name] != fields[name])
+    for entry in unopened:
+        if all(entry[name] == fields[name] for name in fields):
+            return entry
+    differing = next(name for name in fields if unopened[0][name] != fields[name])
     raise UserError(
-        f"the commitment in {log.path} is of another audit: its {_WORDS[other]} differs; audit "
+        f"the commitment in {log.path} is of another audit: its {_WORDS[differing]} differs; audit "
         "what was committed to, or commit again"
     )
 
@@ -318,5 +318,5 @@ def record(folder: Path, subject: Subject, look: Look, decision: str, report_sha
         UserError: If the log is damaged or can't be written.
     """
     with locked(folder, subject) as log:
-        found = {"decision": decision, "report_sha256": report_sha256}
-        log.append(RESULT, {"commitment": look.entry, **found})
+        outcome = {"decision": decision, "report_sha256": report_sha256}
+        log.append(RESULT, {"commitment": look.entry, **outcome})

@@ -74,7 +74,7 @@ def world_of(name: str, options: Mapping[str, Any], allow_code: bool = False) ->
     defaults = default_options(name)
     for option in options:
         one_of(f"option of {name}", option, tuple(defaults))
-    typed = {option: _typed(option, given, defaults[option]) for option, given in options.items()}
+    typed = {option: _typed(option, value, defaults[option]) for option, value in options.items()}
     world = make(name, **typed)
     if isinstance(world, Intersection):
         _check_size(world.options)
@@ -109,17 +109,17 @@ def reward_specification(world: World) -> dict[str, Any]:
     Two worlds with equal specifications give the same rewards for the same event, whatever their
     traffic. The specification of an environment has the hashes of its code.
     """
-    found: dict[str, Any] = {"id": reward_id(world)}
+    specification: dict[str, Any] = {"id": reward_id(world)}
     if isinstance(world, Environment):
-        return found | world.reward
+        return specification | world.reward
     if isinstance(world, Intersection | Junction):
         weigh = {side: _weights(world.options, names) for side, names in _SIDES.items()}
         units = {name: getattr(world.options, name) for name in _UNITS}
-        return found | weigh | {"units": units}
+        return specification | weigh | {"units": units}
     units = {name: getattr(world.options, name) for name in _GRID_UNITS[world.name]}
     units |= {"horizon": world.horizon, "max_speed": world.max_speed}
     weigh = {"env": dict(world.env_weights), "social": dict(world.social_weights)}
-    return found | weigh | {"units": units}
+    return specification | weigh | {"units": units}
 
 
 def reward_sha256(world: World) -> str:
@@ -146,11 +146,11 @@ def check_options(options: Mapping[str, Any]) -> None:
     Raises:
         UserError: If one is not.
     """
-    for option, given in options.items():
-        default = 0.0 if type(given) is float else given
-        if not isinstance(given, str | bool | int | float | list):
+    for option, value in options.items():
+        default = 0.0 if type(value) is float else value
+        if not isinstance(value, str | bool | int | float | list):
             raise UserError(f"{option} must be text, true, false, a number or a list of numbers")
-        _typed(option, given, (0.0,) if isinstance(given, list) else default)
+        _typed(option, value, (0.0,) if isinstance(value, list) else default)
 
 
 _SIDES = {"env": ENV_SIGNALS, "social": SOCIAL_SIGNALS}
@@ -160,27 +160,27 @@ def _weights(options: Options, signals: tuple[str, ...]) -> dict[str, float]:
     return {name: getattr(options, f"{name}_weight") for name in signals}
 
 
-def _typed(option: str, given: Any, default: Any) -> Any:
+def _typed(option: str, value: Any, default: Any) -> Any:
     """Return a value of the default's type; an integer may be a float, a list a tuple."""
     if isinstance(default, tuple):
-        if not isinstance(given, list) or len(given) > MOST_SPEEDS:
+        if not isinstance(value, list) or len(value) > MOST_SPEEDS:
             raise UserError(f"{option} must be a list of at most {MOST_SPEEDS} numbers")
-        return tuple(_typed(option, one, 0.0) for one in given)
+        return tuple(_typed(option, number, 0.0) for number in value)
     if isinstance(default, str):
-        if not isinstance(given, str) or len(given) > LONGEST_TEXT:
+        if not isinstance(value, str) or len(value) > LONGEST_TEXT:
             raise UserError(f"{option} must be text in quotes")
-        return given
+        return value
     if isinstance(default, bool):
-        if not isinstance(given, bool):
+        if not isinstance(value, bool):
             raise UserError(f"{option} must be true or false")
-        return given
+        return value
     numeric = int if isinstance(default, int) else (int, float)
-    if isinstance(given, bool) or not isinstance(given, numeric):
+    if isinstance(value, bool) or not isinstance(value, numeric):
         what = "whole number" if isinstance(default, int) else "number"
         raise UserError(f"{option} must be a {what}")
-    if not -LARGEST_NUMBER <= given <= LARGEST_NUMBER:
+    if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER:
         raise UserError(f"{option} must be within plus or minus {LARGEST_NUMBER:g}")
-    return type(default)(given)
+    return type(default)(value)
 
 
 def _check_size(options: Options) -> None:
@@ -296,7 +296,7 @@ class Profile:
         """
         world = world_of(self.scenario.world, self.scenario.options, allow_code)
         declared = (self.reward.id, self.reward.sha256, self.scenario.sha256)
-        for (path, value), given in zip(identity(world).items(), declared, strict=True):
-            if value != given:
+        for (path, value), declared_value in zip(identity(world).items(), declared, strict=True):
+            if value != declared_value:
                 raise UserError(WRONG_WORLD.format(path=path, value=value))
         return world

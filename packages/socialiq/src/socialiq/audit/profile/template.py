@@ -65,8 +65,8 @@ def declare(
     Raises:
         UserError: If a value is invalid, as in `reader.parse`.
     """
-    given = _without_tuples(options or {})
-    built = world_of(world, given, allow_code)
+    options_as_lists = _without_tuples(options or {})
+    built = world_of(world, options_as_lists, allow_code)
     values: dict[str, Any] = {
         "format": FORMAT,
         "angle": angle,
@@ -75,11 +75,11 @@ def declare(
         "date": date,
         **identity(built),
         "scenario.world": world,
-        "scenario.options": given,
+        "scenario.options": options_as_lists,
         RULE: rule,
     }
-    for table, part in (("margin", margin), ("competence", competence)):
-        values |= {f"{table}.{name}": value for name, value in vars(part).items()}
+    for table, limits in (("margin", margin), ("competence", competence)):
+        values |= {f"{table}.{name}": value for name, value in vars(limits).items()}
     return parse(_text(values).encode())
 
 
@@ -108,7 +108,7 @@ def _text(values: Mapping[str, Any]) -> str:
 
 def _comment(text: str) -> list[str]:
     paragraphs = text.split("\n")
-    return [f"# {line}" for part in paragraphs for line in textwrap.wrap(part, _WIDTH)]
+    return [f"# {line}" for paragraph in paragraphs for line in textwrap.wrap(paragraph, _WIDTH)]
 
 
 def _toml(value: Any) -> str:
@@ -116,14 +116,15 @@ def _toml(value: Any) -> str:
     if isinstance(value, datetime.date):
         return value.isoformat()
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml(one) for one in value)}]"
+        return f"[{', '.join(_toml(number) for number in value)}]"
     # Texts, booleans and finite numbers are the same in JSON and TOML; the reader checks the rest.
     return json.dumps(value, ensure_ascii=False)
 
 
 def _without_tuples(options: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        name: list(one) if isinstance(one, tuple) else one for name, one in sorted(options.items())
+        name: list(option) if isinstance(option, tuple) else option
+        for name, option in sorted(options.items())
     }
 
 

@@ -146,8 +146,8 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
     where = "by its rule of the angle" if "angle_rule" in report["declaration"] else where
     world = report["declaration"]["scenario"]["world"]
     tests = report["tests"]
-    floor = joint_decision(Decision(one["decision"]) for one in tests["competence"]).value
-    whole, regret = report["verdict"]["decision"], tests["regret"]["decision"]
+    floor = joint_decision(Decision(test["decision"]) for test in tests["competence"]).value
+    verdict, regret = report["verdict"]["decision"], tests["regret"]["decision"]
     return [
         Claim(
             "G0",
@@ -159,7 +159,7 @@ def claims(report: Mapping[str, Any]) -> list[Claim]:
         Claim(
             "G1",
             f"In the simulated world {world} the policy behaves as declared {where}",
-            _OF[whole],
+            _OF[verdict],
             "report.json: verdict",
             ("C1", "S1"),
         ),
@@ -208,15 +208,15 @@ def _strata(report: Mapping[str, Any]) -> tuple[Status, str]:
     )
 
 
-def as_objects(found: list[Claim]) -> list[dict[str, Any]]:
+def as_objects(tree: list[Claim]) -> list[dict[str, Any]]:
     """Return the tree as the content of `claims.json`."""
-    return [{**one._asdict(), "below": list(one.below)} for one in found]
+    return [{**claim._asdict(), "below": list(claim.below)} for claim in tree]
 
 
-def mermaid(found: list[Claim]) -> str:
+def mermaid(tree: list[Claim]) -> str:
     """Return the tree as a Mermaid diagram, which contains no user-provided text."""
-    nodes = [f'  {one.id}["{one.id}: {one.text}<br>({one.status})"]' for one in found]
-    edges = [f"  {one.id} --> {below}" for one in found for below in one.below]
+    nodes = [f'  {claim.id}["{claim.id}: {claim.text}<br>({claim.status})"]' for claim in tree]
+    edges = [f"  {claim.id} --> {below}" for claim in tree for below in claim.below]
     return "\n".join(["flowchart TD", *nodes, *edges])
 
 
@@ -266,9 +266,11 @@ def _metrics(report: Mapping[str, Any]) -> list[Metric]:
     name = f"regret at {regret['angle']:g} degrees per episode"
     if "angle_rule" in report["declaration"]:
         name = "decision loss at the declared rule per episode"
-    found = [_metric(name, regret, regret["regret"])]
-    found += [_metric(f"share of {one['name']}", one, one["share"]) for one in tests["competence"]]
-    return found
+    metrics = [_metric(name, regret, regret["regret"])]
+    metrics += [
+        _metric(f"share of {test['name']}", test, test["share"]) for test in tests["competence"]
+    ]
+    return metrics
 
 
 def _metric(name: str, test: Mapping[str, Any], value: float) -> Metric:

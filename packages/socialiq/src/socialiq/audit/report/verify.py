@@ -96,10 +96,10 @@ def fault_of(value: Any, schema: dict[str, Any]) -> str:
         error = error.context[0]
     if error is None:
         return ""
-    place = "the report" + "".join(
+    path_in_report = "the report" + "".join(
         f"[{step}]" if isinstance(step, int) else f".{step}" for step in error.absolute_path
     )
-    return one_line(f"{place} {_fault(error)}")
+    return one_line(f"{path_in_report} {_fault(error)}")
 
 
 def _validator(schema: dict[str, Any]) -> Any:
@@ -107,7 +107,7 @@ def _validator(schema: dict[str, Any]) -> Any:
 
     # JSON Schema takes 1.0 for an integer, but a count of episodes has to be one in Python too.
     types = Draft202012Validator.TYPE_CHECKER.redefine(
-        "integer", lambda _, one: isinstance(one, int) and not isinstance(one, bool)
+        "integer", lambda _, value: isinstance(value, int) and not isinstance(value, bool)
     )
     return validators.extend(Draft202012Validator, type_checker=types)(schema)
 
@@ -143,7 +143,7 @@ def content_of(folder: Path) -> dict[str, bytes]:
     """
     if not (folder / MANIFEST).is_file() or not (folder / REPORT).is_file():
         raise UserError(f"{folder} has no report: name a folder that `socialiq audit` wrote")
-    found: dict[str, bytes] = {}
+    contents: dict[str, bytes] = {}
     size = 0
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
@@ -153,13 +153,13 @@ def content_of(folder: Path) -> dict[str, bytes]:
         if not path.is_file():
             raise UserError(f"{path} is not a plain file: a report's folder has plain files only")
         size += path.stat().st_size
-        if len(found) >= MOST_FILES or size > LARGEST_FOLDER:
+        if len(contents) >= MOST_FILES or size > LARGEST_FOLDER:
             raise UserError(f"{folder} holds more than an audit writes: {path.name}")
         try:
-            found[path.relative_to(folder).as_posix()] = path.read_bytes()
+            contents[path.relative_to(folder).as_posix()] = path.read_bytes()
         except OSError as error:
             raise UserError(f"cannot read {path}: {error.strerror}") from error
-    return found
+    return contents
 
 
 @dataclass(frozen=True)
@@ -189,21 +189,21 @@ def check_folder(folder: Path) -> Findings:
         UserError: As `content_of`, or if its report or declaration can't be read.
     """
     files = content_of(folder)
-    found = _of_manifest(files)
-    if found:
-        return Findings(found)
+    damage = _of_manifest(files)
+    if damage:
+        return Findings(damage)
     # A forger can change hashes too; the files must still be consistent with the report.
     report = parse_report(files[REPORT], folder / REPORT)
-    found = [*_of_statement(files, report), *_of_profile(files, report)]
-    if found:
-        return Findings(found)
+    damage = [*_of_statement(files, report), *_of_profile(files, report)]
+    if damage:
+        return Findings(damage)
     try:
         numbers = recomputed_differences(files, report)
     except UserError as error:
         return Findings([str(error)])
     pages = _other_views(files, report)
-    faults = [f"{one} is not the page of {REPORT}" for one in pages]
-    faults += [f"{one} does not follow from the episodes" for one in numbers]
+    faults = [f"{page} is not the page of {REPORT}" for page in pages]
+    faults += [f"{number} does not follow from the episodes" for number in numbers]
     if faults and (_is_ours(report) or DECISION in numbers):
         return Findings(faults)
     episodes = f"{report['seeds']['episodes']} episodes"
@@ -230,14 +230,14 @@ def _of_manifest(files: Mapping[str, bytes]) -> list[str]:
     if listed is None:
         return [f"{MANIFEST} is damaged"]
     there = files.keys() - {MANIFEST, SIGNATURES}
-    found = [f"{name} is missing" for name in sorted(listed.keys() - there)]
-    found += [f"{name} was added" for name in sorted(there - listed.keys())]
+    damage = [f"{name} is missing" for name in sorted(listed.keys() - there)]
+    damage += [f"{name} was added" for name in sorted(there - listed.keys())]
     fresh = _listed(manifest(files)) or {}
     same = sorted(there & listed.keys())
-    found += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
-    if not found and manifest(files) != files[MANIFEST]:
-        found = [f"{MANIFEST} was changed"]
-    return found
+    damage += [f"{name} was changed" for name in same if fresh[name] != listed[name]]
+    if not damage and manifest(files) != files[MANIFEST]:
+        damage = [f"{MANIFEST} was changed"]
+    return damage
 
 
 def _listed(content: bytes) -> dict[str, str] | None:
@@ -260,12 +260,12 @@ def _of_profile(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[s
     hashes = report["hashes"]
     committed = Commitment(hashes["policy"], hashes["profile"]).sha256
     declared = parse(files[PROFILE], PROFILE)
-    found = []
+    damage = []
     if declared.sha256 != hashes["profile"]:
-        found.append(f"{PROFILE} is not the declaration of {REPORT}")
+        damage.append(f"{PROFILE} is not the declaration of {REPORT}")
     if committed != report["seeds"]["commitment_sha256"]:
-        found.append(f"the commitment in {REPORT} is not that of its hashes")
-    return found or faults_of_seeds(report)
+        damage.append(f"the commitment in {REPORT} is not that of its hashes")
+    return damage or faults_of_seeds(report)
 
 
 def _is_ours(report: Mapping[str, Any]) -> bool:
@@ -280,12 +280,12 @@ def _other_views(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[
 
 def _unknown(files: Mapping[str, bytes], report: Mapping[str, Any]) -> list[str]:
     """Return the files that no audit writes."""
-    episodes = [one for rows in report["episodes"].values() for one in rows]
+    episodes = [row for rows in report["episodes"].values() for row in rows]
     traffic = report["shift"]["traffic"] if report["shift"] else []
-    known = {REPORT, PROFILE, *SEALS, *views_of(report), *(one["film"] for one in episodes)}
-    known |= {evidence_path(number) for number in range(len(traffic) + 1)}
-    known |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
-    return sorted(files.keys() - known)
+    expected = {REPORT, PROFILE, *SEALS, *views_of(report), *(row["film"] for row in episodes)}
+    expected |= {evidence_path(number) for number in range(len(traffic) + 1)}
+    expected |= {CONTEXTS} if "angle_rule" in report["declaration"] else set()
+    return sorted(files.keys() - expected)
 
 
 def faults_by_log(folder: Path, path: Path) -> list[str]:
@@ -311,20 +311,22 @@ def faults_by_log(folder: Path, path: Path) -> list[str]:
     number = log.look_of(look.entry)
     if number == 0:
         return [f"{path} has no look {look.number} of {REPORT}: one of them was written again"]
-    found = []
+    differing = []
     if number != look.number:
-        found.append(f"{REPORT} is look {number} by {path}, and claims to be look {look.number}")
-    found += _of_entry(report, look, log)
+        differing.append(
+            f"{REPORT} is look {number} by {path}, and claims to be look {look.number}"
+        )
+    differing += _of_entry(report, look, log)
     result = log.following(RESULT, look.entry)
     sha256 = hashlib.sha256((folder / REPORT).read_bytes()).hexdigest()
     if result is None or result["report_sha256"] != sha256:
-        found.append(f"{path} has another result for look {number}, or none")
-    return found
+        differing.append(f"{path} has another result for look {number}, or none")
+    return differing
 
 
 def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]:
     """Compare the lines of commitment and seed."""
-    entry = next(one for one in log.entries if one["sha256"] == look.entry)
+    entry = next(line for line in log.entries if line["sha256"] == look.entry)
     seed = log.following(SEED, look.entry)
     claims = {
         "policy": (entry["policy_sha256"], report["hashes"]["policy"]),
@@ -345,5 +347,5 @@ def _of_entry(report: Mapping[str, Any], look: Look, log: AuditLog) -> list[str]
 
 def _origin(report: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the origin of the seed as the commitment names it."""
-    drawn = opened_of(report).drawn
-    return {"source": drawn.source} if drawn.revealed is None else origin_of(drawn.revealed)
+    draw = opened_of(report).drawn
+    return {"source": draw.source} if draw.revealed is None else origin_of(draw.revealed)

@@ -104,31 +104,31 @@ def arc(low: Real, high: Real) -> str:
     return f"{degrees(first)} to {degrees(first + high - low)}"
 
 
-def arcs(found: Sequence[dict[str, Real]]) -> str:
+def arcs(ranges: Sequence[dict[str, Real]]) -> str:
     """Return arcs in one line."""
-    return ", ".join(arc(one["low"], one["high"]) for one in found) or "none"
+    return ", ".join(arc(bounds["low"], bounds["high"]) for bounds in ranges) or "none"
 
 
 def meaning(angle: Real) -> str:
     """Return the meaning of an angle for a driver."""
-    own, others = "its own progress", "the ease of the others"
+    progress, ease = "its own progress", "the ease of the others"
     exact = {
-        0.0: f"only {own} counts",
-        45.0: f"{own} and {others} count alike",
-        90.0: f"only {others} counts",
-        180.0: f"losing {own} is all that counts",
+        0.0: f"only {progress} counts",
+        45.0: f"{progress} and {ease} count alike",
+        90.0: f"only {ease} counts",
+        180.0: f"losing {progress} is all that counts",
         270.0: "hindering the others is all that counts",
     }
     if angle in exact:
         return exact[angle]
     if angle < 90.0:
-        more, less = (own, others) if angle < 45.0 else (others, own)
-        return f"{more} counts more than {less}"
+        heavier, less = (progress, ease) if angle < 45.0 else (ease, progress)
+        return f"{heavier} counts more than {less}"
     if angle < 180.0:
-        return f"{others} counts, and {own} counts against it"
+        return f"{ease} counts, and {progress} counts against it"
     if angle < 270.0:
-        return f"both {own} and {others} count against it"
-    return f"{own} counts, and {others} counts against it"
+        return f"both {progress} and {ease} count against it"
+    return f"{progress} counts, and {ease} counts against it"
 
 
 def outcome(decision: str) -> str:
@@ -138,43 +138,48 @@ def outcome(decision: str) -> str:
 
 def compatible(report: Mapping[str, Any]) -> str:
     """Return the angles whose regret is within the margin, or the nearest one, in a sentence."""
-    found = report["tests"]["rationalised"]
-    if found["arcs"]:
-        where = "every angle" if arcs(found["arcs"]) == "every angle" else arcs(found["arcs"])
-        return f"In the blue part of the curve it is within the margin: {where}."
+    nearest = report["tests"]["rationalised"]
+    if nearest["arcs"]:
+        return f"In the blue part of the curve it is within the margin: {arcs(nearest['arcs'])}."
     return (
-        f"At no angle is it within the margin. It is nearest at {degrees(found['least_angle'])} "
-        f"(circle), {number(found['least'])} below the best, where {number(found['margin'])} is "
-        "allowed."
+        f"At no angle is it within the margin. It is nearest at {degrees(nearest['least_angle'])} "
+        f"(circle), {number(nearest['least'])} below the best, where "
+        f"{number(nearest['margin'])} is allowed."
     )
 
 
-def others(report: Mapping[str, Any], named: int = 3) -> str:
+def others(report: Mapping[str, Any], most: int = 3) -> str:
     """Return how many other drivers would pass the declaration, in a sentence.
 
     Args:
         report: Content of `report.json`.
-        named: Largest number of their names in it.
+        most: Largest number of their names in it.
     """
-    found, names = report["discrimination"], names_of(report)
-    if not found["of"]:
+    tried, names = report["discrimination"], names_of(report)
+    if not tried["of"]:
         return "There is no other driver that could be judged by this declaration."
-    if not found["would_pass"]:
-        return f"None of {found['of']} other drivers would pass this declaration."
-    passing: list[str] = [one["name"] for one in found["drivers"] if one["decision"] == "pass"]
-    more = f" and {len(passing) - named} more" if len(passing) > named else ""
-    which = f": {'; '.join(names.get(one, one) for one in passing[:named])}{more}" if named else ""
-    return f"{found['would_pass']} of {found['of']} other drivers would pass it too{which}."
+    if not tried["would_pass"]:
+        return f"None of {tried['of']} other drivers would pass this declaration."
+    passing = [names.get(row["name"], row["name"]) for row in tried["drivers"] if _passes(row)]
+    remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
+    which = f": {'; '.join(passing[:most])}{remaining}" if most else ""
+    return f"{tried['would_pass']} of {tried['of']} other drivers would pass it too{which}."
+
+
+def _passes(row: Mapping[str, Any]) -> bool:
+    return row["decision"] == "pass"
 
 
 def compatible_angles(context: Mapping[str, Any]) -> str:
     """Return the angles that are compatible with the driving in a context of a rule."""
-    return ", ".join(degrees(one["angle"]) for one in context["by_angle"] if one["compatible"])
+    return ", ".join(
+        degrees(candidate["angle"]) for candidate in context["by_angle"] if candidate["compatible"]
+    )
 
 
-def options(found: dict[str, Any]) -> str:
+def options(values: dict[str, Any]) -> str:
     """Return the options of a world in one line."""
-    return ", ".join(f"{name} = {value}" for name, value in found.items()) or "defaults"
+    return ", ".join(f"{name} = {value}" for name, value in values.items()) or "defaults"
 
 
 def headline(decision: str) -> str:
@@ -198,8 +203,8 @@ def blank(who: str) -> Markdown:
 
 
 FILTERS = {
-    one.__name__: one
-    for one in (
+    function.__name__: function
+    for function in (
         number,
         percent,
         measured,
@@ -257,7 +262,9 @@ def _add_words(pages: Any) -> None:
 
 def _words(report: Mapping[str, Any]) -> dict[str, Any]:
     """Return the variables of both pages that follow from the report."""
-    decisions = {one["name"]: one["decision"] for one in report["discrimination"]["drivers"]}
+    decisions = {
+        driver["name"]: driver["decision"] for driver in report["discrimination"]["drivers"]
+    }
     names = names_of(report)
     return {
         "report": report,

@@ -63,15 +63,15 @@ def names_of(report: Mapping[str, Any]) -> dict[str, str]:
     A driver of the user's keeps its name, even if the package has a driver of that name.
     """
     rows = [*report["references"], *report["left_out"]]
-    found = {one["name"]: _named(one) if _shipped(one) else one["name"] for one in rows}
-    return found | {one["name"]: plain_name(one["name"]) for one in report["trivial"]}
+    names = {row["name"]: _named(row) if _shipped(row) else row["name"] for row in rows}
+    return names | {row["name"]: plain_name(row["name"]) for row in report["trivial"]}
 
 
 def _named(reference: Mapping[str, Any]) -> str:
-    found, record = plain_name(reference["name"], reference["angles"]), reference["record"]
+    name, record = plain_name(reference["name"], reference["angles"]), reference["record"]
     # There is one family with continuous actions, so none is the simpler.
     one_family = record is not None and "action_size" in record
-    return found.removeprefix(_SIMPLER) if one_family else found
+    return name.removeprefix(_SIMPLER) if one_family else name
 
 
 def _shipped(reference: Mapping[str, Any]) -> bool:
@@ -101,25 +101,25 @@ class Caveat(NamedTuple):
 
 
 def caveats(
-    drawn: Draw,
+    draw: Draw,
     look: Look | None,
     policy: Mapping[str, Any],
-    others: Discrimination,
+    discrimination: Discrimination,
     world: str,
 ) -> list[Caveat]:
     """Return the caveats of an audit, those of its log and its seed among them.
 
     Args:
-        drawn: Commitment and seed.
+        draw: Commitment and seed.
         look: The look; None without a log.
         policy: The policy's record as JSON.
-        others: Other drivers that would pass the declaration.
+        discrimination: Other drivers that would pass the declaration.
         world: Name of the declared world.
     """
     return [
-        *_of_margin(others),
+        *_of_margin(discrimination),
         _of_look(look),
-        Caveat("seed", worth(drawn)),
+        Caveat("seed", worth(draw)),
         *_of_code(policy),
         *_of_world(world),
     ]
@@ -179,27 +179,31 @@ def caveats_of_loss(regret: RegretTest, possible_loss: float | None) -> list[Cav
         return [Caveat("loss", text)]
     if possible_loss is not None and regret.largest_loss >= possible_loss:
         return []
-    known = (
+    basis = (
         "the limits of this environment's rewards are not known to the audit"
         if possible_loss is None
         else f"the rewards allow {possible_loss:.4g}"
     )
     text = (
         "The verdict rests on the owner's statement that no episode loses more than "
-        f"{regret.largest_loss:.4g}; {known}. The largest loss seen is {regret.seen_loss:.3g}."
+        f"{regret.largest_loss:.4g}; {basis}. The largest loss seen is {regret.seen_loss:.3g}."
     )
     return [Caveat("loss", text)]
 
 
-def _of_margin(others: Discrimination) -> list[Caveat]:
+def _of_margin(discrimination: Discrimination) -> list[Caveat]:
     """Return a caveat if a driver that pays no attention to the traffic would pass too."""
-    passing = [one for one in others.drivers if one.trivial and one.decision is Decision.PASS]
+    passing = [
+        driver
+        for driver in discrimination.drivers
+        if driver.trivial and driver.decision is Decision.PASS
+    ]
     if not passing:
         return []
-    names = ", ".join(f"one that {plain_name(one.name)}" for one in passing)
+    names = ", ".join(f"one that {plain_name(driver.name)}" for driver in passing)
     text = (
-        f"The declaration excludes little: {others.would_pass} of {others.of} other drivers would "
-        f"pass it too, among them {names}."
+        f"The declaration excludes little: {discrimination.would_pass} of {discrimination.of} "
+        f"other drivers would pass it too, among them {names}."
     )
     return [Caveat("margin", text)]
 
@@ -261,17 +265,17 @@ OF_A_LOG = "look"
 """Claim of an audit with a log; `audit verify --log` holds it against the log itself."""
 
 
-def claims_of_auditor(policy: Mapping[str, Any], drawn: Draw, look: Look | None) -> list[str]:
+def claims_of_auditor(policy: Mapping[str, Any], draw: Draw, look: Look | None) -> list[str]:
     """Return the paths of the claims in a report.
 
     A signature of the statement covers them: then it is known whose claims they are.
 
     Args:
         policy: The policy's record as JSON.
-        drawn: Commitment and seed. That a seed is derived from a nonce or a beacon can be checked.
+        draw: Commitment and seed. That a seed is derived from a nonce or a beacon can be checked.
         look: The look; None without a log.
     """
     code = policy["kind"] in ("process", "python")
-    own = [path for path in OF_CODE if code and path.rpartition(".")[2] in policy]
-    seed = ["seeds.source"] if drawn.revealed is None else []
-    return [*ALWAYS, *own, *seed, *([OF_A_LOG] if look else [])]
+    of_code = [path for path in OF_CODE if code and path.rpartition(".")[2] in policy]
+    seed = ["seeds.source"] if draw.revealed is None else []
+    return [*ALWAYS, *of_code, *seed, *([OF_A_LOG] if look else [])]

@@ -59,14 +59,14 @@ class Regrets:
         self._gains = evidence.gains()
         self.moments = Moments.of(self._gains, seed, resamples)
         drivers = (evidence.policy, *evidence.references)
-        self._totals = np.concatenate([one.totals for one in drivers])
+        self._totals = np.concatenate([driver.totals for driver in drivers])
 
     def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
         """Return which references are compared at an angle."""
         weights = exact_weights(angle)
         exact = [
-            -np.inf if one.expected is None else float(score(weights, one.expected))
-            for one in self._evidence.references
+            -np.inf if reference.expected is None else float(score(weights, reference.expected))
+            for reference in self._evidence.references
         ]
         if np.isneginf(exact).all():
             return np.ones(len(exact), bool)
@@ -138,7 +138,7 @@ class Regrets:
         gains = np.moveaxis(self._gains[rows], 2, 0)
         values = np.asarray(score(weights, RewardPair(*gains)))
         reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
-        seldom = [rare.seldom(one, reach) for one in values]
+        seldom = [rare.seldom(gain, reach) for gain in values]
         return _Gains(self.moments.at(weights, rows), values, reach, np.array(seldom))
 
 
@@ -249,9 +249,9 @@ def needed_with(
     if means.max() > margin:
         best = -rows[means.argmax()]
         return betting.episodes_needed(best, -margin, largest_loss, error, POWER)
-    needs = [betting.episodes_needed(one, margin, largest_loss, error, POWER) for one in rows]
-    known = [one for one in needs if one is not None]
-    return max(known) if len(known) == len(needs) else None
+    needs = [betting.episodes_needed(row, margin, largest_loss, error, POWER) for row in rows]
+    counts = [count for count in needs if count is not None]
+    return max(counts) if len(counts) == len(needs) else None
 
 
 def _without_rounding(

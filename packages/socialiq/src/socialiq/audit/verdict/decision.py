@@ -41,10 +41,10 @@ def decide(low: float, high: float, limit: float) -> Decision:
 
 def joint_decision(decisions: Iterable[Decision]) -> Decision:
     """Return PASS if all tests pass, FAIL if any fails, else INCONCLUSIVE."""
-    found = set(decisions)
-    if Decision.FAIL in found:
+    outcomes = set(decisions)
+    if Decision.FAIL in outcomes:
         return Decision.FAIL
-    return Decision.PASS if found == {Decision.PASS} else Decision.INCONCLUSIVE
+    return Decision.PASS if outcomes == {Decision.PASS} else Decision.INCONCLUSIVE
 
 
 def episodes_needed(distance: float, deviation: float, error: float) -> int | None:
@@ -120,9 +120,9 @@ def floor_tests(
         fail_error: Error of a wrong fail of the floor.
     """
     limits = (floor.max_at_fault, floor.max_struck, floor.min_arrival, floor.max_timeout)
-    each = fail_error / len(CRITERIA)
+    share_of_error = fail_error / len(CRITERIA)
     return tuple(
-        _test(name, happened, limit, pass_error, each)
+        _test(name, happened, limit, pass_error, share_of_error)
         for (name, happened), limit in zip(events_of(policy).items(), limits, strict=True)
     )
 
@@ -136,15 +136,15 @@ def _test(
     # A one-sided bound at an error is an end of the two-sided interval at twice that error.
     low = clopper_pearson(count, episodes, 1.0 - 2.0 * low_error).low
     high = clopper_pearson(count, episodes, 1.0 - 2.0 * high_error).high
-    kept = low >= limit if least else high <= limit
+    holds = low >= limit if least else high <= limit
     broken = high < limit if least else low > limit
     share = count / episodes
     good = share >= limit if least else share <= limit
     # Near 0 and 1 a share varies little: the deviation at the limit avoids too small a number.
-    deviation = max(one * (1.0 - one) for one in (share, limit)) ** 0.5
+    deviation = max(chance * (1.0 - chance) for chance in (share, limit)) ** 0.5
     return FloorTest(
         name=name,
-        decision=Decision.PASS if kept else Decision.FAIL if broken else Decision.INCONCLUSIVE,
+        decision=Decision.PASS if holds else Decision.FAIL if broken else Decision.INCONCLUSIVE,
         side="at least" if least else "at most",
         limit=limit,
         count=count,

@@ -44,7 +44,7 @@ def conclude(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
     """
     if verdict.decision is Decision.FAIL or not findings:
         return verdict
-    reason = " ".join(one.text for one in findings)
+    reason = " ".join(finding.text for finding in findings)
     return replace(verdict, decision=Decision.INCONCLUSIVE, reason=reason, needed=None)
 
 
@@ -56,16 +56,17 @@ def dependence(consistency: Consistency | None) -> list[Finding]:
     Args:
         consistency: Answers to repeated queries; None if the policy was not asked.
     """
-    found = consistency.dependences if consistency else []
-    if not found:
+    influences = consistency.dependences if consistency else []
+    if not influences:
         return []
     assert consistency is not None
     differing, queries = (
-        sum(getattr(one, name) for one in consistency) for name in ("differing", "queries")
+        sum(getattr(answers, name) for answers in consistency) for name in ("differing", "queries")
     )
     text = (
-        f"The policy's answers depend on {' and on '.join(found)}: {differing:,} of {queries:,} "
-        "repeated queries got another answer, so its episodes don't show how it drives elsewhere."
+        f"The policy's answers depend on {' and on '.join(influences)}: {differing:,} of "
+        f"{queries:,} repeated queries got another answer, so its episodes don't show how it "
+        "drives elsewhere."
     )
     return [Finding("code", text)]
 
@@ -125,28 +126,30 @@ def discriminate(
     level = whole_error(profile.confidence) if error is None else error
     count = enough_resamples(level, resamples)
     constant = GO_AND_WAIT if profile.scenario.world in INTERSECTIONS else ()
-    drivers = [(one, one.name in constant) for one in evidence.references]
-    drivers += [(one, True) for one in evidence.trivial]
-    found = []
-    for one, trivial in drivers:
-        others = tuple(other for other in evidence.references if other is not one)
-        if others:
-            swapped = replace(evidence, policy=one, references=others, trivial=())
+    drivers = [(driver, driver.name in constant) for driver in evidence.references]
+    drivers += [(driver, True) for driver in evidence.trivial]
+    decided = []
+    for driver, trivial in drivers:
+        references = tuple(
+            reference for reference in evidence.references if reference is not driver
+        )
+        if references:
+            swapped = replace(evidence, policy=driver, references=references, trivial=())
             decision = _decision(profile, swapped, level, seed, count)
-            found.append(OtherDriver(one.name, trivial, decision))
-    passing = [one for one in found if one.decision is Decision.PASS]
-    without_regard = {one.decision for one in found if one.trivial}
+            decided.append(OtherDriver(driver.name, trivial, decision))
+    passing = [driver for driver in decided if driver.decision is Decision.PASS]
+    without_regard = {driver.decision for driver in decided if driver.trivial}
     return Discrimination(
         would_pass=len(passing),
-        of=len(found),
+        of=len(decided),
         excludes_nothing=without_regard == {Decision.PASS},
-        drivers=tuple(found),
+        drivers=tuple(decided),
     )
 
 
-def finding_of(found: Discrimination) -> list[Finding]:
+def finding_of(discrimination: Discrimination) -> list[Finding]:
     """Return why a policy can't pass a declaration that excludes nothing, or nothing."""
-    if not found.excludes_nothing:
+    if not discrimination.excludes_nothing:
         return []
     text = (
         "The declaration excludes nothing: constant actions and random ones would pass it too. "
@@ -201,11 +204,11 @@ def judged(
     Raises:
         UserError: If the evidence is of another scenario.
     """
-    compared, *there = [one.without(left_out) for one in (evidence, *elsewhere)]
-    others = discriminate(profile, compared, seed, error=error)
+    compared, *there = [drives.without(left_out) for drives in (evidence, *elsewhere)]
+    discrimination = discriminate(profile, compared, seed, error=error)
     tested = judge(profile, compared, seed, curve=evidence, error=error)
     return Judged(
-        verdict=conclude(tested, [*findings, *finding_of(others)]),
-        discrimination=others,
+        verdict=conclude(tested, [*findings, *finding_of(discrimination)]),
+        discrimination=discrimination,
         shifts=shift_of(profile, compared, traffic, there, seed) if traffic else None,
     )
