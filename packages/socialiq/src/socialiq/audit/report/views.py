@@ -160,7 +160,9 @@ def others(report: Mapping[str, Any], most: int = 3) -> str:
         return "There is no other driver that could be judged by this declaration."
     if not tried["would_pass"]:
         return f"None of {tried['of']} other drivers would pass this declaration."
-    passing = [names.get(row["name"], row["name"]) for row in tried["drivers"] if _passes(row)]
+    passing: list[str] = [
+        names.get(row["name"], row["name"]) for row in tried["drivers"] if _passes(row)
+    ]
     remaining = f" and {len(passing) - most} more" if len(passing) > most else ""
     which = f": {'; '.join(passing[:most])}{remaining}" if most else ""
     return f"{tried['would_pass']} of {tried['of']} other drivers would pass it too{which}."
