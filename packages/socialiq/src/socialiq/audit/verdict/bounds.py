@@ -1,19 +1,25 @@
-"""Regret of a policy at any angle and its bounds by the bootstrap.
+"""Bounds of a policy's regret: by the bootstrap at any angle, and by a declared largest loss.
 
 Regret is ρ = max_k J_α(reference k) - J_α(policy), on common random numbers: every difference is
 taken within an episode, so the effect of a seed on all drivers cancels.
+
+The bootstrap takes the sample for the distribution. A loss so rare that the sample hardly shows it
+is then as good as impossible, whatever its size. With a declared largest loss the bounds of
+`statistics.betting` count on it in every episode.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from socialiq.audit.evidence.outcomes import Evidence
-from socialiq.audit.verdict.decision import episodes_needed
+from socialiq.audit.verdict.decision import POWER, episodes_needed
 from socialiq.social.angle import exact_weights, score
+from socialiq.statistics import betting
 from socialiq.statistics import rare_events as rare
 from socialiq.statistics.bootstrap import (
     Moments,
@@ -53,14 +59,14 @@ class Regrets:
         self._gains = evidence.gains()
         self.moments = Moments.of(self._gains, seed, resamples)
         drivers = (evidence.policy, *evidence.references)
-        self._totals = np.concatenate([one.totals for one in drivers])
+        self._totals = np.concatenate([driver.totals for driver in drivers])
 
     def compared(self, angle: float) -> Bool[np.ndarray, " reference"]:
         """Return which references are compared at an angle."""
         weights = exact_weights(angle)
         exact = [
-            -np.inf if one.expected is None else float(score(weights, one.expected))
-            for one in self._evidence.references
+            -np.inf if reference.expected is None else float(score(weights, reference.expected))
+            for reference in self._evidence.references
         ]
         if np.isneginf(exact).all():
             return np.ones(len(exact), bool)
@@ -132,7 +138,7 @@ class Regrets:
         gains = np.moveaxis(self._gains[rows], 2, 0)
         values = np.asarray(score(weights, RewardPair(*gains)))
         reach = float(np.ptp(np.asarray(score(weights, RewardPair(*self._totals.T)))))
-        seldom = [rare.seldom(one, reach) for one in values]
+        seldom = [rare.seldom(gain, reach) for gain in values]
         return _Gains(self.moments.at(weights, rows), values, reach, np.array(seldom))
 
 
@@ -163,3 +169,93 @@ class _Gains(NamedTuple):
         share = error / len(self.rare)
         rows = np.flatnonzero(self.rare)
         return [rare.bounds(self.values[row], self.reach, share, share).low for row in rows]
+
+
+_ROUNDING = 1e-9  # relative: a sum of rewards may exceed its limit by rounding errors
+
+
+@dataclass(frozen=True)
+class LossBounds:
+    """Bounds of the regret by a declared largest loss.
+
+    Attributes:
+        low: Lower bound; the smallest gain, which says nothing, if a reference lost more than
+            the declared loss against the policy.
+        highs: Upper bound towards each reference; the largest loss, which says nothing, if the
+            policy lost more than the declared loss against it.
+    """
+
+    low: float
+    highs: Float[np.ndarray, " reference"]
+
+
+def exceeds(loss: float, largest_loss: float) -> bool:
+    """Whether the loss of an episode shows that a declared largest loss is false."""
+    return loss > largest_loss * (1.0 + _ROUNDING)
+
+
+def loss_bounds(
+    losses: Float[np.ndarray, "reference episode"],
+    compared: Bool[np.ndarray, " reference"],
+    margin: float,
+    largest_loss: float,
+    pass_error: float,
+    fail_error: float,
+) -> LossBounds:
+    """Bound the largest mean loss either way.
+
+    The largest of the upper bounds has the error of one (`bootstrap.upper_bounds` says why).
+
+    Args:
+        losses: R(α) of each reference less the policy's, in the order in which the episodes were
+            drawn.
+        compared: References that the test uses.
+        margin: Margin, reward per episode.
+        largest_loss: Declared largest absolute value of a loss.
+        pass_error: Error of each upper bound.
+        fail_error: Error of the lower bound.
+    """
+    within = _without_rounding(losses, largest_loss)
+    below = betting.levels(margin, largest_loss)
+    highs = betting.upper_bounds(within, below, largest_loss, pass_error)
+    above = betting.levels(margin, largest_loss, between=True)
+    low = betting.lower_bound_of_largest(within[compared], above, largest_loss, fail_error)
+    return LossBounds(
+        low=low if np.isfinite(low) else float(losses[compared].min()),
+        highs=np.where(np.isfinite(highs), highs, losses.max(axis=1)),
+    )
+
+
+def needed_with(
+    losses: Float[np.ndarray, "reference episode"],
+    compared: Bool[np.ndarray, " reference"],
+    margin: float,
+    largest_loss: float,
+    error: float,
+) -> int | None:
+    """Return the number of episodes that would decide, if the losses so far are typical.
+
+    A pass needs every reference's bound, a fail the best reference's.
+
+    Args:
+        losses: As for `loss_bounds`.
+        compared: References that the test uses.
+        margin: Margin, reward per episode.
+        largest_loss: Declared largest absolute value of a loss.
+        error: Error of the test that the estimate would decide.
+    """
+    rows = _without_rounding(losses, largest_loss)[compared]
+    means = rows.mean(axis=1)
+    if means.max() > margin:
+        best = -rows[means.argmax()]
+        return betting.episodes_needed(best, -margin, largest_loss, error, POWER)
+    needs = [betting.episodes_needed(row, margin, largest_loss, error, POWER) for row in rows]
+    counts = [count for count in needs if count is not None]
+    return max(counts) if len(counts) == len(needs) else None
+
+
+def _without_rounding(
+    losses: Float[np.ndarray, "reference episode"], largest_loss: float
+) -> Float[np.ndarray, "reference episode"]:
+    nearly = np.abs(losses) <= largest_loss * (1.0 + _ROUNDING)
+    return np.where(nearly, losses.clip(-largest_loss, largest_loss), losses)
