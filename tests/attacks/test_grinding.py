@@ -12,12 +12,12 @@ import json
 import jaxtyping
 import pytest
 
-from socialiq.audit.evidence.drive_grid import drive_grid, fates
+from socialiq.audit.evidence.drive import drive_grid, fates
 from socialiq.audit.evidence.outcomes import episode_seeds
 from socialiq.audit.profile.profile import Floor, Margin
 from socialiq.audit.profile.reader import parse
 from socialiq.audit.profile.template import declare
-from socialiq.audit.seeds.commitment import Commitment, draw
+from socialiq.audit.seeds import Commitment, draw
 from socialiq.cli.main import main
 from socialiq.evaluation.exact import Optimum, evaluate_exactly
 from socialiq.worlds.enumerate import tabulate
@@ -100,7 +100,7 @@ def third(owner, seed, tmp_path_factory):
 def drawing(owner, seed, out):
     """An audit for which the system's entropy happens to give a seed."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("socialiq.audit.seeds.commitment.secrets.randbelow", lambda _: seed)
+        patch.setattr("socialiq.audit.seeds.secrets.randbelow", lambda _: seed)
         return owner.audit(out)
 
 

@@ -21,8 +21,7 @@ from socialiq.audit.report.signature import (
     read_public_key,
 )
 from socialiq.audit.report.verify import faults, read_report
-from socialiq.audit.seeds.beacon import read_round
-from socialiq.audit.seeds.nonce import read_nonce
+from socialiq.audit.seeds import read_nonce, read_round
 from socialiq.datasets.minari_read import read_minari
 from socialiq.datasets.step_files import read_steps
 from socialiq.datasets.trajectories import read_trajectories

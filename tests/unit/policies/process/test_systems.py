@@ -32,7 +32,8 @@ def without(*modules):
 
 def test_the_package_imports_without_them():
     rooms = ("policies.load", "policies.process", "cli.data", "cli.collect")
-    program = without("fcntl", "resource") + "; ".join(f"import socialiq.{room}" for room in rooms)
+    modules = [*(f"socialiq.{room}" for room in rooms), "socialiq_recordings.cli.files"]
+    program = without("fcntl", "resource") + "; ".join(f"import {module}" for module in modules)
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True
     )

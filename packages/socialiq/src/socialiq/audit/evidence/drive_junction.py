@@ -101,5 +101,5 @@ def junction_strata(observation: Float32[np.ndarray, "episode feature"]) -> dict
     Args:
         observation: Observation of each episode after the reset.
     """
-    others = (observation.reshape(len(observation), -1, 7)[:, 1:, 0] > 0).sum(axis=1)
-    return {"density": np.select([others <= 3, others <= 7], ["0 to 3", "4 to 7"], "8 or more")}
+    density = (observation.reshape(len(observation), -1, 7)[:, 1:, 0] > 0).sum(axis=1)
+    return {"density": np.select([density <= 3, density <= 7], ["0 to 3", "4 to 7"], "8 or more")}
