@@ -40,7 +40,7 @@ from socialiq_recordings.world.config import WorldConfig
 from socialiq_recordings.world.recorded_world import RecordedWorld
 from socialiq_recordings.world.replay import replay
 from socialiq_recordings.world.rollouts import visit
-from studies.recorded_junction.planted import rules
+from studies.recorded_junction_practice.planted import rules
 
 RECORDED, PRACTISED = MIXTURES = "recorded", "recorded, with practice"
 """The recorded drivers alone, and with what the dials then met while they drove in the world."""

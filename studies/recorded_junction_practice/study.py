@@ -23,7 +23,7 @@ from socialiq.types import Ending, Row
 from socialiq_lab.results import Results
 from socialiq_lab.study import Context, Findings, Study, View
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from studies.recorded_junction.work import (
+from studies.recorded_junction_practice.work import (
     HUMAN,
     MIXTURES,
     PRACTICE,
