@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from socialiq.demonstrations.dataset import Demonstrations
-from socialiq.demonstrations.symmetry import with_images
+from socialiq.demonstrations.variants import with_images
 from socialiq.evaluation.rollout import rollout_env
 from studies.classic_control.tasks import Task, make_env
 

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
-from socialiq.demonstrations.symmetry import Symmetry
+from socialiq.demonstrations.variants import Symmetry
 from socialiq.errors import UserError
 
 

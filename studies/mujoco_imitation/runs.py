@@ -12,8 +12,8 @@ import gymnasium
 import numpy as np
 
 from socialiq.demonstrations import files
-from socialiq.demonstrations.absorbing import with_absorbing_states
 from socialiq.demonstrations.dataset import Demonstrations
+from socialiq.demonstrations.variants import with_absorbing_states
 from socialiq.learners import behaviour_cloning as bc
 from socialiq.learners.callbacks import Callbacks
 from socialiq.learners.collect import Collector, from_env

@@ -14,7 +14,6 @@ import numpy as np
 import tyro
 
 from socialiq.cli.drivers import continuous_driver_of, driver_of, gridworld_of
-from socialiq.cli.evaluate_data import evaluate_data
 from socialiq.cli.evaluate_parts import SIDE_BY_SIDE, Parts, driven_in
 from socialiq.cli.output import print_json, print_table
 from socialiq.cli.pooled import pool, target_of
@@ -130,6 +129,8 @@ class Evaluate:
 
     def _from_data(self, data: Path) -> None:
         """Estimate from episodes; nothing is rolled out, so options of rollouts are refused."""
+        from socialiq.cli.evaluate_data import evaluate_data  # a network is fitted: needs JAX
+
         given = [
             name
             for name, value in (

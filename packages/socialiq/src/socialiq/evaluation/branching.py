@@ -7,18 +7,20 @@ the same drivers and the same later traffic.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int64
 
 from socialiq.errors import UserError
-from socialiq.learners.collect import Act
-from socialiq.learners.policy_iteration.train import Labelled
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.highway.episodes import State
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.options import Options
 from socialiq.worlds.intersection.state import ACTIONS, FASTER, IDLE, SLOWER
+
+Act = Callable[[np.ndarray], Any]
+"""Given observations, (row, feature), returns one action for each."""
 
 Angles = Callable[[int, np.random.Generator], Float[np.ndarray, " episode"]]
 """Given the number of episodes and random numbers, returns an angle for each, in degrees."""
@@ -136,7 +138,7 @@ class Branching:
         self._batch = Batch(options, min(episodes, states))
         self._copies = Batch(options, len(ACTIONS) * self._batch.size)
 
-    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Labelled:
+    def __call__(self, follow: Act, visit: Act, rng: np.random.Generator) -> Any:
         """Drive with `visit`, and label the states by rollouts of `follow`."""
         batch, found = self._batch, []
         batch.reset(rng.integers(2**63, size=batch.size, dtype=np.uint64))
@@ -150,4 +152,6 @@ class Branching:
         states, env, social = (
             np.concatenate(column)[: self._states] for column in zip(*found, strict=True)
         )
+        from socialiq.learners.policy_iteration.train import Labelled  # learning needs JAX
+
         return Labelled(states, RewardPair(env, social))
