@@ -18,9 +18,8 @@ import numpy as np
 from socialiq.errors import UserError, one_of
 from socialiq.storage import write_atomically
 from socialiq_recordings.readers import commonroad_xml as words
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Cycle, Lanelet, RoadNetwork
-from socialiq_recordings.tracks import RoadUser, Tracks
 
 FOOT = 0.3048
 """Length of a foot in m, exact by definition."""

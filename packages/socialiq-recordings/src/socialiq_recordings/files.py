@@ -10,9 +10,8 @@ import numpy as np
 
 from socialiq import storage
 from socialiq.errors import UserError
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import ROAD_USERS, STATES, Recording, Tracks
 from socialiq_recordings.road.network import Colour, Cycle, Lanelet, RoadNetwork, Sign
-from socialiq_recordings.tracks import ROAD_USERS, STATES, Tracks
 
 KIND = "recording"
 SCHEMA_VERSION = 1

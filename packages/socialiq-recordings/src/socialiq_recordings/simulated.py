@@ -26,9 +26,8 @@ from socialiq.worlds.highway.network import EXIT
 from socialiq.worlds.intersection.batch import Batch
 from socialiq.worlds.intersection.core import geometry
 from socialiq.worlds.intersection.options import Options
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanelet, RoadNetwork
-from socialiq_recordings.tracks import RoadUser, Tracks
 
 FIRST_LANELET = 1000
 """Number of the first lanelet; lanelets are in the order of the simulator's lanes."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socialiq_recordings.tracks import Tracks
+from socialiq_recordings.recording import Tracks
 
 _WORDS = re.compile(
     r"simulat|synthetic|\b(sumo|carla|vissim|aimsun|paramics|matsim|highway-?env|metadrive|nuplan "

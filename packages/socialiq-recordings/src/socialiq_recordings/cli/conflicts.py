@@ -15,12 +15,10 @@ from socialiq.results_folder import Results, check_target, save
 from socialiq.types import Row
 from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.conflicts import pictures
-from socialiq_recordings.conflicts.config import ConflictConfig
-from socialiq_recordings.conflicts.pairs import Encounters, Meeting
-from socialiq_recordings.conflicts.table import rows_of
-from socialiq_recordings.identity.duplicates import Duplicates
+from socialiq_recordings.conflicts.encounters import ConflictConfig, Encounters, Meeting
+from socialiq_recordings.conflicts.measures import rows_of
+from socialiq_recordings.identity.duplicates import Duplicates, pairs_once
 from socialiq_recordings.identity.identify import Identified
-from socialiq_recordings.identity.once import pairs_once
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.routes import Scene
 

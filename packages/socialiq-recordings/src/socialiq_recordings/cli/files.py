@@ -26,8 +26,7 @@ from socialiq_recordings.identity.identify import Identified, identify
 from socialiq_recordings.measurement import MeasurementError
 from socialiq_recordings.readers.column_map import ColumnMap, read_map
 from socialiq_recordings.readers.commonroad import MOST_STATES
-from socialiq_recordings.readers.import_file import FORMATS, import_file
-from socialiq_recordings.readers.maps import map_of
+from socialiq_recordings.readers.import_file import FORMATS, import_file, map_of
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.simulated_source import signs_of_simulation
 

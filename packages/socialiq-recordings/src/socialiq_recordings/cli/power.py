@@ -19,10 +19,9 @@ from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.cli.prediction import say_if_too_few
 from socialiq_recordings.identity.duplicates import Duplicates
 from socialiq_recordings.prediction import study
-from socialiq_recordings.prediction.moments import situations_of
-from socialiq_recordings.trait import power_figure
-from socialiq_recordings.trait.contrasts import chains_to_find_anything
-from socialiq_recordings.trait.models import Sample, sample_of
+from socialiq_recordings.prediction.situations import situations_of
+from socialiq_recordings.trait import power
+from socialiq_recordings.trait.models import Sample, chains_to_find_anything, sample_of
 from socialiq_recordings.trait.power import POWER, PowerConfig, needed_rows, power_rows
 
 _Config = tyro.conf.OmitArgPrefixes[PowerConfig]
@@ -65,7 +64,7 @@ class Power:
             asked = _Asked(self.simulation, self.duplicates, sources_of(recordings))
             tables = {"power": rows, "needed": needed}
             results = Results.of("recordings power", asked, tables, summary)
-            save(results, self.out, png({"power": power_figure.power(rows)}), self.replace)
+            save(results, self.out, png({"power": power.power(rows)}), self.replace)
         if self.json:
             print_json(summary | {"power": rows})
         else:

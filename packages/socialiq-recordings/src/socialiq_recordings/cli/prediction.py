@@ -16,17 +16,15 @@ from socialiq.statistics.clusters import clusters_needed, least_p
 from socialiq.types import Row
 from socialiq_recordings.cli.files import load_identified, sources_of
 from socialiq_recordings.identity.duplicates import Duplicates
-from socialiq_recordings.prediction import figure, levels, study
-from socialiq_recordings.prediction.contrasts import ERROR
+from socialiq_recordings.prediction import learned, scores, study
 from socialiq_recordings.prediction.folds import HOLDOUTS, Holdout
 from socialiq_recordings.prediction.models import ensembles
-from socialiq_recordings.prediction.moments import situations_of
-from socialiq_recordings.prediction.situation import Situations
-from socialiq_recordings.trait.contrasts import chains_to_find_anything
-from socialiq_recordings.trait.contrasts import contrasts as trait_contrasts
-from socialiq_recordings.trait.contrasts import scores as trait_scores
+from socialiq_recordings.prediction.scores import ERROR
+from socialiq_recordings.prediction.situations import Situations, situations_of
 from socialiq_recordings.trait.hierarchy import direction
-from socialiq_recordings.trait.models import fit_models
+from socialiq_recordings.trait.models import chains_to_find_anything, fit_models
+from socialiq_recordings.trait.models import contrasts as trait_contrasts
+from socialiq_recordings.trait.models import scores as trait_scores
 
 LIMITS = (
     "Lights are not in recordings: a vehicle that stands at one looks like one that gives way.",
@@ -56,7 +54,7 @@ class Predict:
     """Map of recordings without one: CommonRoad XML, Lanelet2 OSM, or a recording."""
     duplicates: Duplicates = "drop"
     """Vehicles whose moments are in several recordings: count each once, keep all, or refuse."""
-    updates: int = levels.Training.updates
+    updates: int = learned.Training.updates
     """Gradient steps of each learned policy."""
     seed: int = 0
     """Seed of training and resampling."""
@@ -88,7 +86,7 @@ class Predict:
         if self.out is not None:
             asked = _Asked(config, self.duplicates, sources_of(recordings))
             results = Results.of("recordings prediction", asked, tables, summary)
-            pictures = png({"gains": figure.gains(found.scores)})
+            pictures = png({"gains": scores.gains(found.scores)})
             save(results, self.out, pictures, self.replace)
         if self.json:
             print_json(summary | tables)
@@ -99,7 +97,7 @@ class Predict:
         return 0
 
     def _config(self) -> study.Config:
-        training = levels.Training(updates=self.updates)
+        training = learned.Training(updates=self.updates)
         models = self.models or study.ALL_MODELS
         config = study.Config(self.holdout, models, training, self.seed)
         if not self.without_trait or any(name.startswith("boosting") for name in models):

@@ -147,7 +147,7 @@ class MakeWorld:
 
     def compared(self, made: Made, folder: Path) -> list[Row]:
         """Simulate, write the report, return its table."""
-        from socialiq_recordings.world import compare, figures
+        from socialiq_recordings.world import compare
 
         simulated = compare.simulate(made, self.seed, self.repeats)
         rows = compare.table(made.observed, simulated)
@@ -155,7 +155,7 @@ class MakeWorld:
         provenance = _ReportProvenance(self.choices, self.repeats, self.seed, sources)
         tables = {"compared": rows, "drivers": list(made.calibration.evidence)}
         results = Results.of("recordings world", provenance, tables, {"compared": rows})
-        pictures = png({"compared": figures.beside(made.observed, simulated)})
+        pictures = png({"compared": compare.beside(made.observed, simulated)})
         save(results, folder, pictures, self.replace)
         return rows
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 
 from socialiq.plotting.style import COLORS, figure, finish
 from socialiq.types import Row
-from socialiq_recordings.conflicts.pairs import Encounters, Meeting
+from socialiq_recordings.conflicts.encounters import Encounters, Meeting
 from socialiq_recordings.conflicts.ways import BEHIND, Way
 
 _REACH = 35.0  # m around the place where the ego enters the area

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import binom
 
 from socialiq_recordings.identity.alignment import Shape, shape_of, shared
-from socialiq_recordings.identity.moments import Motion, in_common
+from socialiq_recordings.identity.common_motion import Motion, in_common
 from socialiq_recordings.recording import Recording
 
 SAME_SITE = 0.8

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Int64
 
 from socialiq.errors import UserError, one_of
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.situations import Situations
 
 Holdout = Literal["moments", "vehicles", "sites"]
 HOLDOUTS: tuple[Holdout, ...] = get_args(Holdout)

@@ -8,16 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.optimize import least_squares
 
-from socialiq_recordings.conflicts.idm import Idm
-from socialiq_recordings.prediction.situation import Situations, ballistic
+from socialiq_recordings.idm import Idm, acceleration, ballistic
+from socialiq_recordings.prediction.situations import Situations
 
-FITTED = (
-    "desired_speed",
-    "time_headway",
-    "jam_distance",
-    "max_acceleration",
-    "comfort_deceleration",
-)
+FITTED = Idm._fields
 """Parameters that are fitted; all are above 0, so that their logarithms are."""
 
 LOW, HIGH = np.log([3.0, 0.2, 0.3, 0.1, 0.3]), np.log([40.0, 6.0, 8.0, 5.0, 9.0])
@@ -34,7 +28,7 @@ _HOLD = 0.05  # m/s² per unit of a log-parameter; holds what the data don't det
 
 def literature() -> Float64[np.ndarray, " parameter"]:
     """Return the log-parameters of `Idm`."""
-    return np.log([getattr(Idm(), name) for name in FITTED])
+    return np.log(Idm())
 
 
 def accelerations(
@@ -43,7 +37,7 @@ def accelerations(
     gap: Float64[np.ndarray, "*#shape"],
     leader_speed: Float64[np.ndarray, "*#shape"],
 ) -> Float64[np.ndarray, "*#shape"]:
-    """Return accelerations of the IDM, m/s²: `conflicts.idm.acceleration` of arrays.
+    """Return accelerations of the IDM, m/s².
 
     Args:
         log_parameters: Of `FITTED` along the last axis; one set, or one for each vehicle.
@@ -52,13 +46,7 @@ def accelerations(
         leader_speed: m/s.
     """
     desired, headway, jam, strongest, comfort = np.moveaxis(np.exp(log_parameters), -1, 0)
-    following = speed * headway + speed * (speed - leader_speed) / (
-        2 * np.sqrt(strongest * comfort)
-    )
-    wanted = jam + np.maximum(0.0, following)
-    free = 1 - (speed / desired) ** Idm().exponent
-    rate = strongest * (free - (wanted / np.maximum(gap, 0.1)) ** 2)
-    return np.maximum(rate, -Idm().hardest)
+    return acceleration(speed, gap, leader_speed, desired, headway, jam, strongest, comfort)
 
 
 def next_second(

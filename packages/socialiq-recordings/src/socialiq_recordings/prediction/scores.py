@@ -1,17 +1,25 @@
-"""Scores of driver models: log-likelihood, error and displacement, with intervals by chain."""
+"""Scores of driver models, and contrasts between them that are corrected together.
+
+The list of contrasts is fixed before anything is predicted: on second halves, for each holdout and
+kind of moment, every model against the better trivial one, every learned model against the fitted
+IDM, and models that know more against what they extend.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
+from matplotlib.figure import Figure
 
-from socialiq.statistics.clusters import cluster_mean
+from socialiq.plotting.style import COLORS, figure, finish, head
+from socialiq.statistics.clusters import cluster_mean, sign_flips
 from socialiq.types import Row
-from socialiq_recordings.conflicts.table import known
-from socialiq_recordings.prediction.models import TRIVIAL
+from socialiq_recordings.conflicts.measures import known
+from socialiq_recordings.prediction import learned
+from socialiq_recordings.prediction.models import BASE, TRIVIAL
 
 SUBSETS = ("all", "moving", "conflict")
 """All moments, those of moving vehicles, and those of moving vehicles in a conflict."""
@@ -165,3 +173,114 @@ def _gain(
         return {}
     more = cluster_mean((one.log_density - best.log_density)[mask], chain, *drawn)
     return {"over": best.model, "gain": more.mean, "gain_low": more.low, "gain_high": more.high}
+
+
+FITTED = "IDM, fitted"
+
+ERROR = 0.05
+"""Chance that any contrast is decided though there is no difference."""
+
+EXTENDED = {
+    "IDM, by driver": FITTED,
+    "IDM, last residual": FITTED,
+    BASE: "boosting",
+    learned.AT_ANGLE: learned.CLONE,
+    learned.BY_DRIVER: learned.AT_ANGLE,
+}
+"""Models that know more than another, and this other."""
+
+
+def contrasts(tested: Sequence[Held], seed: int, resamples: int) -> list[Row]:
+    """Return a row for each contrast: gain in nats a moment, interval by chain, p, corrected p.
+
+    Args:
+        tested: Moments with predictions, of each holdout.
+        seed: Of the resampling of chains.
+        resamples: Number of resamples, and of drawn patterns of signs.
+    """
+    chains = np.unique(np.concatenate([one.chain for one in tested])) if tested else np.zeros(0)
+    rows, sums = [], []
+    for held in tested:
+        for subset in SUBSETS:
+            mask = held.mask(subset, SECOND_HALF)
+            place = np.searchsorted(chains, held.chain[mask])
+            for one, other in _pairs(held, mask):
+                gain = (one.log_density - other.log_density)[mask]
+                found = cluster_mean(gain, held.chain[mask], seed, resamples)
+                sums.append(np.bincount(place, gain, len(chains)))
+                row: Row = {"holdout": held.holdout, "moments": subset, "model": one.model}
+                row |= {"over": other.model, "n": int(mask.sum()), "chains": found.clusters}
+                known = found.clusters > 1
+                row |= {"gain": found.mean, "low": found.low if known else None}
+                rows.append(row | {"high": found.high if known else None})
+    if not rows:
+        return []
+    tests = sign_flips(np.array(sums), seed, resamples)
+    for row, p, corrected in zip(rows, tests.p.tolist(), tests.corrected.tolist(), strict=True):
+        row |= {"p": p, "p_corrected": corrected, "found": corrected <= ERROR}
+    return rows
+
+
+def _pairs(held: Held, mask: np.ndarray) -> list[tuple[Predicted, Predicted]]:
+    """Return the pairs of models that are compared on some moments."""
+    if not mask.any():
+        return []
+    by = {one.model: one for one in held.predicted}
+    trivial = better_trivial(held.predicted, mask)
+    found = []
+    for name, one in by.items():
+        rivals = [trivial.model] if trivial and name not in TRIVIAL else []
+        rivals += [FITTED] if name in ("boosting", BASE, *learned.LEARNED) else []
+        rivals += [EXTENDED[name]] if name in EXTENDED else []
+        found += [(one, by[other]) for other in rivals if other in by]
+    return found
+
+
+_SHOWN = (
+    ("moving", COLORS["prosocial"], "o", "moving vehicles"),
+    ("conflict", COLORS["egoistic"], "D", "moving vehicles in a conflict within 5 s"),
+)
+
+_FARTHEST = 1.5  # nats; intervals beyond are cut
+_FEWEST = 10  # moments; scores of fewer are not drawn
+
+
+def gains(rows: Sequence[Row]) -> Figure:
+    """Draw the gain of each model with its interval, a panel for each holdout.
+
+    Args:
+        rows: Rows of `scores.csv`.
+    """
+    holdouts = list(dict.fromkeys(row["holdout"] for row in rows))
+    models = [m for m in dict.fromkeys(row["model"] for row in rows) if m not in TRIVIAL]
+    drawn = figure(3.0 + 3.6 * len(holdouts), 1.8 + 0.33 * max(len(models), 1))
+    panels = drawn.subplots(1, len(holdouts), sharey=True, squeeze=False)[0]
+    for axes, holdout in zip(panels, holdouts, strict=True):
+        of_holdout = [r for r in rows if r["holdout"] == holdout and r["part"] == SECOND_HALF]
+        _panel(axes, of_holdout, models)
+        finish(axes, f"held-out {holdout}", xlabel="log-likelihood gained, nats a moment")
+    panels[0].set_yticks(np.arange(len(models)), models, fontsize=8)
+    panels[0].invert_yaxis()
+    title = "Next second's acceleration against the better of constant speed and last acceleration"
+    head(drawn, f"{title}; 95 % by chain", panels[0], columns=2)
+    return drawn
+
+
+def _panel(axes: Any, rows: Sequence[Row], models: Sequence[str]) -> None:
+    axes.axvline(0.0, color="#777777", linewidth=0.8)
+    for place, (subset, color, mark, label) in enumerate(_SHOWN):
+        chosen = {
+            row["model"]: row for row in rows if row["moments"] == subset and row["n"] >= _FEWEST
+        }
+        found = [(models.index(name), row) for name, row in chosen.items() if name in models]
+        if not found:
+            axes.plot([], [], mark, color=color, markersize=4, label=label)  # in the legend
+            continue
+        at = np.array([number for number, _ in found]) + (place - 0.5) * 0.3
+        gain, low, high = (
+            np.array([row[name] for _, row in found], np.float64)  # None becomes NaN
+            for name in ("gain", "gain_low", "gain_high")
+        )
+        gain, low, high = (np.clip(one, -_FARTHEST, _FARTHEST) for one in (gain, low, high))
+        axes.hlines(at, low, high, color=color, linewidth=1.2)
+        axes.plot(gain, at, mark, color=color, markersize=4, label=label)

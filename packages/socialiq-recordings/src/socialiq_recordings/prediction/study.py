@@ -14,9 +14,8 @@ from socialiq.foreign import one_line
 from socialiq.learners.config import check_seed
 from socialiq.types import Row
 from socialiq_recordings.identity.identify import identify
-from socialiq_recordings.prediction import learned, levels
-from socialiq_recordings.prediction.choices import ChoiceTable
-from socialiq_recordings.prediction.contrasts import contrasts
+from socialiq_recordings.prediction import learned
+from socialiq_recordings.prediction.choices import ChoiceTable, rewards
 from socialiq_recordings.prediction.density import Forecast
 from socialiq_recordings.prediction.folds import HOLDOUTS, Fold, Holdout, folds, possible
 from socialiq_recordings.prediction.following import FITTED, fit_population
@@ -30,10 +29,8 @@ from socialiq_recordings.prediction.models import (
     residuals,
     rollout,
 )
-from socialiq_recordings.prediction.moments import situations_of
-from socialiq_recordings.prediction.rewards import rewards
-from socialiq_recordings.prediction.scores import Held, Predicted, scores
-from socialiq_recordings.prediction.situation import Situations
+from socialiq_recordings.prediction.scores import Held, Predicted, contrasts, scores
+from socialiq_recordings.prediction.situations import Situations, situations_of
 from socialiq_recordings.recording import Recording
 
 ALL_MODELS = (*MODELS, *learned.LEARNED)
@@ -57,7 +54,7 @@ class Config:
 
     holdouts: tuple[Holdout, ...] = ()
     models: tuple[str, ...] = ALL_MODELS
-    training: levels.Training = field(default_factory=levels.Training)
+    training: learned.Training = field(default_factory=learned.Training)
     seed: int = 0
     resamples: int = 2000
 

@@ -19,9 +19,16 @@ from socialiq.reading import check_file, sha256_of_file
 from socialiq.storage import read_json
 from socialiq_recordings.readers.commonroad import MOST_STATES
 from socialiq_recordings.readers.motion import wrapped
-from socialiq_recordings.recording import Imported, Recording, Refused, order_fault
+from socialiq_recordings.recording import (
+    FARTHEST,
+    Imported,
+    Recording,
+    Refused,
+    RoadUser,
+    Tracks,
+    order_fault,
+)
 from socialiq_recordings.road.network import Lanelet, RoadNetwork, equal_bounds
-from socialiq_recordings.tracks import FARTHEST, RoadUser, Tracks
 
 DT = 0.1
 """s; scenarios have 10 states a second, for 11 s."""

@@ -15,7 +15,7 @@ from socialiq.errors import UserError, one_of
 from socialiq.foreign import one_line
 from socialiq.reading import read_toml
 from socialiq_recordings.measurement import MeasurementError
-from socialiq_recordings.tracks import RoadUser
+from socialiq_recordings.recording import RoadUser
 
 _FOOT = 0.3048
 UNITS: dict[str, dict[str, float]] = {

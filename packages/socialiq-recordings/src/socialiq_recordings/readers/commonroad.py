@@ -22,8 +22,15 @@ from socialiq_recordings.readers.commonroad_road import RoadDraft
 from socialiq_recordings.readers.commonroad_xml import State
 from socialiq_recordings.readers.commonroad_xml import read as read_xml
 from socialiq_recordings.readers.motion import differences, wrapped
-from socialiq_recordings.recording import Imported, Recording, Refused, order_fault
-from socialiq_recordings.tracks import FARTHEST, STEPS, Tracks
+from socialiq_recordings.recording import (
+    FARTHEST,
+    STEPS,
+    Imported,
+    Recording,
+    Refused,
+    Tracks,
+    order_fault,
+)
 
 MOST_STATES = 5_000_000
 """States of a file that are read by default: 1.5 GB of memory at the peak, 300 bytes for each

@@ -12,8 +12,8 @@ from xml.parsers import expat
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
 from socialiq.reading import open_file
+from socialiq_recordings.recording import RoadUser
 from socialiq_recordings.road.network import Colour, Sign
-from socialiq_recordings.tracks import RoadUser
 
 VERSIONS = ("2017a", "2017b", "2018a", "2018b", "2020a")
 IN_SECONDS = ("2017a", "2017b")

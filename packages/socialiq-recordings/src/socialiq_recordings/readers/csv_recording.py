@@ -13,12 +13,25 @@ from socialiq.foreign import one_line
 from socialiq.reading import sha256_of_file
 from socialiq_recordings.readers.column_map import ColumnMap
 from socialiq_recordings.readers.commonroad import MOST_STATES
-from socialiq_recordings.readers.csv_periods import frames_of, recordings_of
-from socialiq_recordings.readers.csv_table import Table, origin_of, rate_of, users_of
+from socialiq_recordings.readers.csv_table import (
+    Table,
+    frames_of,
+    origin_of,
+    rate_of,
+    recordings_of,
+    users_of,
+)
 from socialiq_recordings.readers.motion import Directions, heading_of_motion, smoothed, wrapped
-from socialiq_recordings.recording import Imported, Recording, Refused, order_fault
+from socialiq_recordings.recording import (
+    FARTHEST,
+    Imported,
+    Recording,
+    Refused,
+    RoadUser,
+    Tracks,
+    order_fault,
+)
 from socialiq_recordings.road.network import RoadNetwork
-from socialiq_recordings.tracks import FARTHEST, RoadUser, Tracks
 
 _TURN = 2 * np.pi
 

@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from socialiq_recordings.recording import Recording
+from socialiq_recordings.recording import Recording, RoadUser, Tracks
 from socialiq_recordings.road.network import Lanes, RoadNetwork, lanes_of
 from socialiq_recordings.road.paths import Path, path_of, wrapped
-from socialiq_recordings.tracks import RoadUser, Tracks
 
 LANE_CHANGE = 2.0  # cost of a change of lane, in m of misfit for one state
 GAP = 20.0  # cost of a step to a lanelet that is not connected

@@ -9,22 +9,54 @@ import numpy as np
 
 from socialiq.errors import UserError
 from socialiq.foreign import one_line
-from socialiq_recordings.conflicts.config import ConflictConfig
-from socialiq_recordings.conflicts.pairs import Encounters
+from socialiq_recordings.conflicts.encounters import Area, ConflictConfig, Encounters
+from socialiq_recordings.conflicts.measures import sign, turn
 from socialiq_recordings.conflicts.ways import Way
+from socialiq_recordings.identity.duplicates import once, same_moments
 from socialiq_recordings.identity.identify import Identified, identify
-from socialiq_recordings.identity.once import once, same_moments
 from socialiq_recordings.recording import Recording
 from socialiq_recordings.road.network import Conflict
 from socialiq_recordings.road.routes import Scene
 from socialiq_recordings.simulated_source import signs_of_simulation
-from socialiq_recordings.world.closures import closures_of, on_way_of
 from socialiq_recordings.world.config import WorldConfig
-from socialiq_recordings.world.drivers import Calibration, calibrate
-from socialiq_recordings.world.lines import SPACING, line_of, speed_limits, states_of, stretches
-from socialiq_recordings.world.observed import Observed, observe
+from socialiq_recordings.world.drivers import Calibration, Observed, calibrate, observe
+from socialiq_recordings.world.lines import (
+    SPACING,
+    closures_of,
+    line_of,
+    on_way_of,
+    speed_limits,
+    states_of,
+    stretches,
+)
 from socialiq_recordings.world.recorded_world import LAYOUT, RecordedWorld, Road
-from socialiq_recordings.world.right_of_way import yields
+
+_MINOR = ("yield", "stop")
+_MAJOR = ("priority", "none", "light")
+_LEFT, _STRAIGHT = 45.0, 30.0  # degrees
+
+
+def yields(encounters: Encounters, one: Way, other: Way, area: Area) -> int:
+    """Return 1 if the first vehicle yields, -1 if the other does, 0 if who comes first goes first.
+
+    Args:
+        encounters: Of the recording.
+        one: Way of the first vehicle.
+        other: Way of the other.
+        area: Their conflict area, the first one's coordinates first.
+    """
+    signs = sign(encounters, one, other), sign(encounters, other, one)
+    if signs[0] in _MINOR and signs[1] in _MAJOR:
+        return 1
+    if signs[1] in _MINOR and signs[0] in _MAJOR:
+        return -1
+    if area.kind == Conflict.CROSSING:
+        turns = turn(one, area.entry[0], area.exit[0]), turn(other, area.entry[1], area.exit[1])
+        left = turns[0] > _LEFT, turns[1] > _LEFT
+        if left[0] != left[1] and min(abs(one) for one in turns) < _STRAIGHT:
+            return 1 if left[0] else -1
+    return 0
+
 
 LEAST_VEHICLES = 2
 MOST_VEHICLES = 2000

@@ -11,8 +11,7 @@ import numpy as np
 from socialiq.types import Ending
 from socialiq.worlds.highway.core.compile import entry_point, fingerprint, inlined_kernel, kernel
 from socialiq.worlds.highway.state import Contact
-from socialiq_recordings.world import chance
-from socialiq_recordings.world.seen import annotate, observe, touched
+from socialiq_recordings.world.observation import annotate, observe, touched
 from socialiq_recordings.world.traffic import (
     DT,
     GONE,
@@ -23,7 +22,11 @@ from socialiq_recordings.world.traffic import (
     ahead_of,
     closed_line,
     drive,
+    following,
+    hashed,
     limit_at,
+    normal,
+    uniform,
 )
 
 RESET, DECIDE, SKIP = range(3)
@@ -41,7 +44,7 @@ def draw_driver(road, traffic, row, base, one):
     """Draw a driver's parameters; its desired speed is at least its recorded first one."""
     for number in range(len(road.drivers)):
         mean, deviation = road.drivers[number, 0], road.drivers[number, 1]
-        value = mean + deviation * chance.normal(traffic.seed[row], number, one)
+        value = mean + deviation * normal(traffic.seed[row], number, one)
         value = min(max(value, road.drivers[number, 2]), road.drivers[number, 3])
         traffic.driver[row, one, number] = value
     first = road.state[road.state_first[base + one], 1]
@@ -89,7 +92,7 @@ def populate(road, traffic, row, recording, ego, step):
 def reset(road, traffic, row):
     """Begin an episode: draw the ego's place and the moment from the row's seed."""
     seed = traffic.seed[row]
-    vehicle = road.egos[np.int64(chance.uniform(seed, _EGO, 0) * len(road.egos))]
+    vehicle = road.egos[np.int64(uniform(seed, _EGO, 0) * len(road.egos))]
     recording = np.int64(0)
     while road.recording_first[recording + 1] <= vehicle:
         recording += 1
@@ -99,7 +102,7 @@ def reset(road, traffic, row):
         road.arrival[vehicle] - road.state[first + moments, 0] >= _LEAST_WAY
     ):
         moments += 1
-    moment = np.int64(chance.uniform(seed, _MOMENT, 0) * moments)
+    moment = np.int64(uniform(seed, _MOMENT, 0) * moments)
     ego = vehicle - road.recording_first[recording]
     populate(road, traffic, row, recording, ego, road.state_step[vehicle] + moment)
 
@@ -237,7 +240,7 @@ def decide(road, traffic, made, row, level, options, slack):
 def _sources() -> int:
     """Return a number that changes with any source that the compiled code depends on."""
     here = Path(__file__).parent
-    names = ("chance", "core", "seen", "state", "traffic", "recorded_world")
+    names = ("batch", "core", "observation", "recorded_world", "traffic")
     text = b"".join((here / f"{name}.py").read_bytes() for name in names)
     return int.from_bytes(hashlib.sha256(text).digest()[:7], "big") ^ fingerprint()
 
@@ -252,9 +255,9 @@ def _entries(sources: int):
                 decide(road, traffic, made, row, levels[row], options, slack)
             else:
                 if seeded[row]:
-                    traffic.seed[row] = chance.hashed(seeds[row])
+                    traffic.seed[row] = hashed(seeds[row])
                 else:
-                    traffic.seed[row] = chance.following(traffic.seed[row])
+                    traffic.seed[row] = following(traffic.seed[row])
                 reset(road, traffic, row)
             base = road.recording_first[traffic.recording[row]]
             count = road.recording_first[traffic.recording[row] + 1] - base

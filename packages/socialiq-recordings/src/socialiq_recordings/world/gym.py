@@ -109,7 +109,7 @@ class RecordedJunctionEnv(gymnasium.Env):
         if self.render_mode != "rgb_array":
             return None
         from socialiq.worlds.pictures import pixels
-        from socialiq_recordings.world.figures import scene
+        from socialiq_recordings.world.compare import scene
 
         return pixels(scene(self.batch))
 

@@ -170,7 +170,7 @@ class RecordedWorld(World):
         Raises:
             UserError: If the name is unknown.
         """
-        from socialiq_recordings.world.state import AS_DRIVER
+        from socialiq_recordings.world.batch import AS_DRIVER
 
         one_of("driver of a recorded junction", name, self.drivers)
         actions = {"driver": AS_DRIVER, "go": self.n_actions - 1, "wait": 0}

@@ -12,9 +12,9 @@ from socialiq.demonstrations.dataset import Demonstrations
 from socialiq.errors import UserError
 from socialiq.types import Ending, RewardPair
 from socialiq.worlds.intersection.settings import settings_of
+from socialiq_recordings.world.batch import Made, Traffic
 from socialiq_recordings.world.config import SUB_STEPS
 from socialiq_recordings.world.recorded_world import RecordedWorld
-from socialiq_recordings.world.state import Made, Traffic
 
 HUMAN, SIMULATED = MODES = ("human", "simulated")
 """Modes of recorded drivers, by whether the recording shows signs of a simulation."""

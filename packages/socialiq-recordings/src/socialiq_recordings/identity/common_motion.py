@@ -15,7 +15,7 @@ from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
 from socialiq_recordings.identity.alignment import Placement
-from socialiq_recordings.tracks import STATES, Tracks
+from socialiq_recordings.recording import STATES, Tracks
 
 SAME_SPEED = 0.06
 """m/s; largest difference of two speeds in a second that is proposed as the same."""
