@@ -44,25 +44,30 @@ def overlaps(tracks: Tracks) -> Overlaps:
     """
     order = np.argsort(tracks.frame, kind="stable")
     frames = tracks.frame[order]
-    found, begin = [], 0
+    blocks, begin = [], 0
     while begin < len(order):
         # A block ends with a frame.
         last = frames[min(begin + _BLOCK, len(order)) - 1]
         end = int(np.searchsorted(frames, last, side="right"))
-        found.append(_overlaps_of(tracks, order[begin:end]))
+        blocks.append(_overlaps_of(tracks, order[begin:end]))
         begin = end
-    return Overlaps(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    return Overlaps(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
 
 
 def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " some"]) -> Overlaps:
     half = np.stack([tracks.length, tracks.width], axis=1) / 2
-    one, other = _near_pairs(tracks, rows, np.hypot(half[:, 0], half[:, 1]))
-    half_one, half_other = half[tracks.track[one]], half[tracks.track[other]]
-    apart = np.stack([tracks.x[other] - tracks.x[one], tracks.y[other] - tracks.y[one]], axis=1)
-    turned = tracks.heading[other] - tracks.heading[one]
+    first, second = _near_pairs(tracks, rows, np.hypot(half[:, 0], half[:, 1]))
+    half_one, half_other = half[tracks.track[first]], half[tracks.track[second]]
+    apart = np.stack(
+        [tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first]], axis=1
+    )
+    turned = tracks.heading[second] - tracks.heading[first]
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    depth = np.full(len(one), np.inf)
-    for own_half, other_half, row in ((half_one, half_other, one), (half_other, half_one, other)):
+    depth = np.full(len(first), np.inf)
+    for own_half, other_half, row in (
+        (half_one, half_other, first),
+        (half_other, half_one, second),
+    ):
         east, north = np.cos(tracks.heading[row]), np.sin(tracks.heading[row])
         along = np.abs(apart[:, 0] * east + apart[:, 1] * north)
         across = np.abs(apart[:, 1] * east - apart[:, 0] * north)
@@ -70,7 +75,7 @@ def _overlaps_of(tracks: Tracks, rows: Int64[np.ndarray, " some"]) -> Overlaps:
         reach_across = own_half[:, 1] + other_half[:, 0] * sin + other_half[:, 1] * cos
         depth = np.minimum(depth, np.minimum(reach_along - along, reach_across - across))
     touch = depth > 0
-    return Overlaps(one[touch], other[touch], depth[touch])
+    return Overlaps(first[touch], second[touch], depth[touch])
 
 
 def _near_pairs(
@@ -82,10 +87,10 @@ def _near_pairs(
     frames = (tracks.frame[rows] - tracks.frame[rows].min()) * (2 * reach)
     places = np.stack([tracks.x[rows], tracks.y[rows], frames], axis=1)
     pairs = rows[KDTree(places).query_pairs(reach, output_type="ndarray")]
-    one, other = pairs[:, 0], pairs[:, 1]
-    distance = np.hypot(tracks.x[other] - tracks.x[one], tracks.y[other] - tracks.y[one])
-    meet = distance < radius[tracks.track[one]] + radius[tracks.track[other]]
-    return one[meet], other[meet]
+    first, second = pairs[:, 0], pairs[:, 1]
+    distance = np.hypot(tracks.x[second] - tracks.x[first], tracks.y[second] - tracks.y[first])
+    meet = distance < radius[tracks.track[first]] + radius[tracks.track[second]]
+    return first[meet], second[meet]
 
 
 FASTEST = 70.0
@@ -143,8 +148,8 @@ def sift(tracks: Tracks, error: MeasurementError | None = None) -> tuple[Tracks,
     if good.any():
         _check_overlaps(tracks, good, error, reasons)
     refused = [
-        Refused(str(tracks.identity[one]), str(reasons[one]))
-        for one in np.flatnonzero(reasons != "")
+        Refused(str(tracks.identity[track]), str(reasons[track]))
+        for track in np.flatnonzero(reasons != "")
     ]
     refused = far + refused
     if len(refused) == len(far) + tracks.n_tracks:
@@ -215,7 +220,7 @@ def _near(tracks: Tracks) -> tuple[Tracks, list[Refused]]:
     if far.all():
         raise UserError(f"every track has a position or velocity above {FARTHEST:g}: not metres")
     reason = f"a position or velocity is above {FARTHEST:g}"
-    refused = [Refused(str(tracks.identity[one]), reason) for one in np.flatnonzero(far)]
+    refused = [Refused(str(tracks.identity[track]), reason) for track in np.flatnonzero(far)]
     return (tracks.kept(~far) if far.any() else tracks), refused
 
 
@@ -227,10 +232,10 @@ def _check_sizes(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: np
             f"{bad.sum()} of {len(bad)} tracks have impossible sizes, which are possible in feet: "
             "give sizes in metres, or say that they are in feet"
         )
-    for one in np.flatnonzero(bad):
-        reasons[one] = (
-            f"{tracks.length[one]:.3g} m long and {tracks.width[one]:.3g} m wide: no road user is "
-            f"({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
+    for track in np.flatnonzero(bad):
+        reasons[track] = (
+            f"{tracks.length[track]:.3g} m long and {tracks.width[track]:.3g} m wide: "
+            f"no road user is ({SHORTEST} to {LONGEST:g} m long, to {WIDEST} m wide)"
         )
 
 
@@ -250,22 +255,23 @@ def _check_speeds(tracks: Tracks, _: _Steps, error: MeasurementError, reasons: n
     moves = np.maximum(driven, stated) > MOVING
     if 2 * (bad & moves).sum() > max(moves.sum(), 1):
         ratio = float(np.median(driven[bad & moves] / np.maximum(stated[bad & moves], 1e-9)))
-        nearest = min(_RATIOS, key=lambda one: abs(ratio / one - 1))
+        nearest = min(_RATIOS, key=lambda track: abs(ratio / track - 1))
         unit = _RATIOS[nearest] if abs(ratio / nearest - 1) < 0.1 else ""
         raise UserError(
             f"in {(bad & moves).sum()} of {moves.sum()} moving tracks the driven speed is about "
             f"{ratio:.3g} times the stated one: "
             f"{unit or 'positions, velocities or the frame rate have another unit'}"
         )
-    for one in np.flatnonzero(bad & (reasons == "")):
-        reasons[one] = (
-            f"drives {driven[one]:.2f} m/s but states {stated[one]:.2f} (means; {apart[one]:.2f} "
-            f"apart in {seconds[one]:g} s, where {allowed[one]:.2f} may be measurement)"
+    for track in np.flatnonzero(bad & (reasons == "")):
+        reasons[track] = (
+            f"drives {driven[track]:.2f} m/s but states {stated[track]:.2f} (means; "
+            f"{apart[track]:.2f} apart in {seconds[track]:g} s, where {allowed[track]:.2f} may be "
+            "measurement)"
         )
     fastest = np.zeros(tracks.n_tracks)
     np.maximum.at(fastest, tracks.track, np.hypot(tracks.vx, tracks.vy))
-    for one in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
-        reasons[one] = f"states {fastest[one]:.1f} m/s, more than {FASTEST:g}"
+    for track in np.flatnonzero((fastest > FASTEST) & (reasons == "")):
+        reasons[track] = f"states {fastest[track]:.1f} m/s, more than {FASTEST:g}"
 
 
 def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -291,7 +297,7 @@ def _seconds(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
         integrals.append(along[after] - along[rows])
     stated = np.hypot(*integrals) / time
     apart = np.abs(driven - stated)
-    a, b, c = (_mean(one, track, n) for one in (driven, stated, apart))
+    a, b, c = (_mean(values, track, n) for values in (driven, stated, apart))
     return a, b, c, frames * tracks.dt
 
 
@@ -300,9 +306,9 @@ def _check_jumps(
 ) -> None:
     further = (steps.driven - steps.stated) * tracks.dt
     for step in np.flatnonzero(further > error.jump(tracks.dt)):
-        one = steps.track[step]
-        if reasons[one] == "":
-            reasons[one] = (
+        track = steps.track[step]
+        if reasons[track] == "":
+            reasons[track] = (
                 f"jumps {further[step]:.2f} m further than its speed allows after frame "
                 f"{tracks.frame[steps.row[step]]}"
             )
@@ -322,8 +328,8 @@ def _check_directions(
             f"in {bad.sum()} of {checked.sum()} tracks the heading is not the way they move: "
             f"{_headings_read_as(steps, along, tracks.n_tracks, error)}"
         )
-    for one in np.flatnonzero(bad & (reasons == "")):
-        reasons[one] = f"heading {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+    for track in np.flatnonzero(bad & (reasons == "")):
+        reasons[track] = f"heading {np.degrees(medians[track]):.0f}° off the way it moves (median)"
     medians = _medians(steps.to_velocity[moving], steps.track[moving], tracks.n_tracks)
     bad, checked = medians > error.direction, ~np.isnan(medians)
     if 2 * bad.sum() > max(checked.sum(), 1):
@@ -331,8 +337,8 @@ def _check_directions(
             f"in {bad.sum()} of {checked.sum()} tracks the velocity does not point the way they "
             "move: do positions and velocities have the same axes, and does y point up?"
         )
-    for one in np.flatnonzero(bad & (reasons == "")):
-        reasons[one] = f"velocity {np.degrees(medians[one]):.0f}° off the way it moves (median)"
+    for track in np.flatnonzero(bad & (reasons == "")):
+        reasons[track] = f"velocity {np.degrees(medians[track]):.0f}° off the way it moves (median)"
 
 
 def _headings_read_as(
@@ -350,11 +356,11 @@ def _headings_read_as(
 
 def _medians(values: np.ndarray, track: np.ndarray, n_tracks: int) -> Float64[np.ndarray, " track"]:
     """Return the median by track, NaN for fewer than `FEWEST_STEPS`; rows in order of tracks."""
-    found = np.full(n_tracks, np.nan)
+    medians = np.full(n_tracks, np.nan)
     ends = np.searchsorted(track, np.arange(n_tracks + 1))
-    for one in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
-        found[one] = np.median(values[ends[one] : ends[one + 1]])
-    return found
+    for number in np.flatnonzero(np.diff(ends) >= FEWEST_STEPS):
+        medians[number] = np.median(values[ends[number] : ends[number + 1]])
+    return medians
 
 
 def _check_overlaps(
@@ -364,17 +370,17 @@ def _check_overlaps(
     reasons: np.ndarray,
 ) -> None:
     """Refuse both tracks of an overlap, because either may be wrong."""
-    kept, numbers = tracks.kept(good), np.flatnonzero(good)
-    found = overlaps(kept)
+    plausible, numbers = tracks.kept(good), np.flatnonzero(good)
+    pairs = overlaps(plausible)
     # The deepest first: it is reported.
-    for place in np.argsort(-found.depth, kind="stable"):
-        if found.depth[place] <= error.overlap:
+    for pair in np.argsort(-pairs.depth, kind="stable"):
+        if pairs.depth[pair] <= error.overlap:
             break
-        rows = int(found.first[place]), int(found.second[place])
+        rows = int(pairs.first[pair]), int(pairs.second[pair])
         for row, beside in (rows, rows[::-1]):
-            one = numbers[kept.track[row]]
-            if reasons[one] == "":
-                reasons[one] = (
-                    f"overlaps by {found.depth[place]:.2f} m with "
-                    f"{kept.identity[kept.track[beside]]} at frame {kept.frame[row]}"
+            track = numbers[plausible.track[row]]
+            if reasons[track] == "":
+                reasons[track] = (
+                    f"overlaps by {pairs.depth[pair]:.2f} m with "
+                    f"{plausible.identity[plausible.track[beside]]} at frame {plausible.frame[row]}"
                 )

@@ -197,9 +197,9 @@ def _check_layout(
     for name, dtype in layout.items():
         column = columns[name]
         if not isinstance(column, np.ndarray) or column.dtype != dtype or column.ndim != 1:
-            found = f"{column.dtype}" if isinstance(column, np.ndarray) else type(column).__name__
+            actual = f"{column.dtype}" if isinstance(column, np.ndarray) else type(column).__name__
             raise UserError(
-                f"column {name} is {found}: pass a one-dimensional NumPy array of {dtype.__name__}"
+                f"column {name} is {actual}: pass a one-dimensional NumPy array of {dtype.__name__}"
             )
         if len(column) != len(columns[first]):
             raise UserError(
@@ -275,8 +275,8 @@ def order_fault(frames: Int[np.ndarray, " state"] | Sequence[int]) -> str:
     steps = np.diff(np.asarray(frames, np.int64))
     if (steps == 1).all():
         return ""
-    place = int(np.argmax(steps != 1))
-    before, after = frames[place], frames[place + 1]
+    index = int(np.argmax(steps != 1))
+    before, after = frames[index], frames[index + 1]
     if after == before:
         return f"frame {after} is there twice"
     if after < before:

@@ -134,14 +134,14 @@ def _cases(
         longest = pairs_once(durations, identified)
         meetings = {key: meeting for key, meeting in meetings.items() if key in longest}
     cases = []
-    for (number, ego, other), meeting in meetings.items():
+    for (number, ego, partner), meeting in meetings.items():
         (row,) = rows_of(encounters[number], [meeting])
         vehicle = identified.vehicle[number]
         row |= {
             "site": identified.site[number],
             "chain": identified.chain[number],
             "ego_vehicle": int(vehicle[ego]),
-            "other_vehicle": int(vehicle[other]),
+            "other_vehicle": int(vehicle[partner]),
         }
         cases.append((encounters[number], meeting, row))
     return cases

@@ -73,8 +73,8 @@ class Import:
         with whole_folder(self.out) as folder:
             rows = self._import(folder, columns, failed)
             if not rows:
-                more = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
-                raise UserError(failed[0]["reason"] + more)
+                rest_of_failed = f" (and {len(failed) - 1} more files)" if len(failed) > 1 else ""
+                raise UserError(failed[0]["reason"] + rest_of_failed)
             write_atomically(folder / "refused.csv", _refused_csv(rows))
         self._print(rows, failed)
         return 1 if failed else 0

@@ -133,13 +133,13 @@ def area_of(one: Way, other: Way, one_swept: Any, other_swept: Any, lanes: Lanes
     if not one_swept.intersects(other_swept) or not _routes_meet(one, other, lanes):
         return None
     common = one_swept.intersection(other_swept)
-    found = []
-    for part in getattr(common, "geoms", [common]):
-        if part.geom_type == "Polygon" and part.area >= _LEAST:
-            area = _area(one, other, part)
+    areas = []
+    for polygon in getattr(common, "geoms", [common]):
+        if polygon.geom_type == "Polygon" and polygon.area >= _LEAST:
+            area = _area(one, other, polygon)
             if area is not None:
-                found.append(area)
-    return min(found, key=lambda area: area.entry[0]) if found else None
+                areas.append(area)
+    return min(areas, key=lambda area: area.entry[0]) if areas else None
 
 
 def _area(one: Way, other: Way, part: Any) -> Area | None:
@@ -302,8 +302,8 @@ class Encounters:
             ways = self.ways[first], self.ways[second]
             swept_areas = self._swept_by(first), self._swept_by(second)
             self._areas[first, second] = area_of(*ways, *swept_areas, self.scene.lanes)
-        found = self._areas[first, second]
-        return found if found is None or one == first else found.swapped()
+        area = self._areas[first, second]
+        return area if area is None or one == first else area.swapped()
 
     def moved(self, scene: Scene, ways: Mapping[int, Way]) -> Encounters:
         """Return the encounters of other motion along the same ways; the areas stay.
@@ -312,17 +312,17 @@ class Encounters:
             scene: Tracks of that motion on the same road, numbered newly.
             ways: For each track here, its way there; tracks that are not there are left out.
         """
-        other = copy.copy(self)
-        other.scene, other.ways = scene, {way.track: way for way in ways.values()}
+        copied = copy.copy(self)
+        copied.scene, copied.ways = scene, {way.track: way for way in ways.values()}
         number = {track: way.track for track, way in ways.items()}
-        other._swept = {number[t]: one for t, one in self._swept.items() if t in number}
-        other._areas = {
+        copied._swept = {number[t]: value for t, value in self._swept.items() if t in number}
+        copied._areas = {
             (number[a], number[b]): area
             for (a, b), area in self._areas.items()
             if a in number and b in number
         }
-        other._on_way = {}
-        return other
+        copied._on_way = {}
+        return copied
 
     def _swept_by(self, track: int) -> Any:
         if track not in self._swept:
@@ -336,39 +336,45 @@ class Encounters:
         arrived, or at one moment before either had left they would at their speeds. Both are the
         first of their lanes then: who queues behind others meets them, not the crossing traffic.
         """
-        one, two = self.ways[ego], self.ways[other]
-        together = frames_together(one, two)
+        first_way, second_way = self.ways[ego], self.ways[other]
+        together = frames_together(first_way, second_way)
         area = self.area(ego, other) if len(together) else None
         if area is None:
             return None
         sides = list(zip(area.entry, area.exit, strict=True))
-        seen = [recorded(way, *side) for way, side in zip((one, two), sides, strict=True)]
-        dt = one.dt
-        left = min(each.leaves for each in seen)
+        occupancies = [
+            recorded(way, *side) for way, side in zip((first_way, second_way), sides, strict=True)
+        ]
+        dt = first_way.dt
+        left = min(occupancy.leaves for occupancy in occupancies)
         frames = together[together * dt < left]
-        late = 0 if seen[0] > seen[1] else 1
-        first, second = seen[1 - late], seen[late]
+        late = 0 if occupancies[0] > occupancies[1] else 1
+        first, second = occupancies[1 - late], occupancies[late]
         complete = bool(np.isfinite(first.leaves) and np.isfinite(second.enters))
         met = complete and together[0] * dt < second.enters
         met = met and second.enters - first.leaves <= self.config.near
         if met:
             # No third vehicle enters between them, and no red light holds the second.
-            way = (one, two)[late]
+            way = (first_way, second_way)[late]
             frame = int(np.clip(np.ceil(first.leaves / dt), way.first, way.last))
-            met = self.first_in_line(way, area.entry[late], frame, (one, two)[1 - late].track)
+            met = self.first_in_line(
+                way, area.entry[late], frame, (first_way, second_way)[1 - late].track
+            )
             met = met and not held(self.scene, way, frame)
-        if not met and not any(self._on_course(area, one, two, int(frame)) for frame in frames):
+        if not met and not any(
+            self._on_course(area, first_way, second_way, int(frame)) for frame in frames
+        ):
             return None
-        times = [expected(way, *at) for way, at in zip((one, two), sides, strict=True)]
-        return Meeting(one, two, area, times[0], times[1], complete, frames)
+        times = [expected(way, *at) for way, at in zip((first_way, second_way), sides, strict=True)]
+        return Meeting(first_way, second_way, area, times[0], times[1], complete, frames)
 
     def _on_course(self, area: Area, one: Way, two: Way, frame: int) -> bool:
         """Whether two vehicles would be in the area close in time at the speeds of a frame."""
         times = [
-            projected(way, area.entry[place], area.exit[place], frame)
-            for place, way in enumerate((one, two))
+            projected(way, area.entry[side], area.exit[side], frame)
+            for side, way in enumerate((one, two))
         ]
-        soon = max(each.enters for each in times) <= frame * one.dt + self.config.horizon
+        soon = max(occupancy.enters for occupancy in times) <= frame * one.dt + self.config.horizon
         return (
             soon
             and apart(*times) <= self.config.near
@@ -395,16 +401,16 @@ class Encounters:
         key = way.track, frame
         if key not in self._on_way:
             self._on_way[key] = on_way(self.scene, way, frame, self.config.slack)
-        others = self._on_way[key].without(but)
+        on_the_way = self._on_way[key].without(but)
         along, _ = way.state(frame)
-        return not ((others.along > along) & (others.along < entry)).any()
+        return not ((on_the_way.along > along) & (on_the_way.along < entry)).any()
 
     def meetings(self) -> list[Meeting]:
         """Return all conflicts, two for each pair, in the order of the tracks."""
-        found = []
+        meetings = []
         for ego, way in self.ways.items():
-            for other in self.in_time.seen(way.first, way.last):
-                made = self.meeting(ego, other.track) if ego != other.track else None
-                if made is not None:
-                    found.append(made)
-        return found
+            for partner in self.in_time.seen(way.first, way.last):
+                meeting = self.meeting(ego, partner.track) if ego != partner.track else None
+                if meeting is not None:
+                    meetings.append(meeting)
+        return meetings

@@ -138,27 +138,27 @@ def rows_of(encounters: Encounters, meetings: Sequence[Meeting]) -> list[Row]:
         encounters: Of the recording.
         meetings: Its conflicts.
     """
-    return [_row(encounters, one) for one in meetings]
+    return [_row(encounters, meeting) for meeting in meetings]
 
 
 def _row(encounters: Encounters, meeting: Meeting) -> Row:
     scene, area = encounters.scene, meeting.area
-    ego, other = meeting.ego, meeting.other
+    ego, partner = meeting.ego, meeting.other
     gap, lag = gaps(encounters, meeting)
     row = {
         "recording": scene.tracks.recording,
         "ego": int(scene.tracks.identity[ego.track]),
-        "other": int(scene.tracks.identity[other.track]),
+        "other": int(scene.tracks.identity[partner.track]),
         "kind": area.kind.name.lower(),
         "angle": area.angle,
         "x": area.x,
         "y": area.y,
         "ego_turn": turn(ego, area.entry[0], area.exit[0]),
-        "other_turn": turn(other, area.entry[1], area.exit[1]),
-        "ego_sign": sign(encounters, ego, other),
-        "other_sign": sign(encounters, other, ego),
+        "other_turn": turn(partner, area.entry[1], area.exit[1]),
+        "ego_sign": sign(encounters, ego, partner),
+        "other_sign": sign(encounters, partner, ego),
         "ego_route_seen": bool(ego.along[-1] + ego.length / 2 >= area.entry[0]),
-        "other_route_seen": bool(other.along[-1] + other.length / 2 >= area.entry[1]),
+        "other_route_seen": bool(partner.along[-1] + partner.length / 2 >= area.entry[1]),
         "ego_first": meeting.ego_first,
         "complete": meeting.complete,
         "seconds": len(meeting.frames) * ego.dt,
@@ -208,22 +208,24 @@ def ttc_at(meeting: Meeting, frame: int) -> float:
     now, area = frame * meeting.ego.dt, meeting.area
     ways = meeting.ego, meeting.other
     times = [
-        projected(way, area.entry[place], area.exit[place], frame) for place, way in enumerate(ways)
+        projected(way, area.entry[side], area.exit[side], frame) for side, way in enumerate(ways)
     ]
-    crossing = time_to_collision_crossing(*((one.enters - now, one.leaves - now) for one in times))
+    crossing = time_to_collision_crossing(
+        *((occupancy.enters - now, occupancy.leaves - now) for occupancy in times)
+    )
     if area.kind == Conflict.CROSSING or math.isfinite(crossing):
         return crossing
     first = 0 if times[0].enters <= times[1].enters else 1
     gap, speed, leader = _following(meeting, first, frame)
-    found = time_to_collision(gap, speed, leader)
-    return found if found >= times[first].leaves - now else math.inf
+    time = time_to_collision(gap, speed, leader)
+    return time if time >= times[first].leaves - now else math.inf
 
 
 def _following(meeting: Meeting, first: int, frame: int) -> tuple[float, float, float]:
     """Return gap and speeds of the second vehicle and the first, measured to the merging line."""
     ways = meeting.ego, meeting.other
     along, speed = zip(*(way.state(frame) for way in ways), strict=True)
-    to_line = [meeting.area.entry[place] - along[place] for place in range(2)]
+    to_line = [meeting.area.entry[side] - along[side] for side in range(2)]
     gap = to_line[1 - first] - to_line[first] - (ways[0].length + ways[1].length) / 2
     return gap, speed[1 - first], speed[first]
 
@@ -231,15 +233,15 @@ def _following(meeting: Meeting, first: int, frame: int) -> tuple[float, float, 
 def required_at(meeting: Meeting, frame: int) -> float:
     """Return the deceleration that the ego needs at a frame, m/s²; 0 if it would arrive first."""
     now, area = frame * meeting.ego.dt, meeting.area
-    own, theirs = (
-        projected(way, area.entry[place], area.exit[place], frame)
-        for place, way in enumerate((meeting.ego, meeting.other))
+    ego_times, other_times = (
+        projected(way, area.entry[side], area.exit[side], frame)
+        for side, way in enumerate((meeting.ego, meeting.other))
     )
-    if own.enters <= theirs.enters or own.enters <= now:
+    if ego_times.enters <= other_times.enters or ego_times.enters <= now:
         return 0.0
     along, speed = meeting.ego.state(frame)
     gap = area.entry[0] - meeting.ego.length / 2 - along
-    needed = required_deceleration_crossing(gap, speed, max(theirs.leaves - now, 0.0))
+    needed = required_deceleration_crossing(gap, speed, max(other_times.leaves - now, 0.0))
     if area.kind == Conflict.MERGING:
         needed = max(needed, required_deceleration(*_following(meeting, 1, frame)))
     return needed
@@ -247,8 +249,8 @@ def required_at(meeting: Meeting, frame: int) -> float:
 
 def hardest(meeting: Meeting) -> float:
     """Return the largest deceleration that the ego needs in the conflict, m/s²; NaN if unseen."""
-    found = [required_at(meeting, int(frame)) for frame in meeting.frames]
-    return max(found) if found else math.nan
+    needed = [required_at(meeting, int(frame)) for frame in meeting.frames]
+    return max(needed) if needed else math.nan
 
 
 def gaps(encounters: Encounters, meeting: Meeting) -> tuple[float, float]:
@@ -293,9 +295,9 @@ def _lanelet_at(encounters: Encounters, way: Way, coordinate: float) -> int:
 
     def away(number: int) -> float:
         path = matcher.path(number)
-        seen = path.coordinates(point[:, 0], point[:, 1])
-        beyond = max(float(seen.along[0]) - path.length, -float(seen.along[0]), 0.0)
-        return abs(float(seen.lateral[0])) + beyond
+        position = path.coordinates(point[:, 0], point[:, 1])
+        beyond = max(float(position.along[0]) - path.length, -float(position.along[0]), 0.0)
+        return abs(float(position.lateral[0])) + beyond
 
     return min(way.lanelets, key=away)
 
@@ -309,9 +311,9 @@ def turn(way: Way, entry: float, end: float) -> float:
 
 def sign(encounters: Encounters, way: Way, other: Way) -> str:
     """Return the last right-of-way sign on a route up to the lanelet in conflict."""
-    lanes, found = encounters.scene.lanes, Sign.NONE
+    lanes, last = encounters.scene.lanes, Sign.NONE
     for number in way.lanelets:
-        found = lanes.road.lanelets[number].sign or found
-        if any(lanes.conflict(number, theirs) for theirs in other.lanelets):
+        last = lanes.road.lanelets[number].sign or last
+        if any(lanes.conflict(number, lanelet) for lanelet in other.lanelets):
             break
-    return Sign(found).name.lower()
+    return Sign(last).name.lower()

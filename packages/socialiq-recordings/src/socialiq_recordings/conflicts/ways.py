@@ -67,11 +67,11 @@ class Way:
             return -np.inf
         if coordinate > self.along[-1]:
             return np.inf
-        place = int(np.searchsorted(self.along, coordinate, side="left"))
-        if place == 0:
+        index = int(np.searchsorted(self.along, coordinate, side="left"))
+        if index == 0:
             return float(self.first)
-        before, after = self.along[place - 1 : place + 1].tolist()
-        return self.first + place - 1 + (coordinate - before) / (after - before)
+        before, after = self.along[index - 1 : index + 1].tolist()
+        return self.first + index - 1 + (coordinate - before) / (after - before)
 
 
 def way_of(scene: Scene, track: int) -> Way:
@@ -83,11 +83,11 @@ def way_of(scene: Scene, track: int) -> Way:
     """
     tracks, rows = scene.tracks, scene.rows(track)
     points = np.stack([tracks.x[rows], tracks.y[rows]], axis=1)
-    kept = [points[0]]
+    spaced = [points[0]]
     for point in points[1:]:
-        if np.hypot(*(point - kept[-1])) >= SPACING:
-            kept.append(point)
-    driven = np.array(kept)
+        if np.hypot(*(point - spaced[-1])) >= SPACING:
+            spaced.append(point)
+    driven = np.array(spaced)
     heading = float(tracks.heading[rows.start])
     back = driven[0] - BEHIND * np.array([np.cos(heading), np.sin(heading)])
     line = Polyline(np.concatenate([back[None], driven, _onwards(scene, track, driven[-1])]))
@@ -112,16 +112,16 @@ def _coordinates(
 
     A line may cross itself or turn back beside itself.
     """
-    found = np.empty(len(points))
+    along = np.empty(len(points))
     begin, starts = BEHIND, line.starts
     for row, point in enumerate(points):
         low = int(np.searchsorted(starts, begin - 2 * SPACING, side="right")) - 1
         high = int(np.searchsorted(starts, begin + 8.0, side="right"))
-        part = Polyline(line.points[max(low, 0) : high + 1])
-        there = float(part.coordinates(point[:1], point[1:]).along[0])
+        piece = Polyline(line.points[max(low, 0) : high + 1])
+        there = float(piece.coordinates(point[:1], point[1:]).along[0])
         begin = max(begin, starts[max(low, 0)] + max(there, 0.0))
-        found[row] = begin
-    return found
+        along[row] = begin
+    return along
 
 
 def _speeds(along: Float64[np.ndarray, " state"], dt: float) -> Float64[np.ndarray, " state"]:
@@ -143,13 +143,13 @@ def _onwards(
     straight = last + metres[:, None] * np.array([np.cos(heading), np.sin(heading)])
     if route is None:
         return straight
-    seen = route.coordinates(last[:1], last[1:])
-    if abs(seen.lateral[0]) > _ON_ROUTE:
+    position = route.coordinates(last[:1], last[1:])
+    if abs(position.lateral[0]) > _ON_ROUTE:
         return straight
-    ahead = float(seen.along[0]) + metres
-    inside = ahead <= max(route.length, float(seen.along[0]) + _STEP)
+    ahead = float(position.along[0]) + metres
+    inside = ahead <= max(route.length, float(position.along[0]) + _STEP)
     middle, direction = route.points_at(ahead[inside])
-    offset = float(seen.lateral[0]) * np.clip(1 - metres[inside] / _RETURN, 0.0, 1.0)
+    offset = float(position.lateral[0]) * np.clip(1 - metres[inside] / _RETURN, 0.0, 1.0)
     left = np.stack([-np.sin(direction), np.cos(direction)], axis=1)
     return middle + offset[:, None] * left
 
@@ -202,9 +202,9 @@ def projected(way: Way, entry: float, end: float, frame: int) -> Occupancy:
 
 def expected(way: Way, entry: float, end: float) -> Occupancy:
     """Return the recorded times, or where a vehicle was not seen so far, those projected."""
-    seen, later = recorded(way, entry, end), projected(way, entry, end, way.last)
+    recorded_times, later = recorded(way, entry, end), projected(way, entry, end, way.last)
     return Occupancy(
-        *(a if np.isfinite(a) or a < 0 else b for a, b in zip(seen, later, strict=True))
+        *(a if np.isfinite(a) or a < 0 else b for a, b in zip(recorded_times, later, strict=True))
     )
 
 
@@ -272,13 +272,13 @@ def on_way(scene: Scene, way: Way, frame: int, slack: float) -> OnWay:
     tracks = scene.tracks
     rows = scene.present(frame)
     rows = rows[tracks.track[rows] != way.track]
-    seen = way.line.coordinates(tracks.x[rows], tracks.y[rows])
-    turned = wrapped(tracks.heading[rows] - seen.heading)
+    positions = way.line.coordinates(tracks.x[rows], tracks.y[rows])
+    turned = wrapped(tracks.heading[rows] - positions.heading)
     number = tracks.track[rows]
-    inside = in_the_way(way, seen.lateral, turned, tracks.width[number], slack)
+    inside = in_the_way(way, positions.lateral, turned, tracks.width[number], slack)
     speed = scene.speed[rows] * np.cos(turned)
     chosen = number[inside].astype(np.int64)
-    return OnWay(chosen, seen.along[inside], speed[inside], tracks.length[chosen])
+    return OnWay(chosen, positions.along[inside], speed[inside], tracks.length[chosen])
 
 
 def in_the_way(
@@ -312,9 +312,9 @@ def leader(way: Way, along: float, others: OnWay) -> Near:
     ahead = (others.along > along) & (others.along < along + _REACH)
     if not ahead.any():
         return NONE
-    place = int(np.argmin(np.where(ahead, others.along, np.inf)))
-    gap = others.along[place] - along - (others.length[place] + way.length) / 2
-    return Near(int(others.track[place]), float(gap), float(others.speed[place]))
+    index = int(np.argmin(np.where(ahead, others.along, np.inf)))
+    gap = others.along[index] - along - (others.length[index] + way.length) / 2
+    return Near(int(others.track[index]), float(gap), float(others.speed[index]))
 
 
 def follower(way: Way, along: float, others: OnWay) -> Near:
@@ -322,9 +322,9 @@ def follower(way: Way, along: float, others: OnWay) -> Near:
     behind = (others.along < along) & (others.along > along - _REACH)
     if not behind.any():
         return NONE
-    place = int(np.argmax(np.where(behind, others.along, -np.inf)))
-    gap = along - others.along[place] - (others.length[place] + way.length) / 2
-    return Near(int(others.track[place]), float(gap), float(others.speed[place]))
+    index = int(np.argmax(np.where(behind, others.along, -np.inf)))
+    gap = along - others.along[index] - (others.length[index] + way.length) / 2
+    return Near(int(others.track[index]), float(gap), float(others.speed[index]))
 
 
 class InTime:
@@ -360,10 +360,10 @@ class InTime:
         begin = np.searchsorted(self._first, first - self.longest, side="left")
         end = np.searchsorted(self._first, last, side="right")
         places = sorted(self._order[begin:end].tolist())
-        return [self._every[place] for place in places if self._every[place].last >= first]
+        return [self._every[index] for index in places if self._every[index].last >= first]
 
     def earlier(self, frame: int | float) -> Iterator[Way]:
         """Yield the ways that are seen first at a frame or before it, the latest first."""
         end = int(np.searchsorted(self._first, frame, side="right"))
-        for place in self._order[:end][::-1].tolist():
-            yield self._every[place]
+        for index in self._order[:end][::-1].tolist():
+            yield self._every[index]

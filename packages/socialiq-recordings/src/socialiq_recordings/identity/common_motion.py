@@ -111,21 +111,21 @@ class Motion:
         return Motion(_every(self.tracks, _COMMON_STEP))
 
 
-def in_common(one: Motion, other: Motion) -> Common | None:
+def in_common(motion: Motion, other_motion: Motion) -> Common | None:
     """Return the moments that two recordings have in common; None if none are found."""
-    if abs(one.tracks.dt - other.tracks.dt) > 1e-9:
-        one, other = one.resampled(), other.resampled()
-    pairs, lags = _proposals(one, other)
+    if abs(motion.tracks.dt - other_motion.tracks.dt) > 1e-9:
+        motion, other_motion = motion.resampled(), other_motion.resampled()
+    pairs, lags = _proposals(motion, other_motion)
     if not len(lags):
         return None
     values, counts = np.unique(lags, return_counts=True)
     best: tuple[float, Common] | None = None
     for lag in values[np.argsort(-counts, kind="stable")][:_LAGS].tolist():
         for pair in _most_frequent(pairs[lags == lag])[:_TRIALS]:
-            placement = _placement(one, other, pair, lag)
-            found = None if placement is None else _matched(one, other, placement, lag)
-            if found is not None and (best is None or found[0] > best[0]):
-                best = found
+            placement = _placement(motion, other_motion, pair, lag)
+            match = None if placement is None else _matched(motion, other_motion, placement, lag)
+            if match is not None and (best is None or match[0] > best[0]):
+                best = match
         if best is not None and best[0] > 2 * _LEAST_SHARE * 0.9:
             break
     return None if best is None else best[1]
@@ -138,25 +138,27 @@ def _proposals(one: Motion, other: Motion) -> tuple[np.ndarray, np.ndarray]:
     if not len(chosen) or not len(other.seconds[0]):
         return np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
     near = other.tree.query_ball_point(speeds[chosen], SAME_SPEED, p=np.inf)
-    mine = np.repeat(rows[chosen], [len(one_near) for one_near in near])
-    theirs = other.seconds[0][np.concatenate([*near, []]).astype(np.int64)]
-    pairs = np.column_stack([one.tracks.track[mine], other.tracks.track[theirs]]).astype(np.int64)
-    lags = other.tracks.frame[theirs].astype(np.int64) - one.tracks.frame[mine]
+    states = np.repeat(rows[chosen], [len(one_near) for one_near in near])
+    other_states = other.seconds[0][np.concatenate([*near, []]).astype(np.int64)]
+    pairs = np.column_stack([one.tracks.track[states], other.tracks.track[other_states]]).astype(
+        np.int64
+    )
+    lags = other.tracks.frame[other_states].astype(np.int64) - one.tracks.frame[states]
     return pairs, lags
 
 
 def _most_frequent(pairs: np.ndarray) -> np.ndarray:
-    found, counts = np.unique(pairs, axis=0, return_counts=True)
-    return found[np.argsort(-counts, kind="stable")]
+    distinct, counts = np.unique(pairs, axis=0, return_counts=True)
+    return distinct[np.argsort(-counts, kind="stable")]
 
 
 def _rows_in_common(one: Tracks, other: Tracks, pair: np.ndarray, lag: int) -> tuple[slice, slice]:
     """Return the rows of two tracks at their common times."""
-    mine, theirs = one.starts[pair[0] : pair[0] + 2], other.starts[pair[1] : pair[1] + 2]
-    first, other_first = int(one.frame[mine[0]]), int(other.frame[theirs[0]]) - lag
+    span, other_span = one.starts[pair[0] : pair[0] + 2], other.starts[pair[1] : pair[1] + 2]
+    first, other_first = int(one.frame[span[0]]), int(other.frame[other_span[0]]) - lag
     begin = max(first, other_first)
-    end = min(first + int(mine[1] - mine[0]), other_first + int(theirs[1] - theirs[0]))
-    count, a, b = max(end - begin, 0), int(mine[0]), int(theirs[0])
+    end = min(first + int(span[1] - span[0]), other_first + int(other_span[1] - other_span[0]))
+    count, a, b = max(end - begin, 0), int(span[0]), int(other_span[0])
     a, b = a + begin - first, b + begin - other_first
     return slice(a, a + count), slice(b, b + count)
 
@@ -166,13 +168,13 @@ def _placement(one: Motion, other: Motion, pair: np.ndarray, lag: int) -> Placem
 
     The least-squares solution of Kabsch (1976), in the plane.
     """
-    mine, theirs = _rows_in_common(one.tracks, other.tracks, pair, lag)
-    if (mine.stop - mine.start) * one.tracks.dt < 1.0 - 1e-9:
+    rows_here, rows_there = _rows_in_common(one.tracks, other.tracks, pair, lag)
+    if (rows_here.stop - rows_here.start) * one.tracks.dt < 1.0 - 1e-9:
         return None
-    speeds = np.abs(one.speed[mine] - other.speed[theirs])
+    speeds = np.abs(one.speed[rows_here] - other.speed[rows_there])
     a, b = (
         np.column_stack([which.tracks.x[rows], which.tracks.y[rows]])
-        for which, rows in ((one, mine), (other, theirs))
+        for which, rows in ((one, rows_here), (other, rows_there))
     )
     if np.median(speeds) > SAME_SPEED or np.hypot(*np.ptp(a, axis=0)) < _LEAST_PATH:
         return None
@@ -181,9 +183,9 @@ def _placement(one: Motion, other: Motion, pair: np.ndarray, lag: int) -> Placem
     turn = np.arctan2((b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]).sum(), (a * b).sum())
     about = Placement(float(turn), np.zeros(2))
     shift = centre - about.of(np.array([[*other_centre, 0.0]]))[0, :2]
-    found = Placement(float(turn), shift)
+    placement = Placement(float(turn), shift)
     off = about.of(np.column_stack([b, np.zeros(len(b))]))[:, :2] - a
-    return found if np.median(np.hypot(*off.T)) <= SAME_PLACE else None
+    return placement if np.median(np.hypot(*off.T)) <= SAME_PLACE else None
 
 
 def _matched(
@@ -192,7 +194,7 @@ def _matched(
     """Return the share of the common view with a partner, and the vehicles in common."""
     places = other.places(-lag)
     moved = placement.of(places[:, [0, 1, 1]])[:, :2]
-    distance, mine = one.by_time.query(
+    distance, nearest = one.by_time.query(
         np.column_stack([moved, places[:, 2]]), distance_upper_bound=SAME_PLACE
     )
     met = np.isfinite(distance)
@@ -201,19 +203,19 @@ def _matched(
     share = _share(one, other, moved, met, lag)
     if share < _LEAST_SHARE:
         return None
-    pairs = np.column_stack([one.tracks.track[np.asarray(mine)[met]], other.tracks.track[met]])
-    found, counts = np.unique(pairs.astype(np.int64), axis=0, return_counts=True)
-    found = found[np.argsort(-counts, kind="stable")]
+    pairs = np.column_stack([one.tracks.track[np.asarray(nearest)[met]], other.tracks.track[met]])
+    distinct, counts = np.unique(pairs.astype(np.int64), axis=0, return_counts=True)
+    distinct = distinct[np.argsort(-counts, kind="stable")]
     counts = np.sort(counts)[::-1]
-    kept = [
+    rows = [
         row
         for row in np.flatnonzero(counts >= FEWEST_STATES).tolist()
-        if _first(found, row, 0) and _first(found, row, 1)
+        if _first(distinct, row, 0) and _first(distinct, row, 1)
     ]
-    if not kept or (len(kept) < 2 and counts[0] * one.tracks.dt < _ALONE):
+    if not rows or (len(rows) < 2 and counts[0] * one.tracks.dt < _ALONE):
         return None
     frames = np.unique(other.tracks.frame[met])
-    common = Common(lag * one.tracks.dt, len(frames) * one.tracks.dt, found[kept])
+    common = Common(lag * one.tracks.dt, len(frames) * one.tracks.dt, distinct[rows])
     return share * len(frames), common
 
 
@@ -226,9 +228,9 @@ def _share(one: Motion, other: Motion, moved: np.ndarray, met: np.ndarray, lag: 
     frames = one.tracks.frame + lag
     inside = _within(moved, np.column_stack([one.tracks.x, one.tracks.y]))
     inside &= np.isin(other.tracks.frame, frames)
-    mine = _within(np.column_stack([one.tracks.x, one.tracks.y]), moved)
-    mine &= np.isin(frames, other.tracks.frame)
-    fewer = min(int(inside.sum()), int(mine.sum()))
+    covered = _within(np.column_stack([one.tracks.x, one.tracks.y]), moved)
+    covered &= np.isin(frames, other.tracks.frame)
+    fewer = min(int(inside.sum()), int(covered.sum()))
     return float(met.sum()) / fewer if fewer else 0.0
 
 
@@ -250,6 +252,6 @@ def _every(tracks: Tracks, step: float) -> Tracks:
         for name in ("x", "y", "vx", "vy"):
             columns[name].append(np.interp(frame * step, time, getattr(tracks, name)[first:end]))
         columns["heading"].append(np.zeros(len(frame)))
-    states = {name: np.concatenate(parts) for name, parts in columns.items()}
+    states = {name: np.concatenate(pieces) for name, pieces in columns.items()}
     users = {name: getattr(tracks, name) for name in ("identity", "road_user", "length", "width")}
     return Tracks(**states, **users, dt=step, recording=tracks.recording, source=tracks.source)

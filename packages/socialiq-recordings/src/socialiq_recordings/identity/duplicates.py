@@ -25,9 +25,9 @@ def same_moments(identified: Identified) -> dict[Place, set[Place]]:
         identified: Of all recordings.
     """
     same: dict[Place, set[Place]] = {}
-    for one in identified.overlaps:
-        for mine, theirs in one.vehicles if one.seconds else ():
-            pair = (one.first, mine), (one.second, theirs)
+    for overlap in identified.overlaps:
+        for track, other_track in overlap.vehicles if overlap.seconds else ():
+            pair = (overlap.first, track), (overlap.second, other_track)
             for a, b in (pair, pair[::-1]):
                 same.setdefault(a, set()).add(b)
     return same
@@ -40,11 +40,11 @@ def once(sizes: Mapping[Key, float], same: Callable[[Key], Iterable[Key]]) -> se
         sizes: Size of each thing.
         same: Function that returns the things that equal one.
     """
-    kept: set[Key] = set()
-    for one in sorted(sizes, key=lambda key: -sizes[key]):
-        if not kept.intersection(same(one)):
-            kept.add(one)
-    return kept
+    largest: set[Key] = set()
+    for item in sorted(sizes, key=lambda key: -sizes[key]):
+        if not largest.intersection(same(item)):
+            largest.add(item)
+    return largest
 
 
 def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place]:
@@ -56,8 +56,8 @@ def tracks_kept(recorded: Sequence[Tracks], identified: Identified) -> set[Place
     """
     same = same_moments(identified)
     sizes = {
-        (place, track): float(count)
-        for place, tracks in enumerate(recorded)
+        (recording, track): float(count)
+        for recording, tracks in enumerate(recorded)
         for track, count in enumerate(np.diff(tracks.starts).tolist())
     }
     return once(sizes, lambda key: same.get(key, ()))
@@ -70,10 +70,10 @@ def tracks_once(recorded: Sequence[Tracks], identified: Identified) -> list[Trac
         recorded: Tracks of each recording.
         identified: Of the same recordings.
     """
-    kept = tracks_kept(recorded, identified)
+    longest = tracks_kept(recorded, identified)
     masks = [
-        np.array([(place, track) in kept for track in range(tracks.n_tracks)])
-        for place, tracks in enumerate(recorded)
+        np.array([(recording, track) in longest for track in range(tracks.n_tracks)])
+        for recording, tracks in enumerate(recorded)
     ]
     return [t.kept(mask) for t, mask in zip(recorded, masks, strict=True) if mask.any()]
 
@@ -90,11 +90,11 @@ def pairs_once(
     same = same_moments(identified)
 
     def equal(key: tuple[int, int, int]) -> list[tuple[int, int, int]]:
-        place, ego, other = key
+        recording, ego, partner = key
         return [
-            (there, one, two)
-            for there, one in same.get((place, ego), ())
-            for where, two in same.get((place, other), ())
+            (there, ego_there, two)
+            for there, ego_there in same.get((recording, ego), ())
+            for where, two in same.get((recording, partner), ())
             if where == there
         ]
 
@@ -122,7 +122,7 @@ def identify_distinct(
             "refuse".
     """
     one_of("duplicates", duplicates, get_args(Duplicates))
-    check_names([one.tracks.recording for one in recordings])
+    check_names([recording.tracks.recording for recording in recordings])
     identified = identify(recordings)
     if duplicates == "refuse":
         refuse_overlaps(identified)
@@ -131,24 +131,24 @@ def identify_distinct(
 
 def check_names(names: Sequence[str]) -> None:
     """Raise an error if two recordings have one name."""
-    twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
+    twice = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if twice is not None:
         raise UserError(f"two recordings are named '{one_line(twice)}': give each only once")
 
 
 def refuse_overlaps(identified: Identified) -> None:
     """Raise an error if recordings have moments in common; the line names them."""
-    found = [one for one in identified.overlaps if one.seconds]
-    if not found:
+    overlapping = [overlap for overlap in identified.overlaps if overlap.seconds]
+    if not overlapping:
         return
     names = [one_line(name, 60) for name in identified.names]
     pairs = [
         f"{names[one.first]} and {names[one.second]} ({one.seconds:.1f} s, {len(one.vehicles)} "
         "vehicles)"
-        for one in found[:_NAMED]
+        for one in overlapping[:_NAMED]
     ]
-    more = f" and {len(found) - _NAMED} more pairs" if len(found) > _NAMED else ""
+    remainder = f" and {len(overlapping) - _NAMED} more pairs" if len(overlapping) > _NAMED else ""
     raise UserError(
-        f"the same moments are in {', '.join(pairs)}{more}: leave recordings out, or choose "
+        f"the same moments are in {', '.join(pairs)}{remainder}: leave recordings out, or choose "
         "--duplicates drop"
     )

@@ -77,14 +77,14 @@ class ChoiceTable:
         steps = np.diff(grid) if grid.ndim == 1 else np.zeros(0)
         if len(steps) < 1 or not (steps > 0).all() or np.ptp(steps) > 1e-9 * len(grid):
             raise UserError("grid must be two or more ascending, equally spaced accelerations")
-        for one in fields(self):
-            column = getattr(self, one.name)
-            wide = one.name in ("log_base", "r_env", "r_social")
+        for field in fields(self):
+            column = getattr(self, field.name)
+            wide = field.name in ("log_base", "r_env", "r_social")
             shape = (decisions, len(grid)) if wide else (decisions,)
-            if one.name != "grid" and column.shape != shape:
-                raise UserError(f"column {one.name} has the shape {column.shape}, not {shape}")
+            if field.name != "grid" and column.shape != shape:
+                raise UserError(f"column {field.name} has the shape {column.shape}, not {shape}")
             if column.dtype.kind == "f" and not np.isfinite(column).all():
-                raise UserError(f"column {one.name} holds a number that is not finite")
+                raise UserError(f"column {field.name} holds a number that is not finite")
         if decisions and np.abs(np.exp(self.log_base).sum(axis=1) - 1).max() > _SUM:
             raise UserError("log_base must be log-probabilities that sum to 1 in each row")
         if not np.isin(self.half, (0, 1)).all():
@@ -105,12 +105,12 @@ class ChoiceTable:
         Args:
             mask: Those to keep.
         """
-        kept = {f.name: getattr(self, f.name)[mask] for f in fields(self) if f.name != "grid"}
-        return replace(self, **kept)
+        columns = {f.name: getattr(self, f.name)[mask] for f in fields(self) if f.name != "grid"}
+        return replace(self, **columns)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return all columns by name."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def nearest(grid: Float64[np.ndarray, " candidate"], values: Any) -> Int64[np.ndarray, " decision"]:
@@ -120,8 +120,8 @@ def nearest(grid: Float64[np.ndarray, " candidate"], values: Any) -> Int64[np.nd
         grid: m/s², ascending.
         values: m/s², one for each decision.
     """
-    place = np.rint((np.asarray(values) - grid[0]) / (grid[1] - grid[0]))
-    return np.clip(place, 0, len(grid) - 1).astype(np.int64)
+    index = np.rint((np.asarray(values) - grid[0]) / (grid[1] - grid[0]))
+    return np.clip(index, 0, len(grid) - 1).astype(np.int64)
 
 
 AHEAD = 5.0
@@ -169,23 +169,23 @@ def rewards(seen: Situations, grid: Float64[np.ndarray, " candidate"]) -> Reward
 
 def _path(speed: Metres, rate: Metres) -> list[_Driven]:
     """Return the driver at the begin and at the end of every step."""
-    made = [_Driven(np.zeros(speed.shape), speed)]
+    states = [_Driven(np.zeros(speed.shape), speed)]
     for step in range(round(AHEAD / _DT)):
         now = rate if step * _DT < 1.0 else np.zeros(rate.shape)
-        driven, after = ballistic(made[-1].speed, now, _DT)
-        made.append(_Driven(made[-1].driven + driven, after))
-    return made
+        driven, after = ballistic(states[-1].speed, now, _DT)
+        states.append(_Driven(states[-1].driven + driven, after))
+    return states
 
 
 def _some(path: list[_Driven], mask: Bool[np.ndarray, " moment"]) -> list[_Driven]:
-    return [_Driven(one.driven[mask], one.speed[mask]) for one in path]
+    return [_Driven(state.driven[mask], state.speed[mask]) for state in path]
 
 
 def _driver(speed: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, "moment one parameter"]:
     """Return the IDM's log-parameters of vehicles that wish to go as fast as they do, at least."""
-    found = np.tile(literature(), (len(speed), 1, 1))
-    found[:, 0, 0] = np.maximum(found[:, 0, 0], np.log(np.maximum(speed, 1.0)))
-    return found
+    parameters = np.tile(literature(), (len(speed), 1, 1))
+    parameters[:, 0, 0] = np.maximum(parameters[:, 0, 0], np.log(np.maximum(speed, 1.0)))
+    return parameters
 
 
 def _lost_behind(seen: Situations, path: list[_Driven]) -> Metres:
@@ -207,22 +207,22 @@ def _lost_in_conflict(seen: Situations, path: list[_Driven]) -> Metres:
     """Return the metres that other vehicles of conflicts lose because the driver comes first."""
     model, shape = _driver(seen.other_speed), path[0].driven.shape
     first, leaves = _first(seen, path)
-    one = absent = _Driven(np.zeros(shape), np.broadcast_to(seen.other_speed[:, None], shape))
+    partner = absent = _Driven(np.zeros(shape), np.broadcast_to(seen.other_speed[:, None], shape))
     for step, ego in enumerate(path[:-1]):
         now = step * _DT
-        free = _behind_leader(seen, model, one, now)
-        blocked = first & _in_the_way(seen, one, leaves - now)
-        to_area = seen.other_to_area[:, None] - one.driven
-        stopping = accelerations(model, one.speed, to_area, np.zeros(shape))
+        free = _behind_leader(seen, model, partner, now)
+        blocked = first & _in_the_way(seen, partner, leaves - now)
+        to_area = seen.other_to_area[:, None] - partner.driven
+        stopping = accelerations(model, partner.speed, to_area, np.zeros(shape))
         rate = np.where(blocked, np.minimum(free, stopping), free)
         beyond = ego.driven - seen.to_area[:, None]
         follows = first & seen.merging[:, None] & (beyond >= 0)
         gap = to_area + beyond - seen.length[:, None]
-        following = accelerations(model, one.speed, gap, ego.speed)
+        following = accelerations(model, partner.speed, gap, ego.speed)
         rate = np.where(follows, np.minimum(rate, following), rate)
-        one = _on(one, rate)
+        partner = _on(partner, rate)
         absent = _on(absent, _behind_leader(seen, model, absent, now))
-    return np.maximum(absent.driven - one.driven, 0.0)
+    return np.maximum(absent.driven - partner.driven, 0.0)
 
 
 def _on(one: _Driven, rate: Metres) -> _Driven:
@@ -252,18 +252,18 @@ def _first(
     """Whether the driver comes first to the area, and when it leaves it, s from the moment."""
     enters = _reached(path, seen.to_area)
     with np.errstate(divide="ignore"):
-        other = np.maximum(seen.other_to_area, 0.0) / seen.other_speed
-    return enters <= other[:, None], _reached(path, seen.to_area + seen.through)
+        other_enters = np.maximum(seen.other_to_area, 0.0) / seen.other_speed
+    return enters <= other_enters[:, None], _reached(path, seen.to_area + seen.through)
 
 
 def _reached(path: list[_Driven], metres: Float64[np.ndarray, " moment"]) -> Metres:
     """Return the times at which drivers have gone some metres, s; infinite if they stand before."""
-    found = np.full(path[0].driven.shape, np.inf)
+    times = np.full(path[0].driven.shape, np.inf)
     for step in range(len(path) - 1, -1, -1):
         left = metres[:, None] - path[step].driven
         speed = path[step].speed
         at = step * _DT + np.maximum(left, 0.0) / np.maximum(speed, 1e-9)
         last = step == len(path) - 1
         passed = (left <= 0) | (path[min(step + 1, len(path) - 1)].driven >= metres[:, None])
-        found = np.where(passed | (last & (speed > 0)), np.minimum(found, at), found)
-    return found
+        times = np.where(passed | (last & (speed > 0)), np.minimum(times, at), times)
+    return times

@@ -78,8 +78,8 @@ def fit_population(train: Situations) -> Float64[np.ndarray, " parameter"]:
         off = next_second(log_parameters, train) - train.acceleration
         return np.append(off / root, _HOLD * (log_parameters - start))
 
-    found = least_squares(errors, start, bounds=(LOW, HIGH), loss="soft_l1", max_nfev=60)
-    return np.asarray(found.x)
+    fit = least_squares(errors, start, bounds=(LOW, HIGH), loss="soft_l1", max_nfev=60)
+    return np.asarray(fit.x)
 
 
 def fit_drivers(
@@ -100,22 +100,22 @@ def fit_drivers(
         spread: Standard deviation of drivers' log-parameters.
     """
     vehicles, driver = np.unique(own.vehicle, return_inverse=True)
-    found = np.tile(population, (len(vehicles), 1))
+    fitted = np.tile(population, (len(vehicles), 1))
     size = len(population)
     for _ in range(_ROUNDS):
-        off = own.acceleration - next_second(found[driver], own)
-        steps = found[driver][:, None, :] + _STEP * np.eye(size)
+        off = own.acceleration - next_second(fitted[driver], own)
+        steps = fitted[driver][:, None, :] + _STEP * np.eye(size)
         slopes = np.stack(
-            [next_second(steps[:, k], own) - next_second(found[driver], own) for k in range(size)],
+            [next_second(steps[:, k], own) - next_second(fitted[driver], own) for k in range(size)],
             axis=1,
         )
         slopes /= _STEP
         curvature = np.tile(np.eye(size) / spread**2, (len(vehicles), 1, 1))
         np.add.at(curvature, driver, slopes[:, :, None] * slopes[:, None, :] / error**2)
-        pull = (population - found) / spread**2
+        pull = (population - fitted) / spread**2
         np.add.at(pull, driver, slopes * off[:, None] / error**2)
-        found = np.clip(found + np.linalg.solve(curvature, pull[..., None])[..., 0], LOW, HIGH)
-    return dict(zip(vehicles.tolist(), found, strict=True))
+        fitted = np.clip(fitted + np.linalg.solve(curvature, pull[..., None])[..., 0], LOW, HIGH)
+    return dict(zip(vehicles.tolist(), fitted, strict=True))
 
 
 def of_drivers(
@@ -124,7 +124,7 @@ def of_drivers(
     seen: Situations,
 ) -> Float64[np.ndarray, "moment parameter"]:
     """Return the log-parameters of each moment's driver; the population's of an unknown one."""
-    rows = [drivers.get(one, population) for one in seen.vehicle.tolist()]
+    rows = [drivers.get(vehicle, population) for vehicle in seen.vehicle.tolist()]
     return np.array(rows).reshape(len(seen), len(population))
 
 

@@ -98,7 +98,7 @@ def demonstrations(seen: Situations, levels: Sequence[float]) -> Demonstrations:
         action=action,
         next_observation=after,
         ending=np.where(last, int(Ending.TIMEOUT), int(Ending.NONE)),
-        rewards=RewardPair(*(one[rows, action] for one in pair)),
+        rewards=RewardPair(*(reward[rows, action] for reward in pair)),
         episode=np.cumsum(~goes_on) - 1,
         n_actions=len(levels),
     )
@@ -129,9 +129,13 @@ class Levels:
         self, chances: Chances, seen: Situations
     ) -> Float64[np.ndarray, "moment policy"]:
         """Return each policy's log-density of the observed accelerations, 1 / (m/s²)."""
-        alone = [Forecast.at(np.full(len(seen), one)) for one in self.centre]
+        alone = [Forecast.at(np.full(len(seen), centre)) for centre in self.centre]
         of_level = np.stack(
-            [self.spread.log_density(one, seen.acceleration, seen.moving) for one in alone], axis=1
+            [
+                self.spread.log_density(forecast, seen.acceleration, seen.moving)
+                for forecast in alone
+            ],
+            axis=1,
         )
         return np.asarray(logsumexp(chances(seen) + of_level[:, None, :], axis=2))
 
@@ -148,10 +152,12 @@ class Levels:
             log_share: Log-probability of each policy, for drivers that aren't known.
             by_driver: The same of known drivers.
         """
-        known = by_driver or {}
+        shares_of = by_driver or {}
 
         def forecast(seen: Situations, last: Any) -> Forecast:  # noqa: ARG001
-            shares = np.array([known.get(one, log_share) for one in seen.vehicle.tolist()])
+            shares = np.array(
+                [shares_of.get(vehicle, log_share) for vehicle in seen.vehicle.tolist()]
+            )
             shares = shares.reshape(len(seen), len(log_share), 1)
             mixed = np.asarray(logsumexp(shares + chances(seen), axis=1))
             return Forecast(mixed, np.tile(self.centre, (len(seen), 1)))
@@ -167,10 +173,12 @@ def of_policies(policies: Sequence[Any]) -> Chances:
     """
 
     def chances(seen: Situations) -> Float64[np.ndarray, "moment policy level"]:
-        given = features(seen).astype(np.float32)
-        each = np.stack([np.asarray(one.probabilities(given)) for one in policies], axis=1)
-        each = np.maximum(each.astype(np.float64), _LEAST)
-        return np.log(each / each.sum(axis=2, keepdims=True))
+        inputs = features(seen).astype(np.float32)
+        chances_of = np.stack(
+            [np.asarray(policy.probabilities(inputs)) for policy in policies], axis=1
+        )
+        chances_of = np.maximum(chances_of.astype(np.float64), _LEAST)
+        return np.log(chances_of / chances_of.sum(axis=2, keepdims=True))
 
     return chances
 
@@ -200,38 +208,38 @@ def trained_dials(
         tables: Training moments of each as demonstrations.
         settings: Settings.
     """
-    parts = [grouped(task.train.vehicle, _PARTS) for task in tasks]
-    others = [
-        demonstrations(task.train.rows(_besides(part, number)), settings.levels)
-        for task, part in zip(tasks, parts, strict=True)
+    groups = [grouped(task.train.vehicle, _PARTS) for task in tasks]
+    without = [
+        demonstrations(task.train.rows(_besides(group, number)), settings.levels)
+        for task, group in zip(tasks, groups, strict=True)
         for number in range(_PARTS)
     ]
     seeds = [task.seed for task in tasks]
     every = _dials(
-        [*tables, *others], seeds + [one for one in seeds for _ in range(_PARTS)], settings
+        [*tables, *without], seeds + [seed for seed in seeds for _ in range(_PARTS)], settings
     )
-    found = []
-    for place, (task, part) in enumerate(zip(tasks, parts, strict=True)):
-        levels, first = Levels(task, settings), len(tasks) + _PARTS * place
+    models = []
+    for fold, (task, group) in enumerate(zip(tasks, groups, strict=True)):
+        levels, first = Levels(task, settings), len(tasks) + _PARTS * fold
         density = np.empty((len(task.train), len(SHARES) * len(ANGLES)))
         for number, chances in enumerate(every[first : first + _PARTS]):
-            rows = part == number
+            rows = group == number
             density[rows] = levels.log_density(chances, task.train.rows(rows))
-        found.append(_models(task, levels, every[place], density))
-    return found
+        models.append(_models(task, levels, every[fold], density))
+    return models
 
 
 def _besides(part: Int64[np.ndarray, " moment"], number: int) -> Bool[np.ndarray, " moment"]:
     """Whether moments are of other parts; all of them, if there is no other."""
-    others = part != number
-    return others if others.any() else ~others
+    besides = part != number
+    return besides if besides.any() else ~besides
 
 
 def _dials(
     tables: Sequence[Demonstrations], seeds: Sequence[int], settings: Training
 ) -> list[Chances]:
     """Return the family of a dial of each table, all trained in one program."""
-    longest = max(int(np.bincount(one.episode).max()) for one in tables)
+    longest = max(int(np.bincount(table.episode).max()) for table in tables)
     shape = StaticConfig(
         low=float(ANGLES[0]),
         high=float(ANGLES[-1]),
@@ -248,11 +256,11 @@ def _dials(
     ]
     stages = train_together(shape, numbers, tables)
     clones = stages["behaviour"].state.target_network
-    found = []
-    for place in range(len(tables)):
-        clone, dial = QPolicy.of(network_of(clones, place), 1.0, {}), stages["dial"].policy(place)
-        found.append(of_family([clone, *(dial.at(one) for one in ANGLES.tolist())]))
-    return found
+    families = []
+    for index in range(len(tables)):
+        clone, dial = QPolicy.of(network_of(clones, index), 1.0, {}), stages["dial"].policy(index)
+        families.append(of_family([clone, *(dial.at(angle) for angle in ANGLES.tolist())]))
+    return families
 
 
 def of_family(policies: Sequence[Any]) -> Chances:
@@ -265,8 +273,8 @@ def of_family(policies: Sequence[Any]) -> Chances:
     share = np.array(SHARES)[:, None, None]
 
     def chances(seen: Situations) -> Float64[np.ndarray, "moment policy level"]:
-        found = every(seen)
-        clone, turned = found[:, None, :1], found[:, None, 1:]
+        log_chances = every(seen)
+        clone, turned = log_chances[:, None, :1], log_chances[:, None, 1:]
         mixed = log_softmax((1 - share) * clone + share * turned, axis=3)
         return mixed.reshape(len(seen), -1, mixed.shape[3])
 
@@ -285,14 +293,17 @@ def _models(
         density: Log-densities of the training moments, by families of other drivers.
     """
     trait = family_trait(ANGLES, strengths=SHARES)
-    shown = _by_driver(density, task.train.vehicle)
+    likelihood = _by_driver(density, task.train.vehicle)
     alike, differ = (
-        population_posterior(log_marginal(shown, one), one) for one in (trait.alike(), trait)
+        population_posterior(log_marginal(likelihood, grid), grid)
+        for grid in (trait.alike(), trait)
     )
-    own = np.unique(task.own.vehicle)
-    each = _by_driver(levels.log_density(chances, task.own), task.own.vehicle)
-    posterior = driver_posteriors(each, differ)
-    by_driver = {vehicle: _log(one) for vehicle, one in zip(own.tolist(), posterior, strict=True)}
+    vehicles = np.unique(task.own.vehicle)
+    own_likelihood = _by_driver(levels.log_density(chances, task.own), task.own.vehicle)
+    posterior = driver_posteriors(own_likelihood, differ)
+    by_driver = {
+        vehicle: _log(chance) for vehicle, chance in zip(vehicles.tolist(), posterior, strict=True)
+    }
     at_angle = levels.fitted(chances, _log(alike.driver_prior))
     share = {"dial_share": float(alike.driver_prior.sum(axis=1) @ np.array(SHARES))}
     return {
@@ -329,22 +340,22 @@ def trained(
         settings: Settings.
         names: Those of `LEARNED` that are wanted.
     """
-    found: list[dict[str, Fitted]] = [{} for _ in tasks]
-    tables = [demonstrations(one.train, settings.levels) for one in tasks]
-    seeds = [one.seed for one in tasks]
+    models: list[dict[str, Fitted]] = [{} for _ in tasks]
+    tables = [demonstrations(task.train, settings.levels) for task in tasks]
+    seeds = [task.seed for task in tasks]
     if CLONE in names:
         shape = behaviour_cloning.StaticConfig(
             hidden=settings.hidden, batch_size=settings.batch_size, updates=settings.updates
         )
         runs = [
-            behaviour_cloning.Hyperparameters(learning_rate=1e-3, seed=seed, dataset=place)
-            for place, seed in enumerate(seeds)
+            behaviour_cloning.Hyperparameters(learning_rate=1e-3, seed=seed, dataset=fold)
+            for fold, seed in enumerate(seeds)
         ]
         clones = behaviour_cloning.BehaviourCloning.train_on(shape, runs, tables)
-        for place, task in enumerate(tasks):
-            chances = of_policies([clones.policy(place)])
-            found[place][CLONE] = Levels(task, settings).fitted(chances, np.zeros(1))
+        for fold, task in enumerate(tasks):
+            chances = of_policies([clones.policy(fold)])
+            models[fold][CLONE] = Levels(task, settings).fitted(chances, np.zeros(1))
     if {AT_ANGLE, BY_DRIVER} & set(names):
-        for one, more in zip(found, trained_dials(tasks, tables, settings), strict=True):
-            one |= {name: model for name, model in more.items() if name in names}
-    return found
+        for fitted, dials in zip(models, trained_dials(tasks, tables, settings), strict=True):
+            fitted |= {name: model for name, model in dials.items() if name in names}
+    return models

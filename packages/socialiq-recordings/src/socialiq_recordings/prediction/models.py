@@ -56,7 +56,7 @@ def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
     """
     leads, follows = np.isfinite(seen.gap), np.isfinite(seen.behind)
     conflict = seen.conflict
-    arrives, other = (
+    arrives, other_arrives = (
         _time(gap, speed)
         for gap, speed in ((seen.to_area, seen.speed), (seen.other_to_area, seen.other_speed))
     )
@@ -77,12 +77,12 @@ def features(seen: Situations) -> Float64[np.ndarray, "moment feature"]:
         seen.gives_way,
         conflict,
         np.where(conflict, 1 - arrives / _LONG, 0.0),
-        np.where(conflict, 1 - other / _LONG, 0.0),
-        np.where(conflict, np.clip(other - arrives, -_LONG, _LONG) / _LONG, 0.0),
+        np.where(conflict, 1 - other_arrives / _LONG, 0.0),
+        np.where(conflict, np.clip(other_arrives - arrives, -_LONG, _LONG) / _LONG, 0.0),
         seen.merging & conflict,
         np.where(conflict, seen.other_speed / _SPEED, 0.0),
     )
-    return np.stack([np.asarray(one, np.float64) for one in columns], axis=1)
+    return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
 
 
 def _near(metres: Float64[np.ndarray, " moment"]) -> Float64[np.ndarray, " moment"]:
@@ -184,8 +184,8 @@ def _of_mean(
     personal: bool = False,
 ) -> Fitted:
     """Return a model of a mean; its spread is that of its errors in training, if none are given."""
-    own = task.train.acceleration - mean(task.train, task.residual) if errors is None else errors
-    spread = Spread.fit(own, task.train.acceleration, task.train.moving)
+    off = task.train.acceleration - mean(task.train, task.residual) if errors is None else errors
+    spread = Spread.fit(off, task.train.acceleration, task.train.moving)
     return Fitted(lambda seen, last: Forecast.at(mean(seen, last)), spread, personal)
 
 
@@ -236,9 +236,9 @@ def idm_by_driver(task: Task) -> Fitted:
     # Of first halves, from which drivers' parameters come, the errors are those of the population.
     trained = mean_of(task.train.rows(task.first))
     errors = np.where(task.first, off, task.train.acceleration - trained(task.train, task.residual))
-    found = Spread.fit(errors, task.train.acceleration, task.train.moving)
+    spread_of_errors = Spread.fit(errors, task.train.acceleration, task.train.moving)
     personal = mean_of(task.own)
-    return Fitted(lambda seen, last: Forecast.at(personal(seen, last)), found, True)
+    return Fitted(lambda seen, last: Forecast.at(personal(seen, last)), spread_of_errors, True)
 
 
 def boosting(task: Task) -> Fitted:
@@ -253,14 +253,14 @@ def boosting_residual(task: Task) -> Fitted:
 
 def _boosted(task: Task, inputs: Callable[[Situations, Residuals], Any]) -> Fitted:
     """Return gradient boosting; its spread is of errors for drivers that it was not trained on."""
-    given, target = inputs(task.train, task.residual), task.train.acceleration
-    part = grouped(task.train.vehicle, 5)
+    columns, target = inputs(task.train, task.residual), task.train.acceleration
+    group = grouped(task.train.vehicle, 5)
     errors = np.zeros(len(target))
-    for one in np.unique(part):
-        others = part != one if (part != one).any() else part == one
-        trees = _trees(task.seed).fit(given[others], target[others])
-        errors[part == one] = target[part == one] - trees.predict(given[part == one])
-    trees = _trees(task.seed).fit(given, target)
+    for number in np.unique(group):
+        besides = group != number if (group != number).any() else group == number
+        trees = _trees(task.seed).fit(columns[besides], target[besides])
+        errors[group == number] = target[group == number] - trees.predict(columns[group == number])
+    trees = _trees(task.seed).fit(columns, target)
     return _of_mean(lambda seen, last: trees.predict(inputs(seen, last)), task, errors)
 
 

@@ -126,7 +126,7 @@ class Situations:
         Args:
             mask: Those to keep, or their indices.
         """
-        return Situations(*(getattr(self, one.name)[mask] for one in fields(self)))
+        return Situations(*(getattr(self, field.name)[mask] for field in fields(self)))
 
     def advanced(self, acceleration: Float64[np.ndarray, " moment"]) -> Situations:
         """Return the situations a second later, all others at their speeds.
@@ -150,14 +150,14 @@ class Situations:
 
     def previous(self) -> Int64[np.ndarray, " moment"]:
         """Return the row of the same vehicle's moment a second before; -1 if there is none."""
-        found = np.full(len(self), -1, np.int64)
+        before = np.full(len(self), -1, np.int64)
         order = np.lexsort((self.time, self.recording, self.vehicle))
-        one, two = order[:-1], order[1:]
-        same = self.vehicle[one] == self.vehicle[two]
-        same &= self.recording[one] == self.recording[two]
-        same &= np.abs(self.time[two] - self.time[one] - 1.0) < 0.1
-        found[two[same]] = one[same]
-        return found
+        earlier, later = order[:-1], order[1:]
+        same = self.vehicle[earlier] == self.vehicle[later]
+        same &= self.recording[earlier] == self.recording[later]
+        same &= np.abs(self.time[later] - self.time[earlier] - 1.0) < 0.1
+        before[later[same]] = earlier[same]
+        return before
 
     def half(self) -> Int64[np.ndarray, " moment"]:
         """Return 0 for moments in the first half of the driver's conflicts, 1 for later ones.
@@ -166,21 +166,21 @@ class Situations:
         smaller; its other moments fall on either side by their time. Drivers without a conflict
         are cut in the middle of all their moments.
         """
-        found = np.ones(len(self), np.int64)
+        halves = np.ones(len(self), np.int64)
         order = np.lexsort((self.time, self.vehicle))
         ends = np.flatnonzero(np.diff(self.vehicle[order])) + 1
         for rows in np.split(order, ends) if len(order) else ():
             counted = rows[self.conflict[rows]]
             counted = counted if len(counted) else rows
             cut = counted[len(counted) // 2]
-            found[rows[: int(np.flatnonzero(rows == cut)[0])]] = 0
-        return found
+            halves[rows[: int(np.flatnonzero(rows == cut)[0])]] = 0
+        return halves
 
 
 def joined(parts: Sequence[Situations]) -> Situations:
     """Return the moments of several tables in one."""
     return Situations(
-        *(np.concatenate([getattr(one, f.name) for one in parts]) for f in fields(Situations))
+        *(np.concatenate([getattr(table, f.name) for table in parts]) for f in fields(Situations))
     )
 
 
@@ -214,30 +214,32 @@ def situations_of(
     Raises:
         UserError: If no vehicle is in view for a second.
     """
-    kept = tracks_kept([one.tracks for one in recordings], identified) if drop else None
+    longest = (
+        tracks_kept([recording.tracks for recording in recordings], identified) if drop else None
+    )
     clocks = clocks_of(identified)
     sites, chains = (
         np.unique(names, return_inverse=True)[1] for names in (identified.site, identified.chain)
     )
-    parts = []
-    for place, recording in enumerate(recordings):
-        seen = _Seen(Encounters(Scene(recording)))
+    tables = []
+    for number, recording in enumerate(recordings):
+        source = _Seen(Encounters(Scene(recording)))
         rows = []
-        for track in seen.ways:
-            if kept is not None and (place, track) not in kept:
+        for track in source.ways:
+            if longest is not None and (number, track) not in longest:
                 continue
             who = {
-                "recording": place,
-                "vehicle": int(identified.vehicle[place][track]),
-                "chain": int(chains[place]),
-                "site": int(sites[place]),
+                "recording": number,
+                "vehicle": int(identified.vehicle[number][track]),
+                "chain": int(chains[number]),
+                "site": int(sites[number]),
             }
-            rows += [who | row for row in seen.moments(track, clocks[place])]
-        parts.append(_table(rows))
-    found = joined(parts)
-    if not len(found):
+            rows += [who | row for row in source.moments(track, clocks[number])]
+        tables.append(_table(rows))
+    situations = joined(tables)
+    if not len(situations):
         raise UserError("no vehicle is on the road for a second and more: nothing can be predicted")
-    return found
+    return situations
 
 
 def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
@@ -249,21 +251,21 @@ def clocks_of(identified: Identified) -> Float64[np.ndarray, " recording"]:
         identified: Of the recordings.
     """
     count = len(identified.names)
-    found = np.full(count, np.nan)
-    beside: dict[int, list[tuple[int, float]]] = {one: [] for one in range(count)}
-    for one in identified.overlaps:
-        if one.seconds:
+    clocks = np.full(count, np.nan)
+    beside: dict[int, list[tuple[int, float]]] = {number: [] for number in range(count)}
+    for overlap in identified.overlaps:
+        if overlap.seconds:
             # The second's clock shows `lag` at frame 0 of the first.
-            beside[one.first].append((one.second, -one.lag))
-            beside[one.second].append((one.first, one.lag))
+            beside[overlap.first].append((overlap.second, -overlap.lag))
+            beside[overlap.second].append((overlap.first, overlap.lag))
     for root in range(count):
-        waiting = deque([(root, _APART * root)]) if np.isnan(found[root]) else deque()
+        waiting = deque([(root, _APART * root)]) if np.isnan(clocks[root]) else deque()
         while waiting:
-            place, at = waiting.popleft()
-            if np.isnan(found[place]):
-                found[place] = at
-                waiting += [(other, at + lag) for other, lag in beside[place]]
-    return found
+            index, at = waiting.popleft()
+            if np.isnan(clocks[index]):
+                clocks[index] = at
+                waiting += [(neighbour, at + lag) for neighbour, lag in beside[index]]
+    return clocks
 
 
 def _table(rows: Sequence[Row]) -> Situations:
@@ -271,8 +273,8 @@ def _table(rows: Sequence[Row]) -> Situations:
     kinds |= {"gives_way": np.bool_, "merging": np.bool_}
     return Situations(
         *(
-            np.array([row[one.name] for row in rows], kinds.get(one.name, np.float64))
-            for one in fields(Situations)
+            np.array([row[field.name] for row in rows], kinds.get(field.name, np.float64))
+            for field in fields(Situations)
         )
     )
 
@@ -306,8 +308,8 @@ class _Seen:
         junctions: Float64[np.ndarray, " junction"],
     ) -> Row:
         along, speed = way.state(frame)
-        others = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
-        ahead, behind = leader(way, along, others), follower(way, along, others)
+        vehicles = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
+        ahead, behind = leader(way, along, vehicles), follower(way, along, vehicles)
         front = along + way.length / 2
         to_junction = junctions[junctions > front] - front
         then = frame + round(HORIZON / self.dt)
@@ -330,8 +332,8 @@ class _Seen:
 
     def _lane(self, way: Way, frame: int) -> Row:
         matched, lanelets = self.encounters.scene.matched(way.track), self._lanelets
-        one = lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
-        return {"limit": one.speed_limit, "gives_way": one.sign in (Sign.YIELD, Sign.STOP)}
+        lanelet = lanelets[matched.lanelets[int(matched.place[frame - way.first])]]
+        return {"limit": lanelet.speed_limit, "gives_way": lanelet.sign in (Sign.YIELD, Sign.STOP)}
 
     @property
     def _lanelets(self) -> dict[int, Any]:
@@ -339,57 +341,59 @@ class _Seen:
 
     def _junctions(self, way: Way) -> Float64[np.ndarray, " junction"]:
         """Return the coordinates at which a route enters junctions."""
-        of, before, found = self.encounters.scene.lanes.junction_of, None, []
+        of, before, coordinates = self.encounters.scene.lanes.junction_of, None, []
         for number in way.lanelets:
             if of.get(number) is not None and of.get(number) != before:
                 start = self._lanelets[number].centre[0]
-                found.append(float(way.line.coordinates(start[:1], start[1:]).along[0]))
+                coordinates.append(float(way.line.coordinates(start[:1], start[1:]).along[0]))
             before = of.get(number)
-        return np.array(found)
+        return np.array(coordinates)
 
     def _partners(self, track: int) -> list[tuple[Way, Area]]:
-        own, found = self.ways[track], []
-        for other, way in self.ways.items():
-            if other != track and len(frames_together(own, way)):
-                area = self.encounters.area(track, other)
-                found += [] if area is None else [(way, area)]
-        return found
+        way_of_track, partners = self.ways[track], []
+        for number, way in self.ways.items():
+            if number != track and len(frames_together(way_of_track, way)):
+                area = self.encounters.area(track, number)
+                partners += [] if area is None else [(way, area)]
+        return partners
 
     def _conflict(self, way: Way, frame: int, partners: list[tuple[Way, Area]]) -> Row:
         """Return the conflict whose later vehicle arrives first, at the speeds of the frame."""
-        found, soonest = None, math.inf
-        for other, area in partners:
-            if other.first <= frame <= other.last:
-                arrives = self._arrives(way, other, area, frame)
+        soonest_partner, soonest = None, math.inf
+        for partner, area in partners:
+            if partner.first <= frame <= partner.last:
+                arrives = self._arrives(way, partner, area, frame)
                 if arrives < soonest:
-                    found, soonest = (other, area), arrives
-        if found is None:
+                    soonest_partner, soonest = (partner, area), arrives
+        if soonest_partner is None:
             return _NO_AREA
-        other, area = found
-        ahead = self._leader_of(other, frame, way.track)
-        own, theirs = (_before(one, area.entry[k], frame) for k, one in enumerate((way, other)))
+        partner, area = soonest_partner
+        ahead = self._leader_of(partner, frame, way.track)
+        before, other_before = (
+            _before(of_pair, area.entry[k], frame) for k, of_pair in enumerate((way, partner))
+        )
         return {
-            "to_area": own,
+            "to_area": before,
             "through": area.exit[0] - area.entry[0] + way.length,
             "merging": area.kind == Conflict.MERGING,
-            "other_to_area": theirs,
-            "other_through": area.exit[1] - area.entry[1] + other.length,
-            "other_speed": max(other.state(frame)[1], 0.0),
+            "other_to_area": other_before,
+            "other_through": area.exit[1] - area.entry[1] + partner.length,
+            "other_speed": max(partner.state(frame)[1], 0.0),
             "other_gap": ahead.gap,
             "other_leader_speed": ahead.speed,
         }
 
     def _leader_of(self, way: Way, frame: int, but: int) -> Near:
-        others = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
-        return leader(way, way.state(frame)[0], others.without(but))
+        vehicles = on_way(self.encounters.scene, way, frame, self.encounters.config.slack)
+        return leader(way, way.state(frame)[0], vehicles.without(but))
 
     def _arrives(self, way: Way, other: Way, area: Area, frame: int) -> float:
         """Return the time until the later of two arrives; infinite if they are in no conflict."""
         now, config = frame * self.dt, self.encounters.config
         sides = ((way, area.entry[0], area.exit[0]), (other, area.entry[1], area.exit[1]))
         times = [projected(*side, frame) for side in sides]
-        arrives = max(one.enters for one in times) - now
-        gone = min(one.leaves for one in times) <= now
+        arrives = max(occupancy.enters for occupancy in times) - now
+        gone = min(occupancy.leaves for occupancy in times) <= now
         if gone or arrives > SOON or apart(*times) > config.near:
             return math.inf
         first = self.encounters.first_in_line

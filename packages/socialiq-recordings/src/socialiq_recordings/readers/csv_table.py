@@ -45,9 +45,9 @@ class Table:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a complete column."""
-        parts = self._parts[name]
-        if len(parts) > 1:
-            self._parts[name] = [np.concatenate(parts)]
+        pieces = self._parts[name]
+        if len(pieces) > 1:
+            self._parts[name] = [np.concatenate(pieces)]
         return self._parts[name][0]
 
     def __contains__(self, name: str) -> bool:
@@ -56,7 +56,7 @@ class Table:
 
     def word(self, name: str, number: int) -> str:
         """Return the word with a number in a column of text."""
-        return next(word for word, one in self.words[name].items() if one == number)
+        return next(word for word, index in self.words[name].items() if index == number)
 
     def row_name(self, place: int) -> str:
         """Return the name of a row for messages: the header is row 1."""
@@ -105,12 +105,12 @@ class Table:
                 f"{self.path}, {self.row_name(self.n_rows + short)}: {len(chunk[short])} cells, so "
                 "columns are missing: restore the file"
             )
-        for name, place in places.items():
-            cells = [row[place] for row in chunk]
+        for name, index in places.items():
+            cells = [row[index] for row in chunk]
             if name in texts:
                 numbers = self.words.setdefault(name, {})
                 column = np.array(
-                    [numbers.setdefault(one, len(numbers)) for one in cells], np.int32
+                    [numbers.setdefault(cell, len(numbers)) for cell in cells], np.int32
                 )
             elif name in whole:
                 column = self._whole(columns[name], cells)
@@ -124,27 +124,27 @@ class Table:
             return np.array(list(map(float, cells)))
         except ValueError:
             pass  # A cell is empty or not a number: check each.
-        found = np.full(len(cells), np.nan)
+        values = np.full(len(cells), np.nan)
         for at, cell in enumerate(cells):
             if cell.strip().lower() not in _MISSING:
                 try:
-                    found[at] = float(cell)
+                    values[at] = float(cell)
                 except ValueError as error:
                     raise self._no_number(column, at, cell, "a number") from error
-        return found
+        return values
 
     def _whole(self, column: str, cells: list[str]) -> np.ndarray:
         try:
             return np.array(list(map(int, cells)), np.int64)
         except (ValueError, OverflowError):
             pass
-        found = np.zeros(len(cells), np.int64)
+        values = np.zeros(len(cells), np.int64)
         for at, cell in enumerate(cells):
             match = _ID.fullmatch(cell.strip())
             if match is None:
                 raise self._no_number(column, at, cell, "a whole number")
-            found[at] = int(match[1])
-        return found
+            values[at] = int(match[1])
+        return values
 
     def _no_number(self, column: str, at: int, cell: str, what: str) -> UserError:
         return UserError(
@@ -167,10 +167,10 @@ def _places(path: Path, header: list[str], columns: dict[str, str]) -> dict[str,
     names = _as_mapped([name.strip() for name in header], columns)
     missing = [column for column in columns.values() if column not in names]
     if missing:
-        known = one_line(", ".join(names), 300)
+        names_there = one_line(", ".join(names), 300)
         raise UserError(
             f"{path} has no column {', '.join(missing)}: correct the column map; "
-            f"the file has {known}"
+            f"the file has {names_there}"
         )
     twice = next((column for column in columns.values() if names.count(column) > 1), None)
     if twice is not None:
@@ -274,17 +274,17 @@ def recordings_of(
     starts = np.unique(began)
     period = np.concatenate([[0], np.cumsum(np.diff(starts) > _SAME_PERIOD / dt)])
     pairs = np.column_stack([group, period[np.searchsorted(starts, began)]])
-    found, group = np.unique(pairs, axis=0, return_inverse=True)
-    if len(found) > _MOST_RECORDINGS:
+    distinct, group = np.unique(pairs, axis=0, return_inverse=True)
+    if len(distinct) > _MOST_RECORDINGS:
         raise UserError(
-            f"{table.path}: {len(found):,} periods: frames and times have different rates; correct "
-            "the rate or the unit of time in the column map"
+            f"{table.path}: {len(distinct):,} periods: frames and times have different rates; "
+            "correct the rate or the unit of time in the column map"
         )
-    several = {word for word in found[:, 0].tolist() if (found[:, 0] == word).sum() > 1}
-    numbers = [(found[:at, 0] == word).sum() + 1 for at, word in enumerate(found[:, 0])]
+    several = {word for word in distinct[:, 0].tolist() if (distinct[:, 0] == word).sum() > 1}
+    numbers = [(distinct[:at, 0] == word).sum() + 1 for at, word in enumerate(distinct[:, 0])]
     return group.ravel(), {
         at: names[word] + (f"-period-{numbers[at]}" if word in several else "")
-        for at, word in enumerate(found[:, 0].tolist())
+        for at, word in enumerate(distinct[:, 0].tolist())
     }
 
 

@@ -37,7 +37,7 @@ def map_of(path: Path, source: Mapping[str, Any]) -> RoadNetwork:
     if origin is None:
         return read_lanelet2(path)
     try:
-        x, y = (float(one) for one in origin)
+        x, y = (float(coordinate) for coordinate in origin)
     except (TypeError, ValueError) as error:
         raise UserError("the recording's utm_origin is not two numbers: import it again") from error
     return read_lanelet2(path, (x, y))
@@ -84,8 +84,8 @@ def import_file(
     if road is not None:
         origin = origin_of(path, columns)
         lanelets = map_of(road, {} if origin is None else {"utm_origin": list(origin)})
-    found = read_csv(path, columns, most_states, lanelets)
-    return [_sifted(path, one, error or columns.error) for one in found]
+    recordings = read_csv(path, columns, most_states, lanelets)
+    return [_sifted(path, imported, error or columns.error) for imported in recordings]
 
 
 def _sifted(path: Path, imported: Imported, error: MeasurementError | None) -> Imported:

@@ -79,19 +79,19 @@ def evaluate(table: ChoiceTable, trait: Trait) -> Evaluated:
     """Return the predictions of every decision for every grid point of a trait."""
     weights = trait.weights.reshape(-1, 2)
     rewards, chosen = rewards_of(table), table.chosen
-    found = np.empty((2, len(table), len(weights)))
+    result = np.empty((2, len(table), len(weights)))
     block = max(1, _BLOCK // (len(weights) * len(table.grid)))
     for first in range(0, len(table), block):
-        part = slice(first, first + block)
-        score = table.log_base[part, :, None] + rewards[part] @ weights.T
+        block_rows = slice(first, first + block)
+        score = table.log_base[block_rows, :, None] + rewards[block_rows] @ weights.T
         score -= score.max(axis=1, keepdims=True)
-        of_chosen = np.take_along_axis(score, chosen[part, None, None], axis=1)[:, 0]
+        of_chosen = np.take_along_axis(score, chosen[block_rows, None, None], axis=1)[:, 0]
         chance = np.exp(score, out=score)
         total = chance.sum(axis=1)
-        found[0, part] = of_chosen - np.log(total)
-        found[1, part] = np.einsum("dcw,c->dw", chance, table.grid) / total
+        result[0, block_rows] = of_chosen - np.log(total)
+        result[1, block_rows] = np.einsum("dcw,c->dw", chance, table.grid) / total
     shape = (len(table), *trait.weights.shape[:2])
-    return Evaluated(found[0].reshape(shape), found[1].reshape(shape))
+    return Evaluated(result[0].reshape(shape), result[1].reshape(shape))
 
 
 class Tabulated(NamedTuple):
@@ -173,7 +173,7 @@ def family_trait(
     """
     step, shared = float(angle[1] - angle[0]), np.array(strengths) / scale
     spreads = np.arange(0.0, largest_spread + step / 2, step)
-    mean, spread = (one.ravel() for one in np.meshgrid(angle, spreads, indexing="ij"))
+    mean, spread = (grid.ravel() for grid in np.meshgrid(angle, spreads, indexing="ij"))
     population = np.array([normal_on_grid(angle, m, s) for m, s in zip(mean, spread, strict=True)])
     weights = np.zeros((len(shared), len(angle), 2))  # of rewards: the values replace them
     return Trait("angle", shared, angle, weights, mean, spread, population)
@@ -181,8 +181,8 @@ def family_trait(
 
 def value_scale(values: Values) -> float:
     """Return the typical difference of value between candidates; 1 if there is none."""
-    known = np.isfinite(values)
-    variance = values.var(axis=1, where=known) if values.size else np.zeros(1)
+    finite = np.isfinite(values)
+    variance = values.var(axis=1, where=finite) if values.size else np.zeros(1)
     scale = float(np.sqrt(variance.mean()))
     return scale if scale > LEAST_SCALE else 1.0
 
@@ -214,9 +214,11 @@ def tabulate_family(
         trait: Of the family (`family_trait`).
         random: ε, above 0.
     """
-    known = np.isfinite(values)[:, :, None, :]
-    score = trait.shared[:, None] * np.where(known, values[:, :, None, :], 0.0)
-    chance = softmax(np.where(known, score, -np.inf), axis=1)
-    chance = np.where(known, (1 - random) * chance + random / known.sum(axis=1, keepdims=True), 0.0)
+    finite = np.isfinite(values)[:, :, None, :]
+    score = trait.shared[:, None] * np.where(finite, values[:, :, None, :], 0.0)
+    chance = softmax(np.where(finite, score, -np.inf), axis=1)
+    chance = np.where(
+        finite, (1 - random) * chance + random / finite.sum(axis=1, keepdims=True), 0.0
+    )
     log_p = np.log(np.maximum(chance, np.finfo(np.float64).tiny))
     return Tabulated(log_p, np.einsum("dcsv,c->dsv", chance, grid))

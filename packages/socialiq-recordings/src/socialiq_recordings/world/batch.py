@@ -200,10 +200,10 @@ class JunctionBatch:
         if seeds is None and not self.begun[chosen].all():
             raise UserError("the first reset needs a seed")
         if seeds is not None:
-            given = [int(one) for one in np.ravel(np.asarray(seeds, object))]
-            if len(given) != chosen.sum() or not all(0 <= one < 2**64 for one in given):
+            numbers = [int(seed) for seed in np.ravel(np.asarray(seeds, object))]
+            if len(numbers) != chosen.sum() or not all(0 <= number < 2**64 for number in numbers):
                 raise UserError("seeds must be whole numbers of at least 0, one for each row")
-            entropy[chosen] = np.array(given, np.uint64)
+            entropy[chosen] = np.array(numbers, np.uint64)
         commands = np.where(chosen, self._core.RESET, self._core.SKIP).astype(np.int8)
         self._run(commands, np.full(self.size, seeds is not None), entropy, np.zeros(self.size))
         self._waiting[chosen], self.begun[chosen] = False, True
@@ -259,14 +259,14 @@ class JunctionBatch:
         unseeded = np.zeros(self.size, bool)
         self._run(commands, unseeded, np.zeros(self.size, np.uint64), levels)
         self._waiting |= deciding & (self._made.ending != int(Ending.NONE))
-        made = self._made
+        results = self._made
         decisions = Decisions(
             self.observation,
-            RewardPair(*made.pair.T.copy()),
-            made.ending.copy(),
-            dict(zip(SIGNALS, made.signals.T.copy(), strict=True)),
-            made.speed.copy(),
-            made.contact.copy(),
+            RewardPair(*results.pair.T.copy()),
+            results.ending.copy(),
+            dict(zip(SIGNALS, results.signals.T.copy(), strict=True)),
+            results.speed.copy(),
+            results.contact.copy(),
         )
         if auto_reset and (ended := self._waiting & deciding).any():
             self.reset(rows=ended)

@@ -141,7 +141,7 @@ def _conflicts(encounters: Encounters, tracks: set[int], rows: dict[str, list[fl
             rows["pets"].append(pet(meeting))
         if meeting.ego_first:
             gap, lag = gaps(encounters, meeting)
-            rows["accepted"] += [one for one in (gap, lag) if np.isfinite(one)]
+            rows["accepted"] += [seconds for seconds in (gap, lag) if np.isfinite(seconds)]
 
 
 LEAST = 10
@@ -205,10 +205,10 @@ class Calibration:
 
     def as_header(self) -> dict[str, Any]:
         """Return the calibration as JSON, without the drivers."""
-        kept = dataclasses.asdict(self)
-        kept.pop("drivers")
-        numbers = {name: float(kept[name]) for name in ("rms", "rms_constant")}
-        return kept | {name: None if np.isnan(v) else v for name, v in numbers.items()}
+        header = dataclasses.asdict(self)
+        header.pop("drivers")
+        numbers = {name: float(header[name]) for name in ("rms", "rms_constant")}
+        return header | {name: None if np.isnan(v) else v for name, v in numbers.items()}
 
 
 def calibrate(observed: Observed) -> Calibration:
@@ -241,12 +241,14 @@ def calibrate(observed: Observed) -> Calibration:
     margin, margins = _margin(observed.pets)
     drivers = Drivers(speed, headway, jam, strong, comfort, margin)
     counts = [speeds, headways, jams, moments, moments, margins]
-    known = [one >= LEAST for one in counts]
-    known[3] = known[4] = fitted
+    estimated = [count >= LEAST for count in counts]
+    estimated[3] = estimated[4] = fitted
     evidence = tuple(
-        {"parameter": name, "mean": one.mean, "deviation": one.deviation}
+        {"parameter": name, "mean": normal.mean, "deviation": normal.deviation}
         | {"seen": count, "estimated": bool(yes)}
-        for name, one, count, yes in zip(Drivers._fields, drivers, counts, known, strict=True)
+        for name, normal, count, yes in zip(
+            Drivers._fields, drivers, counts, estimated, strict=True
+        )
     )
     return Calibration(drivers, _lateral(observed.lateral), evidence, rms, constant)
 
@@ -270,9 +272,9 @@ def _normal(
 
 
 def _margin(pets: Float64[np.ndarray, " conflict"]) -> tuple[Normal, int]:
-    known = pets[(pets > 0) & (pets < 5)]
-    mean = float(np.clip(np.quantile(known, 0.25), 0.5, 4.0)) if len(known) >= LEAST else 1.5
-    return Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean), len(known)
+    positive = pets[(pets > 0) & (pets < 5)]
+    mean = float(np.clip(np.quantile(positive, 0.25), 0.5, 4.0)) if len(positive) >= LEAST else 1.5
+    return Normal(mean, 0.3 * mean, 0.4 * mean, 1.6 * mean), len(positive)
 
 
 def _lateral(values: Float64[np.ndarray, " moment"]) -> float:
@@ -304,9 +306,9 @@ def _fit(
         return modelled - followed.acceleration
 
     low, high = zip(*_STRENGTHS, strict=True)
-    found = least_squares(error, start, bounds=(low, high), loss="soft_l1", f_scale=_ERROR)
-    rms = float(np.sqrt(np.mean(error(found.x) ** 2)))
+    fit = least_squares(error, start, bounds=(low, high), loss="soft_l1", f_scale=_ERROR)
+    rms = float(np.sqrt(np.mean(error(fit.x) ** 2)))
     constant = float(np.sqrt(np.mean(followed.acceleration**2)))
     if rms >= constant:
         return start, rms, constant
-    return (float(found.x[0]), float(found.x[1])), rms, constant
+    return (float(fit.x[0]), float(fit.x[1])), rms, constant

@@ -73,9 +73,9 @@ def speed_limits(line: Line, lateral: float) -> Float64[np.ndarray, " point"]:
         lateral: Largest lateral acceleration, m/s².
     """
     limit = np.minimum(np.sqrt(lateral / np.maximum(curvature(line), 1e-6)), FASTEST)
-    for place in range(len(limit) - 2, -1, -1):
-        ahead = np.sqrt(limit[place + 1] ** 2 + 2 * _SLOWING * SPACING)
-        limit[place] = min(limit[place], ahead)
+    for point in range(len(limit) - 2, -1, -1):
+        ahead = np.sqrt(limit[point + 1] ** 2 + 2 * _SLOWING * SPACING)
+        limit[point] = min(limit[point], ahead)
     return limit
 
 
@@ -135,24 +135,24 @@ def stretches(leading: Way, following: Way, slack: float) -> list[Stretch]:
         return []
     at = np.arange(0.0, leading.line.length, _PROBED)
     points, heading = leading.line.points_at(at)
-    seen = following.line.coordinates(points[:, 0], points[:, 1])
+    positions = following.line.coordinates(points[:, 0], points[:, 1])
     inside = in_the_way(
         following,
-        seen.lateral,
-        wrapped(heading - seen.heading),
+        positions.lateral,
+        wrapped(heading - positions.heading),
         np.full(len(at), leading.width),
         slack,
     )
-    inside &= (seen.along >= 0) & (seen.along <= following.line.length)
-    inside[1:] &= (np.diff(seen.along) > 0) | ~inside[:-1]
+    inside &= (positions.along >= 0) & (positions.along <= following.line.length)
+    inside[1:] &= (np.diff(positions.along) > 0) | ~inside[:-1]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    found = []
+    lying = []
     for begin, end in edges.reshape(-1, 2).tolist():
         if end - begin >= 2:
             last = end - 1
-            places = at[begin], at[last], seen.along[begin], seen.along[last]
-            found.append(Stretch(*(float(one) for one in places)))
-    return found
+            places = at[begin], at[last], positions.along[begin], positions.along[last]
+            lying.append(Stretch(*(float(coordinate) for coordinate in places)))
+    return lying
 
 
 def _boxes_meet(one: Way, other: Way) -> bool:
@@ -213,12 +213,12 @@ def closures_of(encounters: Encounters, first_frame: int) -> list[Closure]:
         encounters: Of the recording.
         first_frame: First frame of the recording.
     """
-    found = []
+    closures = []
     for way in encounters.ways.values():
         for begin, end in _stands(way):
             if _unexplained(encounters, way, begin, end) >= _UNEXPLAINED:
-                found.append(_closure(encounters, way, begin, end, first_frame))
-    return found
+                closures.append(_closure(encounters, way, begin, end, first_frame))
+    return closures
 
 
 def on_way_of(way: Way, closures: list[Closure]) -> list[Closed]:
@@ -230,12 +230,12 @@ def on_way_of(way: Way, closures: list[Closure]) -> list[Closed]:
     places = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
     if not len(places):
         return []
-    seen = way.line.coordinates(x[places], y[places])
-    turned = np.abs(wrapped(seen.heading - heading[places]))
-    inside = (seen.along > 0) & (seen.along < way.line.length)
-    inside &= (np.abs(seen.lateral) < _BESIDE) & (turned < math.pi / 6)
-    met = zip(places[inside].tolist(), seen.along[inside].tolist(), strict=True)
-    return sorted(Closed(at, closures[one].begin, closures[one].end) for one, at in met)
+    positions = way.line.coordinates(x[places], y[places])
+    turned = np.abs(wrapped(positions.heading - heading[places]))
+    inside = (positions.along > 0) & (positions.along < way.line.length)
+    inside &= (np.abs(positions.lateral) < _BESIDE) & (turned < math.pi / 6)
+    met = zip(places[inside].tolist(), positions.along[inside].tolist(), strict=True)
+    return sorted(Closed(at, closures[number].begin, closures[number].end) for number, at in met)
 
 
 def _stands(way: Way) -> list[tuple[int, int]]:
@@ -254,18 +254,18 @@ def _unexplained(encounters: Encounters, way: Way, begin: int, end: int) -> floa
 
 def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
     along, _ = way.state(frame)
-    others = on_way(encounters.scene, way, frame, encounters.config.slack)
-    if leader(way, along, others).gap < _AHEAD:
+    vehicles = on_way(encounters.scene, way, frame, encounters.config.slack)
+    if leader(way, along, vehicles).gap < _AHEAD:
         return True
     now, met = frame * way.dt, False
-    for other in encounters.in_time.seen(frame, frame):
-        if other.track == way.track:
+    for partner in encounters.in_time.seen(frame, frame):
+        if partner.track == way.track:
             continue
-        area = encounters.area(way.track, other.track)
+        area = encounters.area(way.track, partner.track)
         if area is None or along + way.length / 2 > area.exit[0]:
             continue
         met = True
-        times = projected(other, area.entry[1], area.exit[1], frame)
+        times = projected(partner, area.entry[1], area.exit[1], frame)
         if times.leaves > now and times.enters < now + _SOON:
             return True
     # Behind the last conflict area, or on a road without one, a stand has another reason.
@@ -273,9 +273,9 @@ def _has_reason(encounters: Encounters, way: Way, frame: int) -> bool:
 
 
 def _areas_ahead(encounters: Encounters, way: Way, along: float) -> bool:
-    for other in encounters.ways.values():
-        if other.track != way.track:
-            area = encounters.area(way.track, other.track)
+    for partner in encounters.ways.values():
+        if partner.track != way.track:
+            area = encounters.area(way.track, partner.track)
             if area is not None and area.entry[0] > along:
                 return True
     return False
@@ -287,14 +287,14 @@ def _closure(encounters: Encounters, way: Way, begin: int, end: int, first_frame
     point, heading = way.line.points_at(np.array([at]))
     x, y = point[0].tolist()
     passed = -math.inf
-    for other in encounters.in_time.earlier(begin):
-        if other.first + encounters.in_time.longest < passed:
+    for partner in encounters.in_time.earlier(begin):
+        if partner.first + encounters.in_time.longest < passed:
             break  # who is seen earlier passed earlier
-        if other.track == way.track:
+        if partner.track == way.track:
             continue
-        closed = on_way_of(other, [Closure(x, y, float(heading[0]), 0.0, 0.0)])
+        closed = on_way_of(partner, [Closure(x, y, float(heading[0]), 0.0, 0.0)])
         if closed:
-            time = other.reached(closed[0].at - other.length / 2)
+            time = partner.reached(closed[0].at - partner.length / 2)
             if time <= begin:
                 passed = max(passed, time)
     start = first_frame * way.dt

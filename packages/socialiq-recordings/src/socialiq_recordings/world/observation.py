@@ -71,49 +71,51 @@ def observe(road, traffic, row, base, count, observation):
     """
     observation[:] = 0.0
     ego = traffic.ego[row]
-    vehicle, own = base + ego, traffic.along[row, ego]
+    vehicle, own_along = base + ego, traffic.along[row, ego]
     origin, pairs = road.origin[vehicle], road.pair_first[traffic.recording[row]]
-    _write(observation[0], own - origin, 0.0, 0.0, traffic.speed[row, ego])
+    _write(observation[0], own_along - origin, 0.0, 0.0, traffic.speed[row, ego])
     filled = 1
     line = closed_line(
         road.closed_first,
         road.closed,
         vehicle,
-        own + 0.5 * road.length[vehicle],
+        own_along + 0.5 * road.length[vehicle],
         traffic.step[row] * DT,
     )
-    if line - own < POSITION_RANGE:
+    if line - own_along < POSITION_RANGE:
         _write(observation[1], line - origin, 0.0, 0.0, 0.0)
         filled = 2
-    x, y, _ = place_of(road.line_first, road.line, vehicle, own)
-    slots, ranks, seen = np.empty(count, np.int64), np.empty(count), 0
-    for place in range(traffic.n_present[row]):
-        other = traffic.present[row, place]
-        if other == ego:
+    x, y, _ = place_of(road.line_first, road.line, vehicle, own_along)
+    slots, ranks, count_seen = np.empty(count, np.int64), np.empty(count), 0
+    for slot in range(traffic.n_present[row]):
+        vehicle_seen = traffic.present[row, slot]
+        if vehicle_seen == ego:
             continue
-        ox, oy, _ = place_of(road.line_first, road.line, base + other, traffic.along[row, other])
+        ox, oy, _ = place_of(
+            road.line_first, road.line, base + vehicle_seen, traffic.along[row, vehicle_seen]
+        )
         apart = math.hypot(ox - x, oy - y)
         if apart >= POSITION_RANGE:
             continue
-        pair = pairs + ego * count + other
-        back = pairs + other * count + ego
+        pair = pairs + ego * count + vehicle_seen
+        back = pairs + vehicle_seen * count + ego
         meets = road.area_of[pair] >= 0 or road.stretch_first[pair + 1] > road.stretch_first[pair]
         meets = meets or road.stretch_first[back + 1] > road.stretch_first[back]
         rank = apart if meets else apart + _FAR
-        at = seen
+        at = count_seen
         while at > 0 and ranks[at - 1] > rank:
             slots[at], ranks[at] = slots[at - 1], ranks[at - 1]
             at -= 1
-        slots[at], ranks[at] = other, rank
-        seen += 1
-    for place in range(min(seen, len(observation) - filled)):
-        other = slots[place]
+        slots[at], ranks[at] = vehicle_seen, rank
+        count_seen += 1
+    for slot in range(min(count_seen, len(observation) - filled)):
+        vehicle_seen = slots[slot]
         ox, oy, angle = place_of(
-            road.line_first, road.line, base + other, traffic.along[row, other]
+            road.line_first, road.line, base + vehicle_seen, traffic.along[row, vehicle_seen]
         )
         along, left, way = projected(road.line_first, road.line, vehicle, ox, oy)
-        speed = traffic.speed[row, other]
-        _write(observation[filled + place], along - origin, left, angle - way, speed)
+        speed = traffic.speed[row, vehicle_seen]
+        _write(observation[filled + slot], along - origin, left, angle - way, speed)
 
 
 @kernel
@@ -157,22 +159,22 @@ def touched(road, traffic, row, base, slack):
     x, y, angle = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
     length = max(road.length[base + ego] - slack, 0.1) / 2
     width = max(road.width[base + ego] - slack, 0.1) / 2
-    for place in range(traffic.n_present[row]):
-        other = traffic.present[row, place]
-        vehicle, theirs = base + other, traffic.along[row, other]
-        ox, oy, turned = place_of(road.line_first, road.line, vehicle, theirs)
+    for slot in range(traffic.n_present[row]):
+        number = traffic.present[row, slot]
+        vehicle, along = base + number, traffic.along[row, number]
+        ox, oy, turned = place_of(road.line_first, road.line, vehicle, along)
         dx, dy = ox - x, oy - y
         half, side = (
             max(road.length[vehicle] - slack, 0.1) / 2,
             max(road.width[vehicle] - slack, 0.1) / 2,
         )
         near = dx * dx + dy * dy < (length + width + half + side) ** 2
-        if other == ego or not near:
+        if number == ego or not near:
             continue
         if overlap(dx, dy, angle, turned, length, width, half, side):
-            own = traffic.speed[row, ego] * (math.cos(angle) * dx + math.sin(angle) * dy)
-            closing = traffic.speed[row, other] * (math.cos(turned) * dx + math.sin(turned) * dy)
-            contact = _STRUCK if own >= -closing else _WAS_STRUCK
+            approach = traffic.speed[row, ego] * (math.cos(angle) * dx + math.sin(angle) * dy)
+            closing = traffic.speed[row, number] * (math.cos(turned) * dx + math.sin(turned) * dy)
+            contact = _STRUCK if approach >= -closing else _WAS_STRUCK
             break
     return contact
 
@@ -188,15 +190,18 @@ def charged(road, traffic, row, base, count, other, far):
     x, y, _ = place_of(road.line_first, road.line, base + ego, traffic.along[row, ego])
     ox, oy, _ = place_of(road.line_first, road.line, base + other, traffic.along[row, other])
     pairs = road.pair_first[traffic.recording[row]]
-    own, theirs = traffic.along[row, ego], traffic.along[row, other]
-    number, found = road.area_of[pairs + ego * count + other], False
+    ego_along, other_along = traffic.along[row, ego], traffic.along[row, other]
+    number, in_the_way = road.area_of[pairs + ego * count + other], False
     if number >= 0:
-        left = own - 0.5 * road.length[base + ego] >= road.area[number, 1]
-        they_left = theirs - 0.5 * road.length[base + other] >= road.area[number, 3]
-        found = not left and not they_left
+        left = ego_along - 0.5 * road.length[base + ego] >= road.area[number, 1]
+        they_left = other_along - 0.5 * road.length[base + other] >= road.area[number, 3]
+        in_the_way = not left and not they_left
     back = pairs + other * count + ego
-    found = found or ahead_of(road.stretch_first, road.stretch, back, own, theirs) > theirs
-    return found and math.hypot(ox - x, oy - y) <= far
+    in_the_way = (
+        in_the_way
+        or ahead_of(road.stretch_first, road.stretch, back, ego_along, other_along) > other_along
+    )
+    return in_the_way and math.hypot(ox - x, oy - y) <= far
 
 
 @inlined_kernel
@@ -216,16 +221,16 @@ def annotate(road, traffic, row, base, count, progress, ending, settings, signal
         pair: r_env and r_social, overwritten.
     """
     ego = traffic.ego[row]
-    vehicle, own, speed = base + ego, traffic.along[row, ego], traffic.speed[row, ego]
+    vehicle, ego_along, speed = base + ego, traffic.along[row, ego], traffic.speed[row, ego]
     counted, lost = np.zeros(count, np.bool_), np.zeros(count)
-    for place in range(traffic.n_present[row]):
-        other = traffic.present[row, place]
-        if other != ego:
+    for slot in range(traffic.n_present[row]):
+        number = traffic.present[row, slot]
+        if number != ego:
             far = settings.conflict_distance
-            counted[other] = charged(road, traffic, row, base, count, other, far)
-            lost[other] = traffic.before[row, other] - traffic.speed[row, other]
+            counted[number] = charged(road, traffic, row, base, count, number, far)
+            lost[number] = traffic.before[row, number] - traffic.speed[row, number]
     rewards.env_signals(progress, True, speed, ending, settings, signals)
-    within = road.zone[vehicle, 0] <= own <= road.zone[vehicle, 1]
+    within = road.zone[vehicle, 0] <= ego_along <= road.zone[vehicle, 1]
     braking = np.empty(count, np.bool_)
     rewards.social_signals(speed, within, counted, lost, ending, settings, signals, braking)
     pair[0], pair[1] = rewards.pair(signals, settings)

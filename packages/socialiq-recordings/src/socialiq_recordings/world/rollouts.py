@@ -61,11 +61,11 @@ def branch(batch: JunctionBatch, rows: Int64[np.ndarray, " state"], policy: Act)
     returns, at_fault = np.zeros((copies.size, 2)), np.zeros(copies.size, bool)
     running = np.ones(copies.size, bool)
     while running.any():
-        made = copies.step(action, rows=running)
-        returns[running] += np.column_stack(made.rewards)[running]
-        ended = running & (made.ending != int(Ending.NONE))
-        collided = made.ending == int(Ending.COLLISION)
-        at_fault |= ended & collided & (made.contact == int(Contact.EGO_STRUCK))
+        decisions = copies.step(action, rows=running)
+        returns[running] += np.column_stack(decisions.rewards)[running]
+        ended = running & (decisions.ending != int(Ending.NONE))
+        collided = decisions.ending == int(Ending.COLLISION)
+        at_fault |= ended & collided & (decisions.contact == int(Contact.EGO_STRUCK))
         running &= ~ended
         if running.any():
             action[running] = policy(copies.observation[running])
@@ -81,15 +81,15 @@ def visit(batch: JunctionBatch, policy: Act, seeds: Int64[np.ndarray, " episode"
         seeds: Of the episodes.
     """
     batch.reset(seeds)
-    running, found = np.ones(batch.size, bool), []
+    running, visited = np.ones(batch.size, bool), []
     while running.any():
         rows = np.flatnonzero(running)
-        seen, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
-        action[rows] = policy(seen[rows])
-        found.append((seen[rows], time[rows], action[rows], *branch(batch, rows, policy)))
-        made = batch.step(action, rows=running)
-        running &= made.ending == int(Ending.NONE)
-    seen, time, action, returns, at_fault = (
-        np.concatenate(column) for column in zip(*found, strict=True)
+        observation, time, action = batch.observation, batch.time, np.zeros(batch.size, np.int64)
+        action[rows] = policy(observation[rows])
+        visited.append((observation[rows], time[rows], action[rows], *branch(batch, rows, policy)))
+        decisions = batch.step(action, rows=running)
+        running &= decisions.ending == int(Ending.NONE)
+    observation, time, action, returns, at_fault = (
+        np.concatenate(column) for column in zip(*visited, strict=True)
     )
-    return Visited(seen, time, action, Branched(returns, at_fault))
+    return Visited(observation, time, action, Branched(returns, at_fault))
